@@ -1,4 +1,4 @@
-"""What is alike, side by side: one copy of it in the program."""
+"""Functions of several alike arguments with one copy in the program."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 
 def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
-    """`function(*arguments)` for each of several arguments; alike ones are mapped over, so that the function stands
-    once in the program, however many they are.
+    """`function(*arguments)` for each of several arguments. Alike ones are mapped, so that the function stands in the
+    program once for them all.
     """
     out: list[Any] = [None] * len(several)
     for members in alike(several):
@@ -18,33 +18,33 @@ def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
             out[members[0]] = function(*several[members[0]])
             continue
         mapped = eqx.filter_vmap(function, in_axes=eqx.if_array(0))
-        found = mapped(*stack_trees([several[i] for i in members]))
+        stacked = mapped(*stack_trees([several[i] for i in members]))
         for k, i in enumerate(members):
-            out[i] = jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, found)
+            out[i] = jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, stacked)
     return out
 
 
 def alike(several: Sequence[Any]) -> list[list[int]]:
-    """Which trees are alike: of one structure, with arrays of the same shapes and the same constants."""
+    """Indices of alike trees, in groups: one structure, arrays of the same shapes, the same constants."""
     groups: list[tuple[Any, list[int]]] = []
     for i, tree in enumerate(several):
         leaves, structure = jax.tree.flatten(tree)
-        own = structure, [(x.shape, x.dtype) if eqx.is_array(x) else x for x in leaves]
-        known = next((members for other, members in groups if other == own), None)
+        signature = structure, [(x.shape, x.dtype) if eqx.is_array(x) else x for x in leaves]
+        known = next((members for other, members in groups if other == signature), None)
         if known is None:
-            groups.append((own, [i]))
+            groups.append((signature, [i]))
         else:
             known.append(i)
     return [members for _, members in groups]
 
 
 def stack_trees(trees: Sequence[Any], axis: int = 0) -> Any:
-    """Alike trees as one, whose arrays have them along a new axis."""
+    """Alike trees as one, with their arrays stacked along a new axis."""
     return jax.tree.map(lambda *x: jnp.stack(x, axis) if eqx.is_array(x[0]) else x[0], *trees)
 
 
 def numbers_of(tree: Any) -> tuple[list[jax.Array], Callable[[list[jax.Array]], Any]]:
-    """The arrays of a tree, each once wherever it stands, and what makes the same tree of others in their places."""
+    """The arrays of a tree, each once, and a function that rebuilds the tree with other arrays in their places."""
     leaves, structure = jax.tree.flatten(tree)
     places: dict[int, int] = {}
     numbers = []

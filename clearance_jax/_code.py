@@ -1,4 +1,4 @@
-"""What can be asked of functions, classes and modules: whose they are, and what they name."""
+"""Queries of functions, classes and modules: their origin, and the names that they use."""
 
 import dataclasses
 import functools
@@ -12,14 +12,14 @@ from typing import Any
 
 
 class Untold(Exception):
-    """A part of a question of which it cannot be told whether it is the same in another process."""
+    """Part of a question of which it is not known whether it is the same in another process."""
 
 
 PACKAGE, PYTHON = Path(__file__).parent, Path(os.__file__).parent
-# Flags of classes: one that is made while Python runs, as are those that are written in Python; one that nobody may
-# change, as are those written in C that are made so too (locks and patterns from Python 3.13 on).
+# Flags of classes: made at run time, as all classes written in Python; and immutable, as some classes written in C are
+# that are made at run time too (locks and patterns from Python 3.13 on).
 _MADE_LATER, _UNCHANGEABLE = 1 << 9, 1 << 8
-# What Python or a decorator writes into every class, and nothing depends on.
+# Entries that Python or a decorator writes into every class, and on which nothing depends.
 MADE = {
     *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__", "__annotate__"),
     *("__annotate_func__", "__annotations_cache__", "__firstlineno__", "__static_attributes__", "__parameters__"),
@@ -29,7 +29,7 @@ MADE = {
 }
 
 
-# What a program's key has the versions of: their code is told by their names.
+# Packages whose versions are in a program's key: their code is identified by name.
 VERSIONED = (
     *("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping", "typing_extensions"),
     *("scipy", "optax", "beartype"),
@@ -37,18 +37,18 @@ VERSIONED = (
 
 
 def elsewhere(name: str | None) -> bool:
-    """Whether a module is this library's, Python's or of an installed package: what versions and sources tell."""
+    """Whether a module is this library's, Python's or an installed package's: versions and sources identify it."""
     return _home((name or "__main__").partition(".")[0])[0]
 
 
 def is_versioned(name: str | None) -> bool:
-    """As `elsewhere`, of installed packages only those that a key has the versions of."""
+    """As `elsewhere`, but for installed packages only those whose versions are in a key."""
     return _home((name or "__main__").partition(".")[0])[1]
 
 
 @functools.cache
 def _home(head: str) -> tuple[bool, bool]:
-    """Both of a package."""
+    """The answers of `elsewhere` and `is_versioned` for a package."""
     if head == "__main__":
         return False, False
     if head == PACKAGE.name or head in sys.builtin_module_names or head.startswith("namedtuple_"):
@@ -62,7 +62,7 @@ def _home(head: str) -> tuple[bool, bool]:
 
 
 def _file(head: str) -> str | None:
-    """Where a module lies, or would lie."""
+    """The file of a module, imported or not."""
     if head in sys.modules:
         return getattr(sys.modules[head], "__file__", None)
     try:
@@ -100,13 +100,13 @@ def in_python(kind: type) -> bool:
 
 
 def lookup(kind: type) -> Any:
-    """What stands where a class says that it comes from; a class that is not written in Python is itself."""
+    """The object at a class's own name; a class that is not written in Python is itself."""
     if not in_python(kind):
         return kind
-    found: Any = sys.modules.get(kind.__module__)
+    target: Any = sys.modules.get(kind.__module__)
     for part in str(kind.__qualname__).split("."):
-        found = getattr(found, part, None)
-    return found
+        target = getattr(target, part, None)
+    return target
 
 
 def name_of(kind: Any) -> str:
@@ -125,7 +125,7 @@ def content(cell: Any) -> Any:
 
 
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
-    """A code, and those of functions inside it."""
+    """A code object and those of functions inside it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
@@ -134,10 +134,10 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 def names_in(code: types.CodeType) -> Iterator[str]:
     """The names that a function looks up in its module (and those of attributes)."""
-    for one in _codes(code):
-        yield from one.co_names
+    for inner in _codes(code):
+        yield from inner.co_names
 
 
-# Names of modules of this library that were altered in this process after they were read. JAX may have traced what they
-# were, and take that for a part of a program.
+# Names of modules of this library that were altered in this process after they were read. JAX may have traced their
+# former state, and use that in a program.
 altered: set[str] = set()

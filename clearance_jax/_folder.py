@@ -1,4 +1,4 @@
-"""Folders of files that are kept between processes: only their owner can write there, and they do not grow for ever."""
+"""Folders of files that are kept between processes: only their owner can write there, and their size is limited."""
 
 import contextlib
 import os
@@ -7,14 +7,14 @@ from hashlib import blake2b
 from pathlib import Path
 from uuid import uuid4
 
-# Files of which the least recently used go when there are more bytes than this: some thousand programs.
+# Above this number of bytes (some thousand programs) the least recently used files are removed.
 LARGEST = 1 << 30
 _MARK = b"clearance_jax program 1\n"
 _DIGEST = 32
 ENDING = ".program"
-# What a process that was killed while it wrote may leave.
+# Left by a process that was killed while writing.
 _PARTIAL = ".partial"
-# What JAX's own cache writes.
+# Endings of JAX's own cache.
 _JAX_ENDINGS = "-cache", "-atime"
 
 
@@ -34,7 +34,7 @@ def programs_in(cache: Path) -> Path:
 
 
 def unsafe(folder: Path) -> str:
-    """Why what lies in a folder is not to be read, as the end of a sentence; empty where it may be."""
+    """Why files in a folder must not be read, as the end of a sentence; empty if they may be."""
     if not hasattr(os, "getuid"):
         return "this system does not say who can write there"
     try:
@@ -51,7 +51,7 @@ def unsafe(folder: Path) -> str:
 
 
 def make_writable(folder: Path) -> bool:
-    """Whether files can be kept there; the folder is made if there is none."""
+    """Whether files can be kept in a folder, which is made if needed."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError:
@@ -60,28 +60,28 @@ def make_writable(folder: Path) -> bool:
 
 
 def read(folder: Path, name: str) -> bytes | None:
-    """What was kept under this name; `None` where nothing was, or where it is damaged, or not its owner's own."""
+    """The content under a name; `None` if there is none, or it is damaged, or another user could have written it."""
     path = folder / f"{name}{ENDING}"
     try:
-        # Not through a link, and what is read is what was looked at.
+        # Not through a link, and the opened file itself is checked.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
         with os.fdopen(handle, "rb") as file:
             seen = os.fstat(handle)
             if not stat.S_ISREG(seen.st_mode) or seen.st_uid != os.getuid() or seen.st_mode & 0o022:
                 return None
-            found = file.read()
+            content = file.read()
         head = len(_MARK) + _DIGEST
-        if found[: len(_MARK)] != _MARK or found[len(_MARK) : head] != _digest(name, found[head:]):
+        if content[: len(_MARK)] != _MARK or content[len(_MARK) : head] != _digest(name, content[head:]):
             return None
         with contextlib.suppress(OSError):
             os.utime(path)  # what was used last goes last
-        return found[head:]
+        return content[head:]
     except OSError:
         return None
 
 
 def write(folder: Path, name: str, content: bytes, largest: int = LARGEST) -> bool:
-    """Keep this; whether that was possible."""
+    """Keep a content; returns whether that was possible."""
     try:
         if not make_writable(folder):
             return False
@@ -93,7 +93,7 @@ def write(folder: Path, name: str, content: bytes, largest: int = LARGEST) -> bo
 
 
 def write_whole(path: Path, content: bytes, mode: int = 0o600) -> None:
-    """Write a file, which gets its name when it is whole. **Raises** `OSError` where that is not possible."""
+    """Write a file that gets its name only when it is complete. **Raises** `OSError` if that is not possible."""
     part = path.with_name(f".{path.name}.{uuid4().hex}{_PARTIAL}")
     try:
         with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
@@ -106,18 +106,18 @@ def write_whole(path: Path, content: bytes, mode: int = 0o600) -> None:
 
 
 def size(folder: Path, endings: tuple[str, ...] = (ENDING,)) -> tuple[int, int]:
-    """How many files with these endings there are, and their bytes."""
+    """The number of files with these endings, and their bytes."""
     sizes = [size for _, size, _ in _files(folder, endings)]
     return len(sizes), sum(sizes)
 
 
 def jax_size(folder: Path) -> tuple[int, int]:
-    """How many programs JAX's own cache has, and the bytes of all its files."""
+    """The number of programs in JAX's own cache, and the bytes of all its files."""
     return size(folder, _JAX_ENDINGS[:1])[0], size(folder, _JAX_ENDINGS)[1]
 
 
 def clear(folder: Path, endings: tuple[str, ...] = (ENDING, _PARTIAL)) -> int:
-    """Remove every file with these endings, and nothing else; how many files cannot be removed."""
+    """Remove every file with these endings and nothing else; returns the number of files that could not be removed."""
     left = 0
     for *_, path in _files(folder, endings):
         try:
@@ -128,34 +128,34 @@ def clear(folder: Path, endings: tuple[str, ...] = (ENDING, _PARTIAL)) -> int:
 
 
 def jax_clear(folder: Path) -> int:
-    """Remove what JAX's own cache keeps, and nothing else; how many files cannot be removed."""
+    """Remove what JAX's own cache keeps and nothing else; returns the number of files that could not be removed."""
     return clear(folder, (*_JAX_ENDINGS, _PARTIAL))
 
 
 def _digest(name: str, content: bytes) -> bytes:
-    """Of the name too: a file under another's name is another program."""
+    """The digest of content and name, so that a file under another name is not accepted."""
     return blake2b(name.encode() + b"\0" + content, digest_size=_DIGEST).digest()
 
 
 def _files(folder: Path, endings: tuple[str, ...] = (ENDING,)) -> list[tuple[float, int, Path]]:
-    """When each file was used last, its size, and where it is."""
-    found = []
+    """By file: time of last use, size, path."""
+    files = []
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             with contextlib.suppress(OSError):
                 seen = path.lstat()
                 if path.name.endswith(endings) and stat.S_ISREG(seen.st_mode):
-                    found.append((seen.st_mtime, seen.st_size, path))
-    return found
+                    files.append((seen.st_mtime, seen.st_size, path))
+    return files
 
 
 def _let_go(folder: Path, largest: int) -> None:
-    """Remove what was not used for longest, where there is too much."""
+    """Remove the files that were not used for longest, if there is too much."""
     files = _files(folder)
     total = sum(size for _, size, _ in files)
     if total <= largest:
         return
-    for _, length, path in sorted(files, key=lambda one: one[0]):
+    for _, length, path in sorted(files, key=lambda file: file[0]):
         with contextlib.suppress(OSError):
             path.unlink()
         total -= length

@@ -1,4 +1,4 @@
-"""What a model is but for its numbers: a key, by which whatever follows from that alone is worked out once."""
+"""A model without its numbers, as a key for whatever follows from its structure alone."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -7,15 +7,15 @@ import equinox as eqx
 import jax
 
 
-class Frame(NamedTuple):
-    """A tree with a shape in the place of every array; can be hashed where all else in the tree can."""
+class TreeShape(NamedTuple):
+    """A tree with a shape in place of every array; hashable if everything else in the tree is."""
 
     structure: Any
     leaves: tuple[Any, ...]
 
     @property
     def shapes(self) -> list[jax.ShapeDtypeStruct]:
-        """Those of the arrays, in order."""
+        """The shapes of the arrays, in order."""
         return [leaf for leaf in self.leaves if isinstance(leaf, jax.ShapeDtypeStruct)]
 
     def fill(self, arrays: Iterable[Any]) -> Any:
@@ -25,10 +25,10 @@ class Frame(NamedTuple):
         return jax.tree.unflatten(self.structure, leaves)
 
 
-def frame_of(tree: Any) -> Frame:
-    """The frame of a tree of arrays, tracers, and whatever else."""
+def tree_shape(tree: Any) -> TreeShape:
+    """The shape of a tree of arrays, tracers, and anything else."""
     leaves, structure = jax.tree.flatten(tree)
-    return Frame(structure, tuple(map(_shape, leaves)))
+    return TreeShape(structure, tuple(map(_shape, leaves)))
 
 
 def _shape(leaf: Any) -> Any:

@@ -1,5 +1,5 @@
-"""JAX's cache of compiled programs, made safe for several processes: an entry is written whole or not at all, and one
-that cannot be read is removed, so that its program is compiled anew.
+"""JAX's cache of compiled programs, made safe for several processes: entries are written whole, and one that cannot be
+read is removed, so that its program is compiled anew.
 
 JAX writes an entry in place. Another process that reads it meanwhile, or after the writer was killed, gets half of it,
 warns, and does not write it again.
@@ -15,14 +15,14 @@ from clearance_jax import _folder
 
 
 class WholeEntries(LRUCache):
-    """JAX's cache in a folder, of whole entries."""
+    """JAX's cache in a folder, with entries that are always whole."""
 
     def get(self, key: str) -> bytes | None:
-        """What was kept under a key; `None` where nothing was, or what was is not whole."""
+        """The content under a key; `None` if there is none or it is not whole."""
         packed = super().get(key)
         if packed is not None:
             try:
-                # Unpacking takes a fortieth of the time of loading. Its checksum tells what is whole.
+                # Unpacking is cheap compared with loading, and its checksum detects an entry that is not whole.
                 compilation_cache.decompress_executable(packed)
             except Exception:  # whatever the packer in use says of it
                 with contextlib.suppress(OSError):
@@ -31,7 +31,7 @@ class WholeEntries(LRUCache):
         return packed
 
     def put(self, key: str, value: bytes) -> None:
-        """Keep this under a key. A cache of limited size has a lock, which readers wait for."""
+        """Keep a content under a key. A cache of limited size has a lock, for which readers wait."""
         if self.eviction_enabled:
             super().put(key, value)
         elif not self._file(key).exists():
@@ -42,7 +42,7 @@ class WholeEntries(LRUCache):
 
 
 def use_whole_entries() -> None:
-    """Let JAX's own cache be of whole entries from now on."""
+    """Make JAX's own cache use whole entries from now on."""
     compilation_cache.get_file_cache = _make
     compilation_cache.reset_cache()
 

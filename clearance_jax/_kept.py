@@ -1,10 +1,10 @@
 """Programs that are kept between processes as loadable executables: a second process neither traces nor compiles them.
 
-`configure(cache=...)` switches it on. Whatever is not certain (a structure that cannot be read completely, a file that
-is damaged, an executable that cannot be kept) is a reason to compile as usual, never an error. A program with code of
-the user's in it is compiled as usual: what such code reads and remembers no key can tell. A file is found by a key of
-all that its program depends on: the functions that are traced, with the library as it stands in memory (`_library`),
-the structure of the arguments (`_structure`), and what is around (`_surroundings`).
+`configure(cache=...)` switches it on. Any uncertainty (a structure that cannot be read completely, a damaged file, an
+executable that cannot be kept) leads to a usual compilation, never to an error. So does code of the user's in a
+program, because no key can cover what it reads and remembers. The key of a file covers everything on which its program
+depends: the traced functions, with the library as it is in memory (`_library`), the structure of the arguments
+(`_structure`), and the surroundings (`_surroundings`).
 """
 
 import contextlib
@@ -37,17 +37,17 @@ from clearance_jax._solo import SOLO, solo_jit
 from clearance_jax._structure import Untold, hash_texts, text, tree_text
 from clearance_jax._surroundings import is_plain, settings, surroundings
 
-# A call's arguments at most that are known without reading them again.
+# Largest number of calls that are recognised without reading their arguments again.
 _MOST = 1024
 _where: list[Path] = []
 _making = threading.RLock()
-# A function outside of a program that it calls.
+# A function outside of the program that it calls.
 _CALL = re.compile(r'custom_call_target="([^"]*)"')
 
 
 def keep_in(folder: Path | None) -> None:
-    """Keep programs in this folder from now on; `None`: nowhere. Nor where the variable CLEARANCE_KEPT is 0, nor, which
-    is warned of, in a folder that others can write to.
+    """Keep programs in this folder from now on; `None`: nowhere. They are not kept either if the variable
+    CLEARANCE_KEPT is 0, or, with a warning, if others can write to the folder.
     """
     _where.clear()
     remember_in(None)
@@ -66,10 +66,10 @@ def keep_in(folder: Path | None) -> None:
 
 
 class kept_jit:
-    """A function as `jit` (by default `eqx.filter_jit`) makes it, whose programs are kept where that is possible.
+    """A function as `jit` (by default `eqx.filter_jit`) makes it, whose programs are kept where possible.
 
-    The function must depend on nothing but its arguments and this library; its name tells it from all others, `made_of`
-    those of other functions that it is made of. Positional arguments only.
+    The function must depend on nothing but its arguments and this library. Its name identifies it, together with those
+    of the functions in `made_of` that it is made of. Positional arguments only.
     """
 
     def __init__(self, function: Callable, jit: Callable = eqx.filter_jit, made_of: tuple[Callable, ...] = ()):
@@ -105,7 +105,7 @@ class kept_jit:
         return _fill(out, program(*(x for x in leaves if eqx.is_array(x))))
 
     def _program(self, arguments: tuple, leaves: list, tree: Any) -> tuple[Any, Any]:
-        """The program of a call, and how its answer looks; `None`: as `jit` has it."""
+        """The program of a call, and the structure of its answer; `None`: use `jit`."""
         try:
             key = self._key(leaves, tree)
         except (Untold, RecursionError):
@@ -117,24 +117,24 @@ class kept_jit:
         return self._programs[key]
 
     def _key(self, leaves: list, tree: Any) -> str:
-        names = [f"{one.__module__}.{one.__qualname__}" for one in self._made_of]
+        names = [f"{function.__module__}.{function.__qualname__}" for function in self._made_of]
         shapes = [str(_view(x)) if eqx.is_array(x) else "" for x in leaves]
         rest = text([x for x in leaves if not eqx.is_array(x)])
-        modules = [one.__module__ for one in self._made_of]
+        modules = [function.__module__ for function in self._made_of]
         return hash_texts(
             *names, repr(SOLO), tree_text(tree), rest, *shapes, library_text([*modules, *_homes(tree)]), surroundings()
         )
 
     def _compile(self, key: str, arguments: tuple) -> tuple[Any, Any]:
-        """The program compiled here, and kept; (None, None) where it cannot be."""
+        """The program compiled here, and kept; (None, None) if it cannot be."""
         arrays, rest = eqx.partition(arguments, eqx.is_array)
         numbers, tree = jax.tree.flatten(arrays)
         outside: list[Any] = []
 
         def flat(*numbers):
             out = self.function(*eqx.combine(jax.tree.unflatten(tree, numbers), rest))
-            found, left = eqx.partition(out, eqx.is_array)
-            leaves, shape = jax.tree.flatten(found)
+            answer, left = eqx.partition(out, eqx.is_array)
+            leaves, shape = jax.tree.flatten(answer)
             places = jax.tree.unflatten(shape, [_Place(i) for i in range(len(leaves))])
             outside[:] = [eqx.combine(places, left, is_leaf=lambda x: isinstance(x, _Place))]
             return leaves
@@ -144,7 +144,7 @@ class kept_jit:
             return None, None
         if altered or not _folder.make_writable(_where[0]):
             return lowered.compile(SOLO), outside[0]
-        # What JAX's own cache brings back cannot be kept once more: it would lack functions.
+        # A program from JAX's own cache cannot be kept: it would lack functions.
         with _jax_cache_off():
             program = lowered.compile(SOLO)
         try:
@@ -159,14 +159,14 @@ class kept_jit:
 
 
 def _needs_lapack(calls: set[str]) -> bool:
-    """Whether a program calls LAPACK. **Raises** `ValueError` where it calls what another process may not have."""
+    """Whether a program calls LAPACK. **Raises** `ValueError` for calls that another process may not have."""
     if not all(name.startswith(("lapack_", "__", "TopK")) for name in calls):
         raise ValueError(calls)
     return any(name.startswith("lapack_") for name in calls)
 
 
 class _Place:
-    """Where an array of a program's answer goes."""
+    """The place of an array in a program's answer."""
 
     def __init__(self, number: int):
         self.number = number
@@ -177,7 +177,7 @@ def _fill(out: Any, numbers: list) -> Any:
 
 
 def _view(leaf: Any) -> Any:
-    """What of an argument's leaf a program depends on: of an array not its numbers."""
+    """The part of an argument's leaf on which a program depends: for an array, all but its numbers."""
     if eqx.is_array(leaf):
         return leaf.dtype, np.shape(leaf), bool(getattr(leaf, "weak_type", False))
     return type(leaf), repr(leaf) if isinstance(leaf, float | complex) else leaf
@@ -186,12 +186,12 @@ def _view(leaf: Any) -> Any:
 def _homes(tree: Any) -> set[str]:
     """The modules of a tree's classes."""
     data = tree.node_data()
-    found = set() if data is None else {data[0].__module__}
-    return found.union(*map(_homes, tree.children()))
+    modules = set() if data is None else {data[0].__module__}
+    return modules.union(*map(_homes, tree.children()))
 
 
 def _is_ordinary(leaves: list) -> bool:
-    """Whether a call has numbers: not within a program that is traced, or mapped, or differentiated by them."""
+    """Whether a call has plain numbers: not inside a program that is traced, mapped or differentiated."""
     return (
         not any(isinstance(x, Tracer) for x in leaves)
         and not isinstance(jax_core.trace_ctx.trace, DynamicJaxprTrace)
@@ -214,14 +214,14 @@ def _read(key: str) -> tuple[Any, Any] | None:
 
 @functools.cache
 def _find_lapack() -> None:
-    """LAPACK's functions, which JAX looks up only when it lowers a program: without them a loaded one would crash."""
+    """Load LAPACK's functions. JAX does so only when it lowers a program; a loaded program would crash without them."""
     lapack: Any = importlib.import_module("jaxlib.lapack")
     lapack._lapack.initialize()
 
 
 @contextlib.contextmanager
 def _jax_cache_off() -> Iterator[None]:
-    """JAX looks only once whether its cache is used: it is made to look again."""
+    """A context without JAX's own cache. JAX checks only once whether the cache is used: it must check again."""
     compilation_cache.reset_cache()
     try:
         with jax_config.enable_compilation_cache(False):

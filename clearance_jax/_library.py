@@ -1,7 +1,7 @@
-"""What this library is in a process: a method or a constant of it may have been replaced in memory.
+"""The state of this library in a process, where a method or a constant may have been replaced in memory.
 
-Its sources' digest does not tell that. So what a program may be made of is read as it stands: of every module that can
-be reached from the program's own, the functions, the classes and the constants.
+The digest of its sources does not show that. So everything of which a program may be made is read as it is: the
+functions, classes and constants of every module that can be reached from the program's own.
 """
 
 import sys
@@ -13,49 +13,49 @@ from clearance_jax._code import MADE, PACKAGE, Untold, altered, elsewhere, inner
 from clearance_jax._structure import Reader, hash_texts
 
 _HEAD = PACKAGE.name + "."
-# What these know changes with what a process does, and no program depends on it.
+# The state of these changes in a process, and no program depends on it.
 _STATEFUL = "_kept", "_library", "_remembered", "_folder", "_structure", "_code", "configure"
 _ASIDE = {f"{_HEAD}{name}" for name in _STATEFUL}
-# Of each module what it holds, its text, and the modules that it leads to.
+# By module: its contents, its text, and the modules to which it leads.
 _read: dict[str, tuple[list, str, set[str]]] = {}
 
 
 def library_text(modules: Iterable[str]) -> str:
-    """What this library is as seen from these modules of it.
+    """The state of this library, as seen from some of its modules.
 
-    **Raises:** `Untold` where code of the user's is a part of it.
+    **Raises:** `Untold` if code of the user's is part of it.
     """
-    waiting, found = set(modules), {}
+    waiting, texts = set(modules), {}
     while waiting:
         name = waiting.pop()
         module = sys.modules.get(name)
-        if name in found or not name.startswith(_HEAD) or name in _ASIDE or module is None:
+        if name in texts or not name.startswith(_HEAD) or name in _ASIDE or module is None:
             continue
-        found[name], more = _module_text(name, module)
+        texts[name], more = _module_text(name, module)
         waiting |= more
-    return hash_texts(*(part for pair in sorted(found.items()) for part in pair))
+    return hash_texts(*(part for pair in sorted(texts.items()) for part in pair))
 
 
 def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
-    held = list(_contents(module))
+    now = list(_contents(module))
     known = _read.get(name)
-    if known is None or len(known[0]) != len(held) or any(a is not b for a, b in zip(known[0], held, strict=True)):
+    if known is None or len(known[0]) != len(now) or any(a is not b for a, b in zip(known[0], now, strict=True)):
         reader = Reader(strict=True)
-        own = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
-        text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in own), *reader.code.values())
+        named = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
+        text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in named), *reader.code.values())
         if known is not None and known[1] != text:
             altered.add(name)
-        known = _read[name] = held, text, {home for _, value in own for home in _homes(value)}
+        known = _read[name] = now, text, {home for _, value in named for home in _homes(value)}
     return known[1], known[2]
 
 
 def _counts(module: types.ModuleType, key: str, value: Any) -> bool:
-    """Not what Python keeps there, nor a package's modules, which are there once somebody has imported them."""
+    """Whether a name of a module counts: not Python's own entries, nor submodules, which appear when imported."""
     return not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__"))
 
 
 def _contents(module: types.ModuleType) -> Iterator[Any]:
-    """All that a module and its classes hold, and the functions' code: as long as it is the same, nothing changed."""
+    """Everything in a module and its classes, and the functions' code; if it is the same, nothing has changed."""
     for key, value in vars(module).items():
         if not _counts(module, key, value):
             continue
@@ -74,7 +74,7 @@ def _contents(module: types.ModuleType) -> Iterator[Any]:
 
 
 def _of_function(value: Any) -> Iterator[Any]:
-    """What an editor that reloads writes anew into a function that is there, however often it is wrapped."""
+    """The parts of a function that a reloading editor replaces in place, through all wrappers."""
     while value is not None:
         if isinstance(value, types.FunctionType):
             yield from (value.__code__, value.__defaults__, value.__kwdefaults__)
@@ -85,8 +85,8 @@ def _tell(value: Any, home: str, reader: Reader) -> str:
     if isinstance(value, type):
         if value.__module__ != home:
             return name_of(value)
-        members = [(name, one) for name, one in sorted(vars(value).items()) if name not in MADE]
-        return hash_texts(name_of(value), *(hash_texts(name, _tell(one, "", reader)) for name, one in members))
+        members = [(name, member) for name, member in sorted(vars(value).items()) if name not in MADE]
+        return hash_texts(name_of(value), *(hash_texts(name, _tell(member, "", reader)) for name, member in members))
     if isinstance(value, types.ModuleType):
         return value.__name__
     inner = getattr(value, "__wrapped__", None)
@@ -110,7 +110,7 @@ def _homes(value: Any) -> Iterator[str]:
         yield value.__name__
         return
     inner = getattr(value, "__wrapped__", None)
-    for one in (value, inner, type(value)):
-        home = getattr(one, "__module__", None)
+    for part in (value, inner, type(value)):
+        home = getattr(part, "__module__", None)
         if isinstance(home, str):
             yield home

@@ -1,4 +1,4 @@
-"""The base of the library's own modules: an `equinox.Module` whose attributes are looked up as those of any object."""
+"""The base of the library's own modules: an `equinox.Module` with ordinary attribute lookup."""
 
 import weakref
 from collections.abc import Callable
@@ -10,9 +10,9 @@ import equinox as eqx
 class Module(eqx.Module):
     """A frozen dataclass and pytree.
 
-    equinox makes every method that is asked for a module of its own, and for that looks at every attribute and flattens
-    the whole module. Tracing a solve asks for some hundred thousand attributes: that was a third of its time. Here a
-    method is an ordinary bound method. What is given to `eqx.filter_jit` is a function or a lambda, not such a method.
+    equinox turns every requested method into a module of its own, and for that checks every attribute and flattens the
+    whole module. Tracing a solve requests several hundred thousand attributes, which took a large part of its time.
+    Here a method is an ordinary bound method. Give `eqx.filter_jit` a function or a lambda, not such a method.
     """
 
     if not TYPE_CHECKING:  # a class with this method may have any attribute, as far as a type checker knows
@@ -22,9 +22,9 @@ class Module(eqx.Module):
 class structural_property:
     """A property that follows from a module's structure, computed once for each module.
 
-    `functools.cached_property` would keep it among the module's attributes, where equinox counts it as a part of the
-    pytree's structure: the same module, asked and not asked, would be trees of different structures, which are compiled
-    twice and do not go together. Here it is kept aside.
+    `functools.cached_property` would store it among the module's attributes, which equinox counts as part of the
+    pytree's structure. The same module before and after would then be two structures, which are compiled twice and do
+    not match. Here it is stored apart.
     """
 
     def __init__(self, function: Callable[[Any], Any]):

@@ -38,9 +38,8 @@ _COS = (
 def sincos(angle: Real) -> tuple[Real, Real]:
     """`(sin(angle), cos(angle))` in arithmetic that vectorises.
 
-    XLA calls the scalar library for float64 sin and cos on the CPU (20 to 75 ns an element); this pair costs a few.
-    The error is below 4e-16 for |angle| < 50 and grows as 1e-16 * |angle| beyond, which is what an angle of that size
-    is worth in float64 anyway.
+    XLA calls the scalar library for float64 sin and cos on the CPU, which is several times slower. The error is below
+    4e-16 for |angle| < 50 and grows as 1e-16 * |angle| beyond, the resolution of such an angle in float64.
     """
     # Both results choose among both polynomials: what these are made of is shared.
     quarter_turns = share(jnp.floor(angle * (2 / np.pi) + 0.5))
@@ -51,10 +50,7 @@ def sincos(angle: Real) -> tuple[Real, Real]:
     quadrant = quarter_turns - 4 * jnp.floor(quarter_turns * 0.25)
     swapped = (quadrant == 1) | (quadrant == 3)
     sine, cosine = jnp.where(swapped, cosine, sine), jnp.where(swapped, sine, cosine)
-    return (
-        jnp.where(quadrant >= 2, -sine, sine),
-        jnp.where((quadrant == 1) | (quadrant == 2), -cosine, cosine),
-    )
+    return (jnp.where(quadrant >= 2, -sine, sine), jnp.where((quadrant == 1) | (quadrant == 2), -cosine, cosine))
 
 
 @sincos.defjvp
@@ -95,7 +91,7 @@ def positive_part(x: Real) -> Real:
 
 
 def power_three_halves(x: Real) -> Real:
-    """`max(x, 0)**1.5` as x * sqrt(x), forty times cheaper than a general power."""
+    """`max(x, 0)**1.5` as x * sqrt(x), much cheaper than a general power."""
     return positive_part(x) * safe_sqrt(x)
 
 
@@ -124,12 +120,12 @@ def step7(s: Real) -> Real:
 
 
 def step7_slope(s: Real) -> Real:
-    """Its derivative, 140 s^3 (1 - s)^3. C2."""
+    """The derivative of `step7`, 140 s^3 (1 - s)^3. C2."""
     s = jnp.clip(s, 0.0, 1.0)
     return 140 * (s * (1 - s)) ** 3
 
 
 def corner(s: Real) -> Real:
-    """What the C2 form of |s| has more than |s|: (1 - |s|)^3 (3 + |s|) / 8 for |s| < 1, and nothing beyond."""
+    """The C2 form of |s| minus |s|: (1 - |s|)^3 (3 + |s|) / 8 for |s| < 1, and zero beyond."""
     s = jnp.abs(s)
     return jnp.maximum(1 - s, 0.0) ** 3 * (3 + s) / 8

@@ -1,9 +1,9 @@
-"""A program in which every value is computed once, however many others are made of it.
+"""Programs in which every value is computed once, however many others use it.
 
-XLA on the CPU fuses elementwise work into one kernel for each of its results, and computes what they share anew in
-each. In a chain of bodies what is computed anew doubles with every link. So a program is read before it is compiled:
-a value that several others are made of, and that costs more than a load from memory, gets a barrier (`_sharing`) that
-XLA does not fuse across. The derivatives of a program are read as well, for they are part of it by then.
+XLA on the CPU fuses elementwise work into one kernel for each result, and computes shared values anew in each. In a
+chain of bodies this work doubles with every link. So a program is read before it is compiled: a value that several
+others use, and that costs more than a load from memory, gets a barrier (`_sharing`) across which XLA does not fuse.
+Derivatives are part of the program by then, and are read as well.
 """
 
 import functools
@@ -19,41 +19,14 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as
 
 from clearance_jax._sharing import barrier
 
-# Work that may be repeated rather than kept: an operation or two is cheaper than what keeping it costs a compiler.
+# Operations that may be repeated: one or two cost less than keeping their value costs the compiler.
 REPEATED = 2
-# Operations that cost nothing, or next to it, in a kernel.
+# Operations that cost almost nothing in a kernel.
 _FREE = {"broadcast_in_dim", "reshape", "squeeze", "slice", "convert_element_type", "copy", "stop_gradient", "iota"}
-# What XLA itself does not compute twice: it takes these for expensive, or they are kernels of their own.
-_ONCE = {
-    "sqrt",
-    "rsqrt",
-    "exp",
-    "exp2",
-    "expm1",
-    "log",
-    "log1p",
-    "logistic",
-    "pow",
-    "tanh",
-    "sin",
-    "cos",
-    "tan",
-    "atan2",
-}
-_ONCE |= {
-    "rem",
-    "cbrt",
-    "erf",
-    "while",
-    "scan",
-    "cond",
-    "dot_general",
-    "sort",
-    "cholesky",
-    "eigh",
-    "gather",
-    barrier.name,
-}
+# Operations that XLA itself does not compute twice: it takes them for expensive, or they have their own kernels.
+_ONCE = {"sqrt", "rsqrt", "exp", "exp2", "expm1", "log", "log1p", "logistic", "pow", "tanh", "sin", "cos", "tan"}
+_ONCE |= {"atan2", "rem", "cbrt", "erf", "while", "scan", "cond", "dot_general", "sort", "cholesky", "eigh", "gather"}
+_ONCE.add(barrier.name)
 # Programs that are called, and become a part of their caller.
 _CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 _CALLS |= {"custom_vjp_call": "call_jaxpr"}
@@ -61,31 +34,31 @@ _LOOPS = {"while": ("cond_jaxpr", "body_jaxpr"), "scan": ("jaxpr",), "cond": ("b
 
 
 def compute_once(function: Callable) -> Callable:
-    """The same function, whose program computes once what several of its values are made of. Its arguments and results
-    are trees of arrays and of anything else.
+    """The same function with a program that computes shared values once. Its arguments and results are trees of arrays
+    and anything else.
     """
 
     @functools.wraps(function)
     def once(*arguments):
         program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
         numbers = jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
-        found = jaxpr_as_fun(_Writer().close(program))(*numbers)
-        return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), found), rest)
+        values = jaxpr_as_fun(_Writer().close(program))(*numbers)
+        return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), values), rest)
 
     return once
 
 
 class _Writer:
-    """Writes programs anew; what is called in several places stays one program."""
+    """Rewrites programs; one that is called in several places stays one program."""
 
     def __init__(self):
-        # With what they are of, so that no other gets its name meanwhile.
+        # By id, together with the program, so that no other object gets that id.
         self._known: dict[int, tuple[Any, Any]] = {}
         self._uses: dict[int, tuple[Any, list[int]]] = {}
         self._prices: dict[int, tuple[Any, int]] = {}
 
     def close(self, program: ClosedJaxpr) -> ClosedJaxpr:
-        """A program, by what it returns."""
+        """The rewritten program, with the results of the old one."""
         if id(program) not in self._known:
             large = self._price(program) > REPEATED
             anew = ClosedJaxpr(self._anew(program.jaxpr), program.consts) if large else program
@@ -110,7 +83,7 @@ class _Writer:
         return program.replace(eqns=equations, outvars=outvars)
 
     def _params(self, equation: JaxprEqn) -> dict[str, Any]:
-        """With the programs within written anew."""
+        """The parameters of an equation, with the programs inside rewritten."""
         name, params = equation.primitive.name, dict(equation.params)
         for key in (_CALLS[name],) if name in _CALLS else _LOOPS.get(name, ()):
             within = params[key]
@@ -118,7 +91,7 @@ class _Writer:
         return params
 
     def _own(self, equation: JaxprEqn) -> int:
-        """How many operations an equation is, whatever it is made of; loops and branches are many."""
+        """The number of operations in an equation itself; loops and branches count as many."""
         if equation.primitive.name in _FREE:
             return 0
         if equation.primitive.name in _LOOPS:
@@ -132,7 +105,7 @@ class _Writer:
         return self._prices[id(program)][1]
 
     def _count_uses(self, program: Jaxpr) -> Counter:
-        """How often every value of a program is used: by programs that it calls as often as they use it."""
+        """How often every value of a program is used; a called program counts as often as it uses it."""
         uses: Counter = Counter(_variables(program.outvars))
         for equation in program.eqns:
             called = _callee(equation)
@@ -143,7 +116,7 @@ class _Writer:
         return uses
 
     def _inputs(self, program: ClosedJaxpr) -> list[int]:
-        """How often a program that is called uses each of its arguments."""
+        """How often a called program uses each of its arguments."""
         if id(program) not in self._uses:
             uses = self._count_uses(program.jaxpr)
             self._uses[id(program)] = program, [uses[v] for v in program.jaxpr.invars]
@@ -151,7 +124,7 @@ class _Writer:
 
 
 def _callee(equation: JaxprEqn) -> ClosedJaxpr | None:
-    """The program that an equation calls, if it calls one."""
+    """The program that an equation calls, if any."""
     key = _CALLS.get(equation.primitive.name)
     return None if key is None else equation.params[key]
 
@@ -169,4 +142,4 @@ def _variables(atoms: Any) -> Iterator[Var]:
 def _is_number(v: Var) -> bool:
     if type(v.aval) is not ShapedArray:  # a reference, say
         return False
-    return any(jnp.issubdtype(v.aval.dtype, one) for one in (jnp.bool_, jnp.floating))
+    return any(jnp.issubdtype(v.aval.dtype, kind) for kind in (jnp.bool_, jnp.floating))

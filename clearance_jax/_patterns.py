@@ -1,4 +1,4 @@
-"""Names with a star, which stand for all the names that they fit."""
+"""Names with a star, which match other names."""
 
 from collections.abc import Iterable, Mapping
 from fnmatch import fnmatchcase
@@ -10,19 +10,19 @@ Given = TypeVar("Given")
 
 
 def expand(given: Mapping[str, Given], known: Iterable[str]) -> dict[str, Given]:
-    """What is given by names, of which some have a star: "*.radial_clearance" stands for every known name that ends so.
-    A name that is written out has what is given for it alone.
+    """Values given by names, some with a star: "*.radial_clearance" matches every known name that ends so. A value
+    under the full name has precedence.
 
-    **Raises:** `ClearanceError` for a name with a star that fits no known one.
+    **Raises:** `ClearanceError` for a name with a star that matches no known one.
     """
-    found: dict[str, Given] = {}
+    out: dict[str, Given] = {}
     names = list(known)
     for name, value in given.items():
         if "*" not in name:
-            found[name] = value
+            out[name] = value
             continue
-        fitting = [own for own in names if fnmatchcase(own, name)]
+        fitting = [match for match in names if fnmatchcase(match, name)]
         if not fitting:
             raise ClearanceError(f"`{name}` fits no parameter. " + suggest(name, names))
-        found |= {own: value for own in fitting if own not in given and own not in found}
-    return found
+        out |= {match: value for match in fitting if match not in given and match not in out}
+    return out

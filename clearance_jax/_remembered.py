@@ -1,4 +1,4 @@
-"""Small answers that are kept between processes, where asking again takes longer than the rest: of pint's registry."""
+"""Small answers that are kept between processes because asking again takes long, such as those of pint's registry."""
 
 import atexit
 import json
@@ -25,7 +25,7 @@ def remember_in(folder: Path | None) -> None:
 
 
 def remember(question: str, ask: Callable[[], float]) -> float:
-    """The answer to a question that says all that it depends on. What `ask` raises is not kept."""
+    """The answer to a question whose text covers everything on which it depends. Errors of `ask` are not kept."""
     if not _where:
         return ask()
     if question not in _known:
@@ -44,7 +44,7 @@ def _read(folder: Path) -> dict[str, float]:
 
 
 def _write() -> None:
-    """What others have kept meanwhile stays."""
+    """Write the new answers; those that other processes have kept meanwhile stay."""
     if not _where or not _new:
         return
     every = _read(_where[0]) | _new

@@ -1,8 +1,8 @@
-"""Values that many others are made of, computed once.
+"""Values that many others use, computed once.
 
-XLA on the CPU fuses elementwise work into one kernel for each of its results, and computes what they share anew in each
-(twice to three times the arithmetic of a batch). It does not do so with a division. So where a program runs over many
-lanes, what is `share` is divided by a one that the compiler cannot see through; alone it is left as it is.
+XLA on the CPU fuses elementwise work into one kernel for each result, and computes shared values anew in each. It does
+not do so with a division. So in a program over many lanes `share` divides a value by a one that the compiler cannot
+recognise. Outside of lanes the value is left as it is.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-# What a barrier's own operations are named in a compiled program (`experiments/operations` leaves them out).
+# Name of a barrier's own operations in a compiled program (`experiments/operations` leaves them out).
 BARRIER = "shared"
 
 _sharing: ContextVar[bool] = ContextVar("sharing", default=False)
@@ -25,7 +25,7 @@ _sharing: ContextVar[bool] = ContextVar("sharing", default=False)
 
 @contextlib.contextmanager
 def sharing() -> Iterator[None]:
-    """Within, `share` keeps its promise."""
+    """A context in which `share` has its effect."""
     token = _sharing.set(True)
     try:
         yield
@@ -34,13 +34,13 @@ def sharing() -> Iterator[None]:
 
 
 def share(tree: Any) -> Any:
-    """The same numbers and flags, which a compiled program over lanes computes once."""
+    """The same numbers and flags; a compiled program over lanes computes them once."""
     return jax.tree.map(_once, tree) if _sharing.get() else tree
 
 
 def compute_once(tree: Any) -> Any:
-    """As `share`, in any program: of values that a chain of others is made of, each of the one before it, where the
-    work done anew would double with every link. What stands in several places stays one value.
+    """As `share`, in any program: for chains of values, each used by the next, where repeated work would double with
+    every link. A value in several places stays one value.
     """
     known: dict[int, Any] = {}
 
@@ -62,11 +62,11 @@ def _barrier(x: jax.Array) -> jax.Array:
         with jax.named_scope(BARRIER):
             numbers = lax.select(x, jnp.ones(x.shape), jnp.zeros(x.shape))
             return lax.gt(_barrier(numbers), jnp.zeros(x.shape))
-    # Nothing is beyond infinity. The one is made of `x` itself: one for all its entries would be inverted first, and
-    # a product with the inverse is computed anew again.
+    # Nothing is beyond infinity. The one is computed from `x` itself: a common one would be inverted first, and a
+    # product with the inverse is computed anew again.
     with jax.named_scope(BARRIER):
-        beyond, two, one = (lax.full(x.shape, value, x.dtype) for value in (np.inf, 2.0, 1.0))
-        return lax.div(x, lax.select(lax.gt(x, beyond), two, one))
+        beyond, two, unity = (lax.full(x.shape, value, x.dtype) for value in (np.inf, 2.0, 1.0))
+        return lax.div(x, lax.select(lax.gt(x, beyond), two, unity))
 
 
 barrier = Primitive(BARRIER)

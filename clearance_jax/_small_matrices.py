@@ -1,7 +1,7 @@
-"""Eigenvalues and inverses of small matrices, of which lanes make large batches.
+"""Eigenvalues and inverses of small matrices in large batches of lanes.
 
-A kernel of LAPACK for a large batch shares its work among threads. Where two programs run side by side (`cj.batch` on
-two cores) each then waits for threads that the other one holds, for ever. So a large batch is cut into small ones.
+A LAPACK kernel for a large batch shares its work among threads. If two programs run side by side (`cj.batch` on two
+cores), each may wait for ever for threads that the other one holds. So a large batch is cut into small ones.
 """
 
 import math
@@ -11,19 +11,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-# The arithmetic that a kernel is given at once, at most: so many times the cube of a matrix's size.
+# Largest arithmetic of one kernel call, as a sum of cubes of the matrices' size.
 LITTLE = 4096
 
 
 def _in_small_batches(function: Callable) -> Callable:
-    """The function of a matrix, or of a few at once; of more in several batches, one after the other."""
+    """The function of a matrix or a few; for more, in several batches one after the other."""
     few = jax.custom_batching.custom_vmap(function)
 
     @few.def_vmap
     def _more(size, batched, matrices):
         at_once = math.prod(matrices.shape[:-2]) * matrices.shape[-1] ** 3 <= LITTLE
-        found = few(matrices) if at_once else jax.lax.map(few, matrices)
-        return found, jax.tree.map(lambda _: True, found)
+        out = few(matrices) if at_once else jax.lax.map(few, matrices)
+        return out, jax.tree.map(lambda _: True, out)
 
     return few
 
@@ -31,8 +31,8 @@ def _in_small_batches(function: Callable) -> Callable:
 @_in_small_batches
 def small_eigh(matrix: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch n"], Float[Array, "*batch n n"]]:
     """Eigenvalues and eigenvectors of a small symmetric matrix."""
-    found = jnp.linalg.eigh(matrix)
-    return found.eigenvalues, found.eigenvectors
+    eigen = jnp.linalg.eigh(matrix)
+    return eigen.eigenvalues, eigen.eigenvectors
 
 
 @_in_small_batches

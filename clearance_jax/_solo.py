@@ -1,4 +1,4 @@
-"""Programs of one motion, compiled in half the time; what is asked by itself as one program."""
+"""Programs of one motion that compile in half the time; functions that are one program where they are called alone."""
 
 import functools
 from collections.abc import Callable
@@ -16,8 +16,8 @@ SOLO: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False} if jax.__version_i
 
 
 class solo_jit:
-    """A function as `jit` (by default `eqx.filter_jit`) makes it, for one motion: what is called by itself is compiled
-    quickly. Called inside of another program, or of a batch, it is compiled with it, as usual.
+    """A function as `jit` (by default `eqx.filter_jit`) makes it, for one motion: called alone it compiles quickly.
+    Inside another program or a batch it is compiled with that, as usual.
     """
 
     def __init__(self, function: Callable, jit: Callable = eqx.filter_jit):
@@ -30,8 +30,8 @@ class solo_jit:
 
 
 def whole(function: Callable) -> Callable:
-    """A function that is one program where it is called by itself: operation by operation JAX would compile dozens of
-    them. Called inside of another program it is a part of that one.
+    """A function that is compiled as one program where it is called alone; operation by operation JAX would compile
+    dozens. Inside another program it is part of that one.
     """
     program = eqx.filter_jit(function)
 
@@ -43,7 +43,7 @@ def whole(function: Callable) -> Callable:
 
 
 def _is_traced() -> bool:
-    """Whether a call is inside of a program that is being traced, however it is mapped or differentiated there."""
+    """Whether a call is inside a program that is being traced, even if it is mapped or differentiated there."""
     trace: Any = jax_core.trace_ctx.trace
     while hasattr(trace, "parent_trace"):
         trace = trace.parent_trace

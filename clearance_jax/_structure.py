@@ -1,10 +1,10 @@
-"""What a value is made of, as a text that is the same in another process: numbers, words, and the user's code.
+"""A text of everything of which a value consists, the same in another process: numbers, words, and the user's code.
 
-One reader serves what is kept between processes. Programs (`_kept`) ask it strictly: a text that leaves out anything on
-which a program depends would bring a wrong program back, so it raises `Untold` for what it cannot read completely, and
-for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) ask for the best text
-there is: the user's functions and classes are read by their code (byte code, constants, what they keep of their makers,
-defaults, and the functions and globals that they name). What other packages and this library have counts by its name.
+One reader serves everything that is kept between processes. Programs (`_kept`) use it strictly: a text without
+something on which a program depends would return a wrong program, so it raises `Untold` for everything that it cannot
+read completely, and for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) use
+the best possible text: the user's functions and classes are read by their code (byte code, constants, closures,
+defaults, and the functions and globals that they name). Other packages and this library count by names.
 """
 
 import dataclasses
@@ -46,20 +46,20 @@ _PLAIN = {type(None), bool, int, float, complex, str, bytes}  # of which `repr` 
 
 
 def hash_texts(*parts: str | bytes) -> str:
-    """Texts as one short text."""
+    """A short digest of several texts."""
     whole = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
     lengths = b",".join(b"%d" % len(part) for part in whole)
     return blake2b(b"".join((lengths, b"|", *whole)), digest_size=16).hexdigest()
 
 
 def text(value: Any) -> str:
-    """A value, with all that it is made of. **Raises:** `Untold`."""
+    """The text of a value with everything of which it consists. **Raises:** `Untold`."""
     reader = Reader(strict=True)
     return reader.whole(reader.of(value))
 
 
 def tree_text(tree: Any) -> str:
-    """A tree's structure (a `PyTreeDef`): every node's class, and what it holds beside its leaves.
+    """The text of a tree's structure (a `PyTreeDef`): every node's class, and its static data.
 
     **Raises:** `Untold`.
     """
@@ -69,27 +69,27 @@ def tree_text(tree: Any) -> str:
         data, children = node.node_data(), node.children()
         if data is None:
             return "leaf" if not children and node.num_leaves else "nothing"
-        kind, held = data
-        return hash_texts("node", reader.of(kind), reader.of(held), *map(of, children))
+        kind, static = data
+        return hash_texts("node", reader.of(kind), reader.of(static), *map(of, children))
 
     return reader.whole(of(tree))
 
 
 class Reader:
-    """Texts of values. `aside`: values, by `id`, that are told elsewhere. `code`: what was met of the user's functions
-    and classes, by name, which the texts have by that name only; `whole` has both. `strict`: raise `Untold` for what
-    cannot be read completely.
+    """Texts of values. `aside`: values, by `id`, that are identified otherwise. `code`: the user's functions and
+    classes that were met, by name; texts contain only these names, and `whole` adds the code. `strict`: raise `Untold`
+    for values that cannot be read completely.
     """
 
     def __init__(self, aside: Any = (), strict: bool = False):
         self.code: dict[str, str] = {}
         self._aside, self._strict, self._done, self._within = set(aside), strict, {}, []
         self._foreign = is_versioned if strict else elsewhere  # modules whose code counts by its name
-        self._open = math.inf  # how far out the things lie that were met again within themselves
+        self._open = math.inf  # depth of the outermost value that was met again inside itself
 
-    def whole(self, found: str) -> str:
+    def whole(self, digest: str) -> str:
         """A text with the code that it names."""
-        return hash_texts(found, *(part for pair in self.code.items() for part in pair))
+        return hash_texts(digest, *(part for pair in self.code.items() for part in pair))
 
     def forget(self) -> None:
         """Begin anew after an `Untold`."""
@@ -103,22 +103,22 @@ class Reader:
         if id(value) in self._done:
             return self._done[id(value)][1]
         here = len(self._within)
-        for depth, one in enumerate(self._within):
-            if one is value:
+        for depth, outer in enumerate(self._within):
+            if outer is value:
                 self._open = min(self._open, depth)
                 return f"above {here - depth}"
         before, self._open = self._open, math.inf
         self._within.append(value)
         try:
-            found = self._compound(value)
+            digest = self._compound(value)
         finally:
             self._within.pop()
         if self._open >= here:  # its text does not depend on where it stands
-            self._done[id(value)] = value, found  # the value stays, so that no other gets its id
+            self._done[id(value)] = value, digest  # the value stays, so that no other gets its id
             self._open = before
         else:
             self._open = min(before, self._open)
-        return found
+        return digest
 
     def _compound(self, value: Any) -> str:
         if isinstance(value, Tracer) and self._strict:
@@ -136,7 +136,7 @@ class Reader:
         if isinstance(value, enum.Enum):
             return hash_texts("enum", self.of(type(value)), value.name, self.of(value.value))
         if isinstance(value, Mapping) and not dataclasses.is_dataclass(value):
-            pairs = [hash_texts(self.of(key), self.of(one)) for key, one in value.items()]
+            pairs = [hash_texts(self.of(key), self.of(entry)) for key, entry in value.items()]
             return hash_texts("mapping", self.of(type(value)), *pairs, *self._beside(value))
         if isinstance(value, set | frozenset):
             return hash_texts("set", self.of(type(value)), *sorted(map(self.of, value)), *self._beside(value))
@@ -149,9 +149,9 @@ class Reader:
         return self._wrapper(value)
 
     def _beside(self, value: Any) -> list[str]:
-        """What a container of a class of its own has beside what it contains."""
-        held = variables(value)
-        return ["beside", self.of(held)] if held else []
+        """The attributes of a container's own class, besides its contents."""
+        attributes = variables(value)
+        return ["beside", self.of(attributes)] if attributes else []
 
     def _array(self, value: Any) -> str:
         try:
@@ -183,7 +183,7 @@ class Reader:
             return f"module {value.__name__}"
 
     def _wrapper(self, value: Any) -> str:
-        """What wraps a function, or an object."""
+        """A wrapper of a function, or an object."""
         kind = self.of(type(value))
         if isinstance(value, functools.partial):
             return hash_texts(kind, *map(self.of, (value.func, value.args, value.keywords)))
@@ -205,21 +205,21 @@ class Reader:
         if inner is not None:
             # A rule of differentiation stands beside the function, for instance.
             beside = variables(value) if not type(value).__module__.startswith("jaxlib") else {}
-            held = {name: one for name, one in beside.items() if not name.startswith("__") and one is not inner}
-            return hash_texts(kind, self.of(inner), self.of(held))
+            attributes = {k: a for k, a in beside.items() if not k.startswith("__") and a is not inner}
+            return hash_texts(kind, self.of(inner), self.of(attributes))
         return self._object(value)
 
     def _object(self, value: Any) -> str:
         written = all(map(in_python, type(value).__mro__[:-1]))
-        held, slots = variables(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
+        attributes, slots = variables(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
         if dataclasses.is_dataclass(value):
             names = [field.name for field in dataclasses.fields(value)]
-            held = {name: getattr(value, name) for name in names if hasattr(value, name)} | held
-        elif not written or slots or (not held and not self._strict):
+            attributes = {name: getattr(value, name) for name in names if hasattr(value, name)} | attributes
+        elif not written or slots or (not attributes and not self._strict):
             return self._unknown(value)
         if not written and self._strict:
             raise Untold(f"an object of {name_of(type(value))}")
-        return hash_texts("object", self.of(type(value)), self.of(held))
+        return hash_texts("object", self.of(type(value)), self.of(attributes))
 
     def _unknown(self, value: Any) -> str:
         kind = self.of(type(value))
@@ -233,10 +233,10 @@ class Reader:
     # Code ----------------------------------------------------------------------------------------------------------
 
     def _own(self, value: Any, code: str) -> str:
-        """A function or class of the user's: by its code where another one has it, else by its name, with its code
-        among those found.
+        """A function or class of the user's: inside another one by its code, else by its name, with its code added to
+        `code`.
         """
-        if any(self._is_own(one) for one in self._within[:-1]):
+        if any(self._is_own(outer) for outer in self._within[:-1]):
             return hash_texts(value.__qualname__, code)
         short, count = value.__qualname__, 1
         while short in self.code:
@@ -252,7 +252,7 @@ class Reader:
         return isinstance(value, type) and isinstance(value.__module__, str) and not self._foreign(value.__module__)
 
     def _check_own(self, value: Any) -> None:
-        """**Raises** `Untold`, if strict, for the user's code: what it reads, calls and remembers nobody can tell."""
+        """**Raises** `Untold`, if strict, for the user's code: nothing can tell what it reads, calls and remembers."""
         if self._strict and self._is_own(value):
             raise Untold(f"code of the user's: {name_of(value)}")
 
@@ -260,7 +260,7 @@ class Reader:
         self._check_own(kind)
         if self._is_own(kind):
             fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-            told = [hash_texts(one.name, self.of(dict(one.metadata)), self._factory(one)) for one in fields]
+            told = [hash_texts(field.name, self.of(dict(field.metadata)), self._factory(field)) for field in fields]
             maker = self.of(type(kind)) if self._is_own(type(kind)) else ""
             return self._own(kind, hash_texts(maker, *told, "|", *self._members(kind)))
         if self._strict and lookup(kind) is not kind:
@@ -268,7 +268,7 @@ class Reader:
         return f"class {name_of(kind)}"
 
     def _factory(self, field: dataclasses.Field) -> str:
-        """The function that makes a field's usual value."""
+        """The function that makes a field's default value."""
         make = field.default_factory
         return "" if make is dataclasses.MISSING else self.of(make)
 
@@ -277,7 +277,7 @@ class Reader:
             if self._foreign(base.__module__):
                 yield name_of(base)
                 continue
-            yield hash_texts(base.__name__, *(str(one) for one in sorted(getattr(base, "__abstractmethods__", ()))))
+            yield hash_texts(base.__name__, *map(str, sorted(getattr(base, "__abstractmethods__", ()))))
             for name, member in sorted(vars(base).items()):
                 if name not in MADE and not is_generated(member):
                     yield hash_texts(name, self.of(member))
@@ -285,18 +285,18 @@ class Reader:
     def _function(self, function: types.FunctionType) -> str:
         self._check_own(function)
         origin = function.__globals__.get("__name__")  # `functools.wraps` copies every other name
-        own = self._is_own(function)
+        is_own = self._is_own(function)
         # A script and the module that it is when it is imported are the same.
-        parts = [function.__qualname__ if own else f"{origin}.{function.__qualname__}"]
-        if own or self._strict or "<" in function.__qualname__:
+        parts = [function.__qualname__ if is_own else f"{origin}.{function.__qualname__}"]
+        if is_own or self._strict or "<" in function.__qualname__:
             parts.append(self._code(function.__code__))
         parts += [self.of(content(cell)) for cell in function.__closure__ or ()]
         parts += [self.of(function.__defaults__), self.of(function.__kwdefaults__)]
-        # What it wraps, and its variables, may matter too.
-        for name, one in sorted(vars(function).items()):
-            if name == "__wrapped__" or (own and not name.startswith("__")):
-                parts.append(hash_texts(name, self.of(one)))
-        if not own:
+        # The wrapped function and variables may matter too.
+        for name, attribute in sorted(vars(function).items()):
+            if name == "__wrapped__" or (is_own and not name.startswith("__")):
+                parts.append(hash_texts(name, self.of(attribute)))
+        if not is_own:
             return hash_texts("function", *parts)
         known = function.__globals__
         parts += [
@@ -305,16 +305,16 @@ class Reader:
         return self._own(function, hash_texts(*parts))
 
     def _code(self, code: types.CodeType) -> str:
-        plain = [(type(one).__name__, one) for one in code.co_consts if type(one) in _PLAIN]
-        others = [self.of(one) for one in code.co_consts if type(one) not in _PLAIN]
-        order = [type(one) in _PLAIN for one in code.co_consts]
+        plain = [(type(constant).__name__, constant) for constant in code.co_consts if type(constant) in _PLAIN]
+        others = [self.of(constant) for constant in code.co_consts if type(constant) not in _PLAIN]
+        order = [type(constant) in _PLAIN for constant in code.co_consts]
         names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
         numbers = code.co_flags, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
         return hash_texts(code.co_code, code.co_exceptiontable, repr((names, numbers, plain, order)), *others)
 
 
 def _is_installed(value: Any) -> bool:
-    """Whether a function written in C is the one of that name in a package of which keys have the version."""
+    """Whether a function written in C is that of its name in a package whose version is in the keys."""
     if isinstance(value, np.ufunc):
         return getattr(np, value.__name__, None) is value
     home = getattr(value, "__module__", None)

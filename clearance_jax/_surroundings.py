@@ -1,4 +1,4 @@
-"""All that a compiled program depends on outside of the question: sources, versions, JAX's settings, the processor."""
+"""The surroundings on which a compiled program depends: sources, versions, JAX's settings, the processor."""
 
 import functools
 import hashlib
@@ -21,19 +21,19 @@ _jax: Any = jax.config  # whose settings have no types
 
 
 def surroundings() -> str:
-    """All of it as one text; what cannot change within a process is read once."""
+    """All surroundings as one text; what cannot change within a process is read once."""
     return hash_texts(source_digest(), processor(), _versions(), _flags(), repr(settings()))
 
 
 def settings() -> tuple:
     """The settings of JAX and Equinox that programs depend on."""
     # Named axes, an object without a text, are there only within a transformation.
-    found = (x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv))
-    return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *found)
+    context = (x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv))
+    return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *context)
 
 
 def is_plain() -> bool:
-    """Whether programs run as they do in any process like this one: on one CPU, with nothing that looks for errors."""
+    """Whether programs run as in any process like this one: on one CPU, without checks for errors."""
     return (
         jax.default_backend() == "cpu"
         and jax.local_device_count() == 1
@@ -45,18 +45,18 @@ def is_plain() -> bool:
 
 @functools.cache
 def source_digest() -> str:
-    """All Python sources of this library as one short text, read once a process: the version's number alone does not
-    tell two states of a working copy apart.
+    """A digest of all Python sources of this library, read once a process. The version's number alone does not
+    distinguish two states of a working copy.
     """
-    found = hashlib.blake2b(digest_size=8)
+    digest = hashlib.blake2b(digest_size=8)
     for path in sorted(PACKAGE.rglob("*.py")):
-        found.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return found.hexdigest()
+        digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
 
 
 @functools.cache
 def processor() -> str:
-    """What this processor can do; empty where that is not known."""
+    """The abilities of this processor; empty if they are not known."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -79,6 +79,6 @@ def _version(name: str) -> str:
 
 
 def _flags() -> bytes:
-    """XLA's flags as programs are compiled with."""
+    """XLA's flags with which programs are compiled."""
     options = compiler.get_compile_options(num_replicas=1, num_partitions=1)
     return options.SerializeAsString()

@@ -11,20 +11,19 @@ from clearance_jax._jax_cache import use_whole_entries
 from clearance_jax._kept import keep_in
 from clearance_jax.errors import ClearanceError
 
-# XLA runs a loop's body operation by operation, some 0.1 us each, unless one turn of the loop touches fewer bytes than
-# this (1024 by default): then the whole loop becomes one compiled function. That makes a single solve several times
-# faster, and a batch, whose chunks of lanes are loops that stay in the cache, three times (0.7 instead of 2.1 ms a lane
-# with a threshold below what a chunk touches).
+# XLA runs a loop's body operation by operation, unless one turn of the loop touches fewer bytes than this: then the
+# whole loop becomes one compiled function. That makes single solves, and batches whose chunks are loops that stay in
+# the cache, several times faster.
 _WHOLE_LOOPS = "xla_cpu_small_while_loop_byte_threshold"
-# Vectors as wide as the machine has them, where XLA would take half: lanes are long rows of the same arithmetic (1.4
-# times faster; single solves alike). A machine without them does not mind.
+# Vectors as wide as the machine's, where XLA would use half: lanes are long rows of the same arithmetic. On a machine
+# without them the flag has no effect.
 _WIDE_VECTORS = "xla_cpu_prefer_vector_width"
 _FLAGS = {
     _WHOLE_LOOPS: f"--xla_backend_extra_options={_WHOLE_LOOPS}=100000000",
     _WIDE_VECTORS: f"--{_WIDE_VECTORS}=512",
 }
-# XLA's threads. A kernel of LAPACK for many matrices shares its work among them, and the program that asked for it
-# holds one of them meanwhile: as many programs side by side as there are threads wait for each other for ever.
+# XLA's threads. A LAPACK kernel for many matrices shares its work among them while its program holds one of them: as
+# many programs side by side as there are threads would wait for each other for ever.
 _THREADS = "PJRT_NPROC"
 
 
@@ -64,5 +63,5 @@ def configure(*, cache: bool | str | Path = False) -> None:
     keep_in(programs_in(folder) if cache else None)
     if cache:
         use_whole_entries()
-        # However small: keeping a program costs 1 ms, and reading it half of what compiling takes.
+        # However small: reading a program is cheaper than compiling it.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

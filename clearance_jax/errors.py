@@ -1,6 +1,6 @@
-"""The three voices of error: structure and value raise here; what happens inside a solve is a result code."""
+"""Errors of structure and values, which raise; failures inside a solve are result codes."""
 
-# A message is one or two sentences; whatever makes it longer is a value or a path that somebody typed.
+# A message is one or two sentences; a longer one contains a long value or path from the input.
 LONGEST = 600
 
 
@@ -14,17 +14,17 @@ class ClearanceError(ValueError):
 
 
 class WearFailure(ClearanceError):
-    """A part whose wear cannot be followed: a number out of its bounds, depths that run away, pressures that miss the
-    force. Of a part that scattered there it is a failure, of a design itself a mistake of who asks.
+    """A part whose wear cannot be followed: a number out of its bounds, depths that grow without bound, pressures that
+    miss the force. For a scattered part it is a failure, for a design a mistake in the input.
     """
 
 
 class WornThrough(WearFailure):
-    """A part that does not live as long as it was asked to: no mistake of who asks, where parts scatter."""
+    """A part that does not reach the asked life; not a mistake in the input where parts scatter."""
 
 
 def cut(text: str, longest: int) -> str:
-    """A text of no more than `longest` characters: of a longer one its begin and its end."""
+    """A text of no more than `longest` characters; a longer one is reduced to its begin and its end."""
     if len(text) <= longest:
         return text
     end = (longest - 5) // 3
@@ -32,7 +32,7 @@ def cut(text: str, longest: int) -> str:
 
 
 def quote(value: object) -> str:
-    """A value as a message shows it: as Python writes it, without what makes it long."""
+    """A value as a message shows it: as Python writes it, shortened."""
     import reprlib
 
     short = reprlib.Repr()
@@ -44,7 +44,7 @@ def quote(value: object) -> str:
 
 
 def require_float64() -> None:
-    """Raise unless 64-bit floats are on: a penetration of 1e-8 m on a 1 m arm does not exist in float32."""
+    """Raise unless 64-bit floats are on: float32 cannot represent a penetration of 1e-8 m on a 1 m arm."""
     import jax  # here, for the command's help speaks of errors too and must not wait for JAX
 
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
@@ -55,7 +55,7 @@ def require_float64() -> None:
 
 
 def suggest(word: str, allowed) -> str:
-    """A sentence with the nearest of the allowed words, and all of them where they are few."""
+    """A sentence with the nearest of the allowed words, and all of them if they are few."""
     import difflib
 
     word, allowed = word[:100], sorted(allowed)

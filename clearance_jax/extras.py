@@ -1,27 +1,27 @@
-"""Packages that only some questions need, and how they are installed."""
+"""Optional packages, and how to install them."""
 
 import importlib.util
 from pathlib import Path
 
 from clearance_jax.errors import ClearanceError
 
-# Where the library lies in a clone, its project file is beside it.
+# In a clone, the project file is beside the library.
 CLONE = Path(__file__).parents[1]
 
 
 def install_command(extra: str) -> str:
-    """What installs an extra of this library: from the clone, where this is one."""
+    """The command that installs an extra of this library, from the clone if there is one."""
     inside = (CLONE / "pyproject.toml").is_file()
     return f"pip install '{CLONE if inside else 'clearance-jax'}[{extra}]'"
 
 
 def missing_extra(what: str, package: str, extra: str) -> ClearanceError:
-    """The error of a question whose package is not there: `what` needs it, and the command that brings it."""
+    """The error for a missing package: `what` needs it, and the command that installs it."""
     return ClearanceError(f"{what} needs {package}, which is not installed. Install it: `{install_command(extra)}`.")
 
 
 def require(what: str, extra: str, *packages: str) -> None:
-    """Raise, before anything takes long, where one of the packages of an extra is not there."""
+    """Raise, before anything takes long, if a package of an extra is missing."""
     for package in packages:
         if importlib.util.find_spec(package) is None:
             raise missing_extra(what, package, extra)

@@ -1,10 +1,10 @@
-"""The numbers of a model: array leaves with unit and bounds, each reached by one dotted name.
+"""The numbers of a model: array leaves with unit and bounds, each with one dotted name.
 
 A number of the model (a mass, a clearance, a stiffness) is always an array leaf, never a Python float: a float field
 would be a compile-time constant (a new compilation for every value, and no derivative).
 
-What a name is follows from how the model is made. A member that has a `name` starts a name of its own (`wrist.`); a
-flattened field adds nothing to it, a leading field goes in front (`drive.crank.speed`), any other adds itself.
+The name of a number follows from the model's structure. A member that has a `name` starts a new name (`wrist.`); a
+flattened field adds nothing, a leading field goes in front (`drive.crank.speed`), any other field adds its own name.
 """
 
 import dataclasses
@@ -26,19 +26,15 @@ from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 
 PARAMETER = "the parameter's"
 """The unit of a number of a study that a parameter's name decides."""
-# What a number's field may demand of it: key of its metadata, test, words.
-BOUNDS = (
-    ("above", operator.gt, "greater than"),
-    ("least", operator.ge, "at least"),
-    ("below", operator.lt, "below"),
-)
+# Bounds of a number's field: key of its metadata, test, words.
+BOUNDS = (("above", operator.gt, "greater than"), ("least", operator.ge, "at least"), ("below", operator.lt, "below"))
 
 
 def as_leaf(value: Any) -> Any:
     """`value` as a float64 array leaf; `None` (the quantity is absent from the model) stays `None`."""
     if value is None or isinstance(value, eqx.Module):
         return value
-    # A number that is differentiated or mapped may still be a Python float inside its tracer.
+    # A differentiated or mapped number may still be a Python float inside its tracer.
     if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple, Tracer)):
         require_float64()
         # NumPy converts without a program, which JAX would compile.
@@ -48,8 +44,8 @@ def as_leaf(value: Any) -> Any:
 
 
 def outside(part: Any) -> Any:
-    """The same tree with NumPy's numbers, tracers but for: what is asked of a model outside of a solve. With JAX's
-    every product would be a program that is compiled by itself.
+    """The same tree with NumPy's numbers, except tracers, for evaluation outside of a solve. With JAX's numbers every
+    product would be a compiled program.
     """
     return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) and not isinstance(x, Tracer) else x, part)
 
@@ -84,8 +80,8 @@ def physical(
 
 
 def describe(help: str, example: str, absent: str = "", *, least: int = 0, most: int = 10**9, **field):
-    """A field that is no physical number, with what the reference of scene files says of it (see `physical`); of a
-    whole number from `least` to `most`.
+    """A field that is no physical number, with its text for the reference of scene files (see `physical`); a whole
+    number is from `least` to `most`.
     """
     metadata = {"help": help, "example": example, "absent": absent, "least": least, "most": most}
     return eqx.field(metadata=metadata, **field)
@@ -109,8 +105,8 @@ def apart(**field):
 
 
 class Demand(NamedTuple):
-    """What a number of a part must be for the others: its field's `name`, whether that `holds` (a flag, also for
-    tracers), and `words` for where it does not: "must be ...".
+    """A condition on a number of a part relative to the others: its field's `name`, whether the condition `holds` (a
+    flag, also for tracers), and `words` for a violation: "must be ...".
     """
 
     name: str
@@ -119,26 +115,26 @@ class Demand(NamedTuple):
 
 
 class Parametrised(Module):
-    """A part of a model whose numbers have units that depend on what else it is made of."""
+    """A part of a model whose numbers have units that depend on its other members."""
 
     def units(self) -> dict[str, str]:
-        """SI units by the words that its own and its members' fields have for them. None by default."""
+        """SI units by the words that its fields and its members' fields use for them. None by default."""
         return {}
 
     def units_within(self, member: Any) -> dict[str, str]:
-        """The same of a member, however deep, that cannot tell by itself. None by default."""
+        """The same for a member, however deep, that does not know them itself. None by default."""
         del member
         return {}
 
     def demands(self) -> Iterator[Demand]:
-        """What its numbers must be for one another. Nothing by default."""
+        """Conditions of its numbers on each other. None by default."""
         yield from ()
 
 
 @dataclasses.dataclass(frozen=True)
 class Leaf:
-    """One number of a model: dotted name, the attribute path to it, its value and its field's metadata; `owners`: the
-    parts that it belongs to, the nearest last; `former`: its name by the place of an actuator that has a name now.
+    """One number of a model: dotted name, attribute path, value and its field's metadata; `owners`: the parts that
+    contain it, the nearest last; `former`: its name from the time when its actuator had no name.
     """
 
     name: str
@@ -150,12 +146,12 @@ class Leaf:
 
     @property
     def unit(self) -> str:
-        """The SI unit, with what its owners know of it put in."""
+        """The SI unit, with its owners' words replaced."""
         words: dict[str, str] = {}
         for i, owner in enumerate(self.owners):
             if not isinstance(owner, Parametrised):
                 continue
-            # By its class: to bind a method to its module takes as long as to look at the whole module.
+            # By its class: equinox flattens the whole module when it binds a method.
             words |= type(owner).units(owner)
             for member in self.owners[i + 1 :]:
                 words |= type(owner).units_within(owner, member)
@@ -163,7 +159,7 @@ class Leaf:
 
 
 def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
-    """A unit with words replaced by the units that they stand for."""
+    """A unit with words replaced by the units for which they stand."""
     for word, meant in words.items():
         unit = unit.replace(word, meant)
     return unit
@@ -172,11 +168,11 @@ def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
 def leaves(
     module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", owners: tuple = (), former: str | None = None
 ) -> Iterator[Leaf]:
-    """Every number of `module`, with its dotted name and how to reach it; `prefix`, `former`: what names begin with."""
-    # Every lookup of a module by attribute is looked at: that would take twice as long.
-    owners, held = (*owners, module), vars(module)
+    """Every number of `module`, with its dotted name and path; `prefix`, `former`: the beginnings of names."""
+    # Attribute lookup of a module is slow, its variables are not.
+    owners, values = (*owners, module), vars(module)
     for field in _fields(type(module)):
-        value, here, name = held[field.name], (*path, field.name), _extended(prefix, field)
+        value, here, name = values[field.name], (*path, field.name), _extended(prefix, field)
         before = None if former is None else _extended(former, field)
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
             if value is not None:
@@ -185,21 +181,21 @@ def leaves(
             for leaf in leaves(value, here):
                 yield dataclasses.replace(leaf, name=name + leaf.name)
         elif isinstance(value, eqx.Module):
-            own = None if field.metadata.get("flattened") else getattr(value, "name", None)
-            yield from leaves(value, here, name if own is None else f"{own}.", owners, before)
+            label = None if field.metadata.get("flattened") else getattr(value, "name", None)
+            yield from leaves(value, here, name if label is None else f"{label}.", owners, before)
         elif isinstance(value, tuple):
             word = field.metadata.get("member")
             for index, member in enumerate(value):
                 if not isinstance(member, eqx.Module):
                     continue
-                own, numbered = getattr(member, "name", None), f"{name}{index}."
-                inner = numbered if own is None else f"{own}." if word is None else f"{name}{word}.{own}."
-                old = None if own is None or word is None else numbered
+                label, numbered = getattr(member, "name", None), f"{name}{index}."
+                inner = numbered if label is None else f"{label}." if word is None else f"{name}{word}.{label}."
+                old = None if label is None or word is None else numbered
                 yield from leaves(member, (*here, str(index)), inner, owners, old)
 
 
 def _extended(prefix: str, field: dataclasses.Field) -> str:
-    """What the names of a field's numbers begin with."""
+    """The beginning of the names of a field's numbers."""
     if field.metadata.get("leading"):
         return f"{field.name}.{prefix}"
     return prefix if field.metadata.get("flattened") else f"{prefix}{field.name}."
@@ -227,7 +223,7 @@ def follow(module: Any, path: tuple[str, ...]) -> Any:
 
 
 def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
-    """The leaf that a name means, and the entry (`name.i`) of an array. **Raises** `ClearanceError` for neither."""
+    """The leaf with a name, and the entry (`name.i`) of an array. **Raises** `ClearanceError` if there is none."""
     leaf, entry = lookup(known, name)
     if leaf is None:
         raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
@@ -238,7 +234,7 @@ def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
 
 
 def lookup(known: Mapping[str, Leaf], name: str) -> tuple[Leaf | None, int | None]:
-    """The leaf that a name means, present or former, and the entry of an array; `None` where it means nothing."""
+    """The leaf with a name, present or former, and the entry of an array; `None` if there is none."""
 
     def leaf(name: str) -> Leaf | None:
         return known.get(name) or next((leaf for leaf in known.values() if leaf.former == name), None)
@@ -290,7 +286,7 @@ def units_of(module: eqx.Module, names: Iterable[str]) -> dict[str, str]:
 
 
 def violations(value: Any, metadata: Mapping[str, Any]) -> Iterator[tuple[str, float, Any]]:
-    """Of each bound of a number's field: what it demands in words, its limit, and whether it holds (a flag)."""
+    """By bound of a number's field: its condition in words, its limit, and whether it holds (a flag)."""
     for key, holds, words in BOUNDS:
         limit = metadata.get(key)
         if limit is not None:
@@ -313,7 +309,7 @@ def bounds_hold(module: eqx.Module) -> Flag:
 
 
 def _parts(every: Iterable[Leaf]) -> Iterator[tuple[str, Parametrised]]:
-    """Every part that has some of these numbers as its own, with what their names begin with."""
+    """Every part that directly owns some of these numbers, with the beginning of their names."""
     seen: set[int] = set()
     for leaf in every:
         part = leaf.owners[-1]
@@ -342,9 +338,9 @@ def check_values(module: eqx.Module) -> None:
 
 
 def check_demands(part: Parametrised, begin: str = "") -> None:
-    """Raise where numbers of a part contradict each other. Tracers pass.
+    """Raise if numbers of a part contradict each other. Tracers pass.
 
-    **Arguments:** `begin`: what the part's names begin with ("wrist.").
+    **Arguments:** `begin`: the beginning of the part's names ("wrist.").
     """
     with np.errstate(all="ignore"):  # of numbers near the largest ones
         demands = list(outside(part).demands())
@@ -357,7 +353,7 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
 
 
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str, given: Any = None) -> None:
-    """Raise for a number outside its field's bounds, naming `where` it stands; `given`: what somebody wrote for it."""
+    """Raise for a number outside its field's bounds, naming its place `where`; `given`: how it was written."""
     value = np.asarray(value)
     if all(np.all(holds) for _, _, holds in violations(value, metadata)):
         return

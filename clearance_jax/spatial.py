@@ -1,12 +1,11 @@
-"""A small vocabulary of scalars, vectors and rotations of space that knows structural zeros and ones.
+"""Scalars, vectors and rotations of space with structural zeros and ones.
 
-A Python float is a constant of the compiled program, an array is a number of the model. Products with the float 0.0
+A Python float is a constant of the compiled program, an array is a number of the model. Products with the floats 0.0
 and 1.0 vanish while the program is traced, so that an absent offset, an identity rotation or an uncoupled pair of
 coordinates costs nothing (matrix products would cost a library call each).
 
 Vectors are triples `(x, y, z)`. A plane mechanism is not a mode: its z components, and all turns but those about z, are
-structural zeros, and what is made of them is absent too. Where a plane is meant, pairs `(x, y)` go through the same
-words.
+structural zeros, and so is everything computed from them. The same functions take pairs `(x, y)` of a plane.
 """
 
 from typing import NamedTuple, TypeVar
@@ -55,9 +54,9 @@ def times(a: Term, b: Term) -> Term:
     """A * b."""
     if is_zero(a) or is_zero(b):
         return 0.0
-    for one, other in ((a, b), (b, a)):
-        if isinstance(one, float) and abs(one) == 1.0:
-            return other if one > 0 else -other
+    for factor, other in ((a, b), (b, a)):
+        if isinstance(factor, float) and abs(factor) == 1.0:
+            return other if factor > 0 else -other
     return a * b
 
 
@@ -98,11 +97,6 @@ def cross(a: Vector, b: Vector) -> Vector:
     )
 
 
-def plane_cross(a: Pair, b: Pair) -> Term:
-    """The out-of-plane component of a x b for vectors of the plane."""
-    return minus(times(a[0], b[1]), times(a[1], b[0]))
-
-
 def centripetal(spin: Vector, arm: Vector) -> Vector:
     """Spin x (spin x arm)."""
     return add(scale(dot(spin, arm), spin), scale(minus(0.0, dot(spin, spin)), arm))
@@ -122,9 +116,9 @@ def transpose(a: Matrix) -> Matrix:
 
 
 class Rotation(NamedTuple):
-    """A rotation by its matrix, which takes the rotated frame's components to the outer ones. It remembers its last
-    turn (by `angle` about `axis`, after `before`): a further turn about the same axis adds angles, so that a chain in
-    a plane has one sine and cosine a body, of the sum.
+    """A rotation by its matrix, which takes the rotated frame's components to the outer ones. It stores its last turn
+    (by `angle` about `axis`, after `before`). A further turn about the same axis adds the angles, so a chain in a plane
+    needs one sine and cosine a body, of the sum.
     """
 
     rows: Matrix = UNIT
@@ -144,7 +138,7 @@ class Rotation(NamedTuple):
 
     @property
     def is_plane(self) -> bool:
-        """Whether it is a turn about z by its structure."""
+        """Whether its structure is a turn about z."""
         return self.before is UNIT and same_line(self.axis, Z) > 0
 
     def turn(self, axis: Vector, angle: Term) -> "Rotation":
@@ -166,7 +160,7 @@ IDENTITY = Rotation()
 
 
 def same_line(a: Vector, b: Vector) -> float:
-    """1 where two axes are the same by their structure, -1 where they are opposite, else 0."""
+    """1 if two axes are structurally the same, -1 if opposite, else 0."""
     if a is b:
         return 1.0
     if not all(isinstance(term, float) for term in (*a, *b)):
@@ -192,7 +186,7 @@ def about(axis: Vector, angle: Term) -> Matrix:
 
 def across(axis: Vector) -> tuple[Vector, Vector]:
     """Two unit vectors that make a right-handed frame with a third: (first, second, axis)."""
-    # Without a decision that a small change of the axis would turn round (Duff et al. 2017).
+    # Without a branch that a small change of the axis could flip (Duff et al. 2017).
     x, y, z = (jnp.asarray(term, float) for term in axis)
     sign = jnp.where(z < 0, -1.0, 1.0)
     a = -1.0 / (sign + z)
@@ -201,7 +195,7 @@ def across(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
-    """The matrix of a quaternion of any length (so that a field does not feel how far one is from unit)."""
+    """The matrix of a quaternion of any length, so that the vector field does not depend on the length."""
     size = total(times(p, p) for p in (w, x, y, z))
     double = 2.0 / size
     xx, yy, zz = (times(double, times(p, p)) for p in (x, y, z))
@@ -226,8 +220,8 @@ class Swing(NamedTuple):
 
 
 def swing(u: Vector, v: Vector, a: Term, b: Term) -> Swing:
-    """The rotation about g = (a u + b v) / 2 by 2 atan |g|. Two turns one after the other, about u and v, would
-    prefer these to the other axes of their plane.
+    """The rotation about g = (a u + b v) / 2 by 2 atan |g|. (Two successive turns about u and v would favour these axes
+    over others in their plane.)
 
     Its spin is 2 (g' + g x g') / (1 + g^2), and with the other sign of g x g' in the rotated axes (Rodrigues).
     """
@@ -271,8 +265,8 @@ def rotation_vector(q: tuple[Term, ...]) -> Vector:
 
 
 def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
-    """A quaternion (w, x, y, z), of any length, of a rotation's matrix: whichever turn it is, from the largest of its
-    four numbers (all rows of q q^T are multiples of q).
+    """A quaternion (w, x, y, z), of any length, of a rotation's matrix. It is computed from the largest of its four
+    numbers, which is accurate for every turn (all rows of q q^T are multiples of q).
     """
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ((jnp.asarray(term, float) for term in row) for row in a)
     rows = (
@@ -287,8 +281,8 @@ def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
 
 
 def rotation_between(a: Rotation, b: Rotation) -> Vector:
-    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: exact to round-off for small ones too, at
-    most half a turn (where its sign is undefined).
+    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: accurate for small ones, at most half a turn
+    (where its sign is undefined).
     """
     if a.is_plane and b.is_plane:
         return 0.0, 0.0, minus(b.angle, a.angle)
@@ -313,7 +307,7 @@ def three(a: Array) -> Vector:
 
 
 def as_array(terms) -> Array:
-    """Stack terms into one array, absent ones as zeros; an array is one already."""
+    """Stack terms into one array, absent ones as zeros; an array is returned as it is."""
     if isinstance(terms, jax.Array):
         return terms
     terms = list(terms)

@@ -1,6 +1,6 @@
-"""Symmetric systems in the words of `spatial`: mass matrices factored entry by entry, inertias as six numbers.
+"""Symmetric systems in terms of `spatial`: mass matrices factored entry by entry, inertias as six numbers.
 
-A system of many rows is an array instead. Both forms have one interface: rows, factors, constraints.
+A large system is an array instead. Both forms have one interface: rows, factors, constraints.
 """
 
 import abc
@@ -17,8 +17,8 @@ from clearance_jax.spatial import Rotation, Term, Vector, absent, as_array, dot,
 
 
 class Symmetric:
-    """A symmetric 3 x 3 matrix whose entries are made when they are asked for: a plane mechanism asks for the last one
-    only, and what nobody asks for is not in the program. (Ask in the trace that made it.)
+    """A symmetric 3 x 3 matrix whose entries are computed on request: a plane mechanism needs only the last one, and
+    unused entries are not in the program. (Request them in the trace that made it.)
     """
 
     def __init__(self, entry: Callable[[int, int], Term]):
@@ -69,7 +69,7 @@ def of_point(mass: Term, arm: Vector, moment: Vector) -> Symmetric:
 
 
 def shift(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric:
-    """An inertia about a point, seen from another: `by` leads from the new point to the old; `old` and `new` are mass
+    """An inertia about a point, moved to another: `by` leads from the new point to the old; `old` and `new` are mass
     times the arm of its centre from each.
     """
 
@@ -157,7 +157,7 @@ class AbstractConstraint(Module):
     @property
     @abc.abstractmethod
     def asked(self) -> Array:
-        """Which conditions are asked for (1) and which are left out (0), where a choice was made."""
+        """Which conditions are solved for (1) and which are left out (0), if there was a choice."""
 
     @abc.abstractmethod
     def closure_step(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
@@ -170,7 +170,7 @@ class AbstractFactors(Module):
     @property
     @abc.abstractmethod
     def inverse_diagonal(self) -> Any:
-        """One over the pivots, by row."""
+        """The inverse of the pivots, by row."""
 
     @abc.abstractmethod
     def solve(self, right: list[Term]) -> list[Term]:
@@ -178,12 +178,12 @@ class AbstractFactors(Module):
 
     @abc.abstractmethod
     def constraint(self, rows: Sequence[AbstractRow], choose: Choice) -> AbstractConstraint:
-        """What conditions, by the rows of their Jacobian J, ask of the unknowns."""
+        """The constraint of conditions, given by the rows of their Jacobian J."""
 
 
 class Constraint(AbstractConstraint):
-    """The changes M^-1 J^T that a unit multiplier makes, and J M^-1 J^T factored; `kept`: which conditions are asked
-    for (1) and which repeat others (0), `None` where all are.
+    """The changes M^-1 J^T by unit multipliers, and J M^-1 J^T factored; `kept`: which conditions are solved for (1)
+    and which repeat others (0), `None` for all.
     """
 
     spread: list[list[Term]]
@@ -205,7 +205,7 @@ class Constraint(AbstractConstraint):
 
 
 class DenseConstraint(AbstractConstraint):
-    """The same of many conditions or unknowns, as arrays (see `Dense`)."""
+    """A constraint of many conditions or unknowns, as arrays (see `Dense`)."""
 
     spread: Array
     lower: Array
@@ -261,8 +261,8 @@ class Factored(AbstractFactors):
 
 
 class Dense(AbstractFactors):
-    """The same of many rows as one array, by a library (lower Cholesky factor): a call costs some microseconds, but the
-    program stays small, where one of single numbers takes minutes to compile.
+    """Factors of a large matrix as one array, by a library (lower Cholesky factor). Each call has a cost, but the
+    program stays small, where single numbers would take minutes to compile.
     """
 
     lower: Array
@@ -272,8 +272,8 @@ class Dense(AbstractFactors):
         return 1.0 / jnp.diagonal(self.lower) ** 2
 
     def solve(self, right):
-        found = cho_solve((self.lower, True), as_array(right))
-        return [found[i] for i in range(len(right))]
+        solution = cho_solve((self.lower, True), as_array(right))
+        return [solution[i] for i in range(len(right))]
 
     def constraint(self, rows, choose):
         jacobian = jnp.stack([row.array for row in rows])
@@ -285,14 +285,14 @@ class Dense(AbstractFactors):
         return DenseConstraint(spread, jnp.linalg.cholesky(compliance), asked)
 
 
-# From so many rows on a symmetric system is an array.
+# From this many rows on a symmetric system is an array.
 MANY = 25
-# Over lanes, rows of so many are shared: each is made of all before it.
+# With at least this many rows, rows are shared over lanes: each uses all before it.
 DEEP = 5
 
 
 def _links(rows: int) -> Callable:
-    """What keeps the links of a chain of so many rows from being computed anew in the next ones."""
+    """A function that keeps the links of a chain of so many rows from being computed anew in the next ones."""
     return share if rows >= DEEP else lambda tree: tree
 
 
@@ -305,7 +305,7 @@ def dense(matrix: list[list[Term]]) -> Array:
 def factor(matrix: list[list[Term]]) -> AbstractFactors:
     """Factor a symmetric positive definite matrix given by its lower triangle (structural zeros stay absent).
 
-    Of a handful of rows the loops are unrolled into the program.
+    For few rows the loops are unrolled into the program.
     """
     if len(matrix) >= MANY:
         return Dense(jnp.linalg.cholesky(dense(matrix)))

@@ -9,8 +9,8 @@ from typing import Any
 from clearance_jax._remembered import remember
 from clearance_jax.errors import ClearanceError, quote
 
-# What a quantity may be written like. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and
-# which takes "mm" for one millimetre: it is asked about the unit only, and only of these forms.
+# The allowed forms of a quantity. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and which
+# takes "mm" for one millimetre: it reads only the unit, and only these forms.
 LONGEST = 100
 _NUMBER = r"[+-]?(?:(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?|(?:nan|inf)(?=\s))"
 _SYMBOL = r"(?:[^\W\d_²³¹⁰⁴⁵⁶⁷⁸⁹][^\W²³¹⁰⁴⁵⁶⁷⁸⁹]*|[%°])"
@@ -19,7 +19,7 @@ _FACTOR = rf"{_SYMBOL}{_POWER}"
 _PRODUCT = rf"{_FACTOR}(?:\s*[*/·\s]\s*{_FACTOR})*"
 _GROUP = rf"(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\))"
 _UNIT = rf"(?:1\s*/\s*)?{_GROUP}(?:\s*[*/·\s]\s*{_GROUP})*"
-# Half of the world writes 0,1 for a tenth, or 1,000 for a thousand: which of the two, nobody can tell.
+# A comma is ambiguous: some write 0,1 for a tenth, others 1,000 for a thousand.
 _COMMA = re.compile(r"\s*([+-]?\d+,\d+(?:[eE][+-]?\d+)?)")
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT}|/\s*{_UNIT}|/\s*\(\s*{_NUMBER}\s*{_UNIT}\s*\))?\s*")
 
@@ -28,7 +28,7 @@ ANGLES = ("radian", "degree", "turn", "revolution", "arc", "grade", "cycle")
 
 @functools.cache
 def registry() -> Any:
-    """The unit registry (built at first use: it takes a while)."""
+    """The unit registry, built at first use because that takes a while."""
     import pint
 
     return pint.UnitRegistry()
@@ -64,7 +64,7 @@ def _convert(value: str, text: tuple[float, str], unit: str, where: str) -> floa
     import pint
 
     try:
-        # What is not proportional (degC) is a number and a unit to pint, never their product.
+        # For pint a unit that is not proportional (degC) goes with a number, never in a product.
         quantity = registry().Quantity(*text) if unit == "K" else registry().Quantity(f"{text[0]!r} {text[1]}")
         magnitude = float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
@@ -75,7 +75,7 @@ def _convert(value: str, text: tuple[float, str], unit: str, where: str) -> floa
         ) from None
     except Exception as error:  # pint's parser raises errors of many kinds
         raise ClearanceError(_unread(value, unit, where, quote(str(error)))) from None
-    # To pint an angle is a bare number: "30" would pass for radians, hertz for rad/s.
+    # For pint an angle is a bare number: "30" would pass for radians, hertz for rad/s.
     if unit in ("rad", "rad/s", "rad/s^2") and not any(word in str(quantity.units) for word in ANGLES):
         raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}".')
     return magnitude
@@ -91,7 +91,7 @@ def time_power(unit: str) -> int:
 
 
 def format_quantity(value: float, unit: str, digits: int = 6) -> str:
-    """A quantity in SI as it is read in a workshop: lengths below a millimetre in um, below a metre in mm."""
+    """A quantity in SI for reading: lengths below a millimetre in um, below a metre in mm."""
     if unit == "m" and abs(value) < 1:
         small = abs(value) < 1e-3
         return f"{value * (1e6 if small else 1e3):.{digits}g} {'um' if small else 'mm'}"
@@ -99,7 +99,7 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
 
 
 def _check(value: str, unit: str, where: str) -> tuple[float, str]:
-    """A quantity that pint may read, in the form NUMBER UNIT (or NUMBER / (NUMBER UNIT)): its number, and the rest."""
+    """A quantity that pint may read, of the form NUMBER UNIT (or NUMBER / (NUMBER UNIT)): its number, and the rest."""
     if len(value) > LONGEST:
         raise ClearanceError(_unread(value, unit, where, f"longer than {LONGEST} characters"))
     check_comma(value, where)
@@ -114,10 +114,10 @@ def _check(value: str, unit: str, where: str) -> tuple[float, str]:
 
 def check_comma(text: str, where: str) -> None:
     """Raise for a number with a comma at the beginning of a text."""
-    found = _COMMA.match(text)
-    if found is not None:
+    match = _COMMA.match(text)
+    if match is not None:
         raise ClearanceError(
-            f"{where} has a comma in its number: {quote(text)}. Write a decimal point: {found[1].replace(',', '.')}."
+            f"{where} has a comma in its number: {quote(text)}. Write a decimal point: {match[1].replace(',', '.')}."
         )
 
 

@@ -11,7 +11,7 @@ import jax.flatten_util
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._frame import Frame, frame_of
+from clearance_jax._frame import TreeShape, tree_shape
 from clearance_jax._module import Module
 from clearance_jax.ask.ending import ENDING, Ending
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -124,11 +124,11 @@ def shapes_of(question: Question, names: Sequence[str]) -> Answer:
     """What the answer at a point of such numbers is, without computing it; a question of another that has been asked
     before is not traced again.
     """
-    return _shapes(frame_of(question), tuple(names))
+    return _shapes(tree_shape(question), tuple(names))
 
 
 @functools.lru_cache(maxsize=256)
-def _shapes(frame: Frame, names: tuple[str, ...]) -> Answer:
+def _shapes(frame: TreeShape, names: tuple[str, ...]) -> Answer:
     def answer(arrays, numbers):
         return frame.fill(arrays)(numbers)
 

@@ -1,4 +1,4 @@
-"""What acts on bodies beside their joints: springs, and loads from outside."""
+"""Wrenches of springs and of loads from outside on the bodies."""
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.frames import Frames, Pair
@@ -21,7 +21,7 @@ def applied_pairs(mechanism: PreparedMechanism, time: Scalar, motion: Frames) ->
 
 
 def load_pair(wrench: Wrench, time: Scalar, motion: Frames) -> Pair:
-    """A load as a wrench pair whose other end the ground holds."""
+    """A load as a wrench pair between the ground and its body."""
     frame = motion[wrench.body]
     force, torque = wrench.now(time)
     if wrench.axes == "body":

@@ -1,8 +1,7 @@
-"""What brings a point of a mechanism where it should be: the coordinates that are sought, and how they move it.
+"""A chain: the coordinates that move a point of an ideal mechanism, and the exact Jacobian of the point by them.
 
-The point's frame is looked at through the columns of the kinematics, which are its exact Jacobian. Ideal closures add
-their conditions as further rows, so that a parallel robot is a chain like any other, with passive coordinates that are
-sought too.
+Ideal closures add their conditions as further rows. So a parallel robot is a chain as well; its passive coordinates are
+sought together with the joints.
 """
 
 import dataclasses
@@ -35,16 +34,16 @@ NO_LIMITS = Limits()
 
 
 class Aim(NamedTuple):
-    """Where a frame should be: its place, and its rotation matrix, `None` where any will do."""
+    """The target of a frame: its place [m], and its rotation matrix (`None`: any rotation)."""
 
     place: Float[Array, "3"]
     rotation: Float[Array, "3 3"] | None
 
 
-class Look(NamedTuple):
-    """How far a frame is from its aim, and its closures from closed (`gap`, lengths as parts of the chain's size), how
-    that changes with the velocities that are sought (`jacobian`, of slides by the size) and by what moves anyway
-    (`drift`); `closed`: whether no axis of a closure points the wrong way.
+class PoseGap(NamedTuple):
+    """Residual of a chain at some positions: the `gap` of the frame from its aim and of the closures (lengths divided
+    by the chain's size), its `jacobian` by the sought velocities (slides in units of the size), its rate by prescribed
+    motion (`drift`), and whether no axis of a closure points the wrong way (`closed`).
     """
 
     gap: Float[Array, " rows"]
@@ -54,8 +53,8 @@ class Look(NamedTuple):
 
 
 class AbstractChain(Module):
-    """An ideal mechanism whose `joints` (coordinates, by name) are free, a point of it, and `sought`: which of its free
-    velocities move it, those of passive coordinates among them. Its bodies weigh nothing: masses do not matter here.
+    """An ideal mechanism without masses whose `joints` (names of coordinates) are free, a named point of it, and
+    `sought`: the indices of the free velocities that move the point, passive coordinates included.
     """
 
     mechanism: eqx.AbstractVar[AbstractMechanism]
@@ -75,13 +74,13 @@ class AbstractChain(Module):
 
     @property
     def limits(self) -> list[Limits]:
-        """Of what is sought."""
+        """The limits of the sought coordinates."""
         every = self.coordinates
         return [every[i].motion.limits or NO_LIMITS for i in self.sought]
 
     @property
     def size(self) -> Array:
-        """How long it is, joint to joint [m]: what makes lengths comparable with angles."""
+        """The length of the chain, joint to joint [m]. Lengths divided by it are comparable with angles."""
         carried = _towards_ground(self.mechanism, self.frame.body)
         places = [at for joint in carried for at in (joint.at_parent, joint.at_child)]
         length = sum((length_of(at.vector) for at in (*places, self.frame.at)), jnp.zeros(()))
@@ -89,12 +88,12 @@ class AbstractChain(Module):
 
     @property
     def units(self) -> Array:
-        """What a unit of each of the sought velocities is: the size for a slide, one for a turn."""
+        """The unit of each sought velocity: the chain's size for a slide, 1 for a turn."""
         every, size = self.coordinates, self.size
         return jnp.stack([jnp.ones(()) if every[i].slides is None else size for i in self.sought])
 
     def places(self, names: Sequence[str]) -> np.ndarray:
-        """Where named coordinates are among the positions."""
+        """Indices of named coordinates among the positions."""
         return np.array([layout(self.mechanism).positions.index(name) for name in names], int)
 
 
@@ -108,7 +107,7 @@ class PreparedChain(AbstractChain):
 
 
 class Chain(AbstractChain):
-    """A chain as it is given."""
+    """A chain of a mechanism that is not prepared."""
 
     mechanism: Mechanism
     point: str = eqx.field(static=True)
@@ -116,38 +115,38 @@ class Chain(AbstractChain):
     sought: tuple[int, ...] = eqx.field(static=True)
 
     def prepare(self) -> PreparedChain:
-        """The same with what depends only on its numbers computed. In space it is a table, however short it is: its
-        program is small, and compiles in seconds.
+        """The chain with its mechanism prepared. In space the mechanism is a table, however small it is: that program
+        compiles in seconds.
         """
         return PreparedChain(self.mechanism.prepare().as_table(), self.point, self.joints, self.sought)
 
 
 def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> Chain:
-    """A chain: by default of all the coordinates between the ground and the point that a drive may prescribe; of a
-    mechanism with ideal closures those of them, and of the loops, that have a drive.
+    """The chain that moves a point. By default its joints are all coordinates between the ground and the point that a
+    drive may prescribe; with ideal closures, those of them and of the loops that have a drive.
 
     **Raises:** `ClearanceError` for unknown points and coordinates, and for a point that nothing moves.
     """
     ideal = mechanism.ideal()
-    names = [one.name for one in ideal.points]
+    names = [p.name for p in ideal.points]
     if point not in names:
         raise ClearanceError(f"There is no point `{point}`. " + suggest(point, names))
-    body = next(one.body for one in ideal.points if one.name == point)
+    body = next(p.body for p in ideal.points if p.name == point)
     looped = _loop_joints(ideal)
-    own = [joint for joint in ideal.joints if joint in _towards_ground(ideal, body) or joint.name in looped]
+    movers = [joint for joint in ideal.joints if joint in _towards_ground(ideal, body) or joint.name in looped]
     known = drivable(ideal.joints)
     for name in joints or ():
         if name not in known:
             raise ClearanceError(f"There is no coordinate `{name}` to move. " + suggest(name, known))
-    resting = [joint for joint in own if any(c.is_ball for c in joint.own_coordinates())]
-    found = drivable([joint for joint in own if joint not in resting])
+    resting = [joint for joint in movers if any(c.is_ball for c in joint.own_coordinates())]
+    movable = drivable([joint for joint in movers if joint not in resting])
     # The spring of an elastic drive stays as it is: its motor moves the link.
-    found = {name: c for name, c in found.items() if not gives_way(c.motion)}
+    movable = {name: c for name, c in movable.items() if not gives_way(c.motion)}
     if joints is None:
-        joints = [name for name, c in found.items() if not ideal.closures() or not c.motion.is_free]
+        joints = [name for name, c in movable.items() if not ideal.closures() or not c.motion.is_free]
     if not joints:
-        raise _no_joint(point, found, bool(ideal.closures()))
-    bodies = tuple(Body(one.name) for one in ideal.bodies)
+        raise _no_joint(point, movable, bool(ideal.closures()))
+    bodies = tuple(Body(b.name) for b in ideal.bodies)
     free = dataclasses.replace(ideal.without_drives(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)
     free = dataclasses.replace(free, wrenches=(), controllers=())
     passive = {c.name for joint in free.joints if joint.name in looped for c in joint.own_coordinates()}
@@ -156,7 +155,7 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
 
 
 def _no_joint(point: str, allowed: Iterable[str], looped: bool) -> ClearanceError:
-    """Why no joint moves a point, and which may."""
+    """The error for a point that no joint moves."""
     names = ", ".join(f"`{name}`" for name in allowed)
     if not names:
         return ClearanceError(f"No joint that a drive may prescribe moves point `{point}`.")
@@ -179,15 +178,15 @@ def _towards_ground(mechanism: AbstractMechanism, body: str) -> list[AbstractJoi
 
 def _loop_joints(mechanism: Mechanism) -> set[str]:
     """The joints of the tree that are in a loop of an ideal closure: they carry one of its bodies, not both."""
-    found: set[str] = set()
+    names: set[str] = set()
     for loop in mechanism.closures():
         sides = ({joint.name for joint in _towards_ground(mechanism, body)} for body in (loop.parent, loop.child))
-        found |= set.symmetric_difference(*sides)
-    return found
+        names |= set.symmetric_difference(*sides)
+    return names
 
 
 def start_of(mechanism: Mechanism, chain: Chain, time: Scalar) -> Float[Array, " positions"]:
-    """The chain's positions at the mechanism's start: of a driven coordinate what its drive says."""
+    """The chain's positions at the mechanism's start; driven coordinates are where their drives put them."""
     given = initial_values(chain.mechanism)[: len(layout(chain.mechanism).positions)]
     for coordinate in mechanism.ideal().coordinates():
         if coordinate.motion.drive is not None and coordinate.name in chain.joints:
@@ -196,8 +195,8 @@ def start_of(mechanism: Mechanism, chain: Chain, time: Scalar) -> Float[Array, "
     return given
 
 
-def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> Look:
-    """A chain at positions, with nothing moving but what is driven; without an `aim` only closures count."""
+def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> PoseGap:
+    """The residual of a chain at positions, where only drives move; without an `aim`, that of its closures."""
     mechanism, size = chain.mechanism, chain.size
     plan = layout(mechanism)
     state = State(tuple(q), (0.0,) * plan.free, {})
@@ -233,4 +232,4 @@ def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array,
         for cosine in wrong_way(loop, motion):
             closed &= jnp.asarray(cosine) > 0
     jacobian = jnp.stack(rows)[:, np.array(chain.sought)] * chain.units[None]
-    return Look(as_array(gaps), jacobian, as_array(drifts), closed)
+    return PoseGap(as_array(gaps), jacobian, as_array(drifts), closed)

@@ -1,4 +1,4 @@
-"""Ideal loops: projection on them, assembly."""
+"""Closing of loops: projection of a state, and assembly at the start."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -20,15 +20,14 @@ from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minu
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
 FIRM = 1e9
-# Newton iterations of an assembly: so many with pins all but held in their sleeves, then so many with all free; the
-# last of all only measures.
+# Newton iterations of an assembly: with pins almost held in their sleeves, then with everything free; the very last one
+# only measures.
 HELD, LOOSE = 8, 5
 
 
 class StartErrors(NamedTuple):
-    """How far a start is from what it is to be: how far each loop is open [m]; and of each clearance joint, where pins
-    are to be settled, the part of its load that it does not bear, and by what part of its play it was still moved last;
-    and how they begin, `seated`.
+    """Errors of a start: the opening of each loop [m]; and where pins are settled, by joint, the `unborne` part of its
+    load and the part of its play by which the last round `moved` it; and how the pins begin (`seated`).
     """
 
     loops: Float[Array, " loops"]
@@ -38,7 +37,7 @@ class StartErrors(NamedTuple):
 
     @classmethod
     def nothing(cls) -> "StartErrors":
-        """Of a start of which nothing is asked."""
+        """For a start that is neither assembled nor settled."""
         return cls(jnp.zeros(0), jnp.zeros(0), jnp.zeros(0))
 
 
@@ -50,15 +49,15 @@ def correct(
     firm: Mapping[int, Term] | None = None,
     settle: Term = 1.0,
 ) -> tuple[Array, Float[Array, " loops"]]:
-    """One Newton step towards closed loops, of positions and velocities by the one Jacobian; and how far each was open.
+    """One Newton step of positions and velocities towards closed loops, and how far each loop was open [m].
 
-    **Arguments:** `firm`: factors on the inertia of coordinates that are to stay; `settle`: factor on the velocities'
-    change (0: only the positions).
+    **Arguments:** `firm`: factors on the inertia of coordinates that are to stay; `settle`: factor on the change of the
+    velocities (0: only positions change).
     """
     mechanism, plan = mechanism.at(time), layout(mechanism)
     state = plan.split(y)
     motion = frames(mechanism, time, state)
-    held, gaps, rates, opened = [], [], [], []
+    loop_conditions, gaps, rates, opened = [], [], [], []
     for loop in loops:
         offset = initial_offset(loop, motion)
         turning = cross(motion[loop.parent].spin, offset)
@@ -67,11 +66,11 @@ def correct(
             errors.append(minus(now.gap, dot(now.force, offset)))
             gaps.append(minus(0.0, errors[-1]))
             rates.append(minus(0.0, minus(now.rate, dot(now.force, turning))))
-            held.append(now)
+            loop_conditions.append(now)
         opened.append(_openness(errors, wrong_way(loop, motion)))
-    if not held:
+    if not loop_conditions:
         return y, jnp.stack(opened)
-    asked = constraint(motion.mass_matrix(firm), held, mechanism)
+    asked = constraint(motion.mass_matrix(firm), loop_conditions, mechanism)
     place, speed = asked.closure_step(gaps)[0], asked.closure_step(rates)[0]
     q = move(mechanism, state.q, place)
     v = [plus(v, times(settle, s)) for v, s in zip(state.v, speed, strict=True)]
@@ -91,7 +90,7 @@ def _openness(errors: list[Term], cosines: list[Term]) -> Array:
 def project(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: int = 1) -> Array:
     """The nearest state (in the kinetic norm) whose ideal loops are closed in position and velocity.
 
-    A step leaves a loop open by its own error, of which one iteration leaves the square; further from closed take more.
+    A step opens a loop by its own error, and one iteration leaves the square of that; a state further away needs more.
     """
     loops = mechanism.closures()
     if not loops:
@@ -102,24 +101,24 @@ def project(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: in
 
 
 def of_unit_length(y: Array, mechanism: PreparedMechanism) -> Array:
-    """The same state with its orientations of unit length."""
+    """The state with orientations normalised to unit length."""
     plan = layout(mechanism)
     still = (0.0,) * plan.free
     return jnp.concatenate([as_array(move(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
 
 
 def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Float[Array, " loops"]]:
-    """The nearest state whose loops all are closed, ideal ones and those with clearance (their pins where
-    `eccentricity` has them, at rest there); and how far each is open still [m].
+    """The nearest state in which all loops are closed, with the remaining opening of each [m]. The pin of a loop with
+    clearance is at rest at its `eccentricity`.
 
-    Pins all but stay where they are in their sleeves; what is left then, where only play can close a loop that is a
-    little too long, play takes.
+    The first iterations hold the pins in their sleeves. The last ones let them move, for loops that only play can
+    close.
     """
     played = [part.v.start for part in parts(mechanism) if part.coordinate.play is not None]
 
     def once(k, carry):
-        held = k < HELD
-        firm = {i: jnp.where(held, FIRM, 1.0) for i in played}
+        pins_fixed = k < HELD
+        firm = {i: jnp.where(pins_fixed, FIRM, 1.0) for i in played}
         # Velocities belong to closed positions.
         settle = jnp.where(k >= HELD - 1, 1.0, 0.0)
         moved, opened = correct(time, carry[0], mechanism, mechanism.loops, firm, settle)
@@ -129,7 +128,7 @@ def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Arra
 
 
 def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
-    """Where in its sleeve the pin of a loop with clearance starts, at rest there, along the world's axes."""
+    """The starting place of the pin of a loop with clearance, from its sleeve's centre, in the world's axes [m]."""
     if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
         return ZERO
     return sleeve_axes(loop, motion).apply(loop.eccentricity.vector)

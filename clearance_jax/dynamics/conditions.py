@@ -1,30 +1,18 @@
-"""What an ideal joint that closes a loop asks for: its conditions, each with its Jacobian and what it exerts."""
+"""The conditions of an ideal joint that closes a loop, each with its Jacobian and the wrench of its multiplier."""
 
 from typing import NamedTuple
 
 from clearance_jax.dynamics.frames import AbstractMoves, Frames
 from clearance_jax.dynamics.kinematics import sleeve_rotation
 from clearance_jax.mechanism.tree import AbstractJoint
-from clearance_jax.spatial import (
-    UNIT,
-    ZERO,
-    Term,
-    Vector,
-    absent,
-    add,
-    cross,
-    dot,
-    plus,
-    scale,
-    subtract,
-)
+from clearance_jax.spatial import UNIT, ZERO, Term, Vector, absent, add, cross, dot, plus, scale, subtract
 from clearance_jax.symmetric import AbstractRow
 
 
 class Condition(NamedTuple):
-    """One condition of a loop: how far it is violated [m or rad], the rate of that, its acceleration without the free
-    coordinates' accelerations, its Jacobian; what a unit of its multiplier exerts on the child; and the whole relative
-    velocity (or spin) that each free coordinate makes, of which the row is a component.
+    """One condition of a loop: its `gap` [m or rad], the rate of the gap, its acceleration without the free
+    accelerations, and its Jacobian `row`; the force and torque on the child for a unit multiplier; and `moves`, the
+    whole relative velocity (or spin) that each free coordinate makes, of which the row is a component.
     """
 
     gap: Term
@@ -37,26 +25,31 @@ class Condition(NamedTuple):
 
     @property
     def is_met(self) -> bool:
-        """Whether it is met by structure."""
+        """Whether the structure of the mechanism meets it always."""
         return self.row.is_absent and absent((self.gap, self.rate, self.acceleration))
 
 
 def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
-    """The conditions of an ideal joint that closes a loop. One that is met by structure, as those out of its plane by a
-    plane mechanism, is left out.
+    """The conditions of an ideal joint that closes a loop, without those that the structure meets (out of the plane of
+    a plane mechanism, for example).
     """
     hold = loop.joint_constraint()
     a, b = motion[loop.parent], motion[loop.child]
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
     if hold.along is None:
-        found = _point_conditions(loop, motion, here, there)
+        out = _point_conditions(loop, motion, here, there)
     else:
-        found = _plane_conditions([sleeve.apply(along) for along in hold.along], loop, motion, here, there)
+        out = _plane_conditions([sleeve.apply(along) for along in hold.along], loop, motion, here, there)
     if hold.square:
         pin = loop.on_child(b)
-        found += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], loop, motion)
-    return [c for c in found if not c.is_met]
+        out += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], loop, motion)
+    return [c for c in out if not c.is_met]
+
+
+def closure_conditions(motion: Frames) -> list[Condition]:
+    """The conditions of all ideal closures of a mechanism."""
+    return [condition for loop in motion.mechanism.closures() for condition in conditions(loop, motion)]
 
 
 def _point_conditions(loop: AbstractJoint, motion: Frames, here: Vector, there: Vector) -> list[Condition]:
@@ -75,8 +68,8 @@ def _point_conditions(loop: AbstractJoint, motion: Frames, here: Vector, there: 
 def _plane_conditions(
     directions: list[Vector], loop: AbstractJoint, motion: Frames, here: Vector, there: Vector
 ) -> list[Condition]:
-    """A point of the child b stays in planes through a point of the parent a that are square to directions of a. (Seen
-    from a: what moves is the point of b over the point of a that it is at.)
+    """A point of the child b stays in planes through a point of the parent a that are normal to directions of a. Seen
+    from a, the point of b moves against the point of a at the same place.
     """
     a, b = motion[loop.parent], motion[loop.child]
     velocity = subtract(b.velocity_at(there), a.velocity_at(there))
@@ -101,18 +94,18 @@ def _square(pairs: list[tuple[Vector, Vector]], loop: AbstractJoint, motion: Fra
     """Axes of the parent a and of the child b stay perpendicular."""
     a, b = motion[loop.parent], motion[loop.child]
     spin, spin_rate = subtract(b.spin, a.spin), subtract(b.spin_rate, a.spin_rate)
-    moves, found = motion.spins(loop.child, loop.parent), []
+    moves, out = motion.spins(loop.child, loop.parent), []
     for e, f in pairs:
         normal = cross(f, e)
         change = add(cross(cross(b.spin, f), e), cross(f, cross(a.spin, e)))
         acceleration = plus(dot(spin_rate, normal), dot(spin, change))
         row = moves.along(normal)
-        found.append(Condition(dot(e, f), dot(spin, normal), acceleration, row, ZERO, normal, moves))
-    return found
+        out.append(Condition(dot(e, f), dot(spin, normal), acceleration, row, ZERO, normal, moves))
+    return out
 
 
 def wrong_way(loop: AbstractJoint, motion: Frames) -> list[Term]:
-    """Of the axes that are to be one line: the cosine between them, 1 where they point the same way."""
+    """The cosine between each pair of axes that must be parallel; 1 where they point the same way."""
     sleeve, pin = sleeve_rotation(loop, motion), loop.on_child(motion[loop.child])
-    found = [dot(sleeve.apply(e), pin.apply(f)) for e, f in loop.joint_constraint().parallel]
-    return [cosine for cosine in found if not isinstance(cosine, float)]
+    cosines = [dot(sleeve.apply(e), pin.apply(f)) for e, f in loop.joint_constraint().parallel]
+    return [cosine for cosine in cosines if not isinstance(cosine, float)]

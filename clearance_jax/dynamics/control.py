@@ -1,4 +1,4 @@
-"""What actuators and controllers exert: of what they measure now, or of what they have measured last and hold."""
+"""Efforts of actuators and controllers, from what they measure now or, where they are sampled, have measured last."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ Measured = dict[str, tuple[Term, Term]]
 
 
 def measure(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measured:
-    """What encoders can see."""
+    """Position and velocity of every coordinate that encoders can see."""
     free = {part.coordinate.name: part for part in parts(mechanism)}
     out: Measured = {}
     for c in mechanism.coordinates():
@@ -33,7 +33,7 @@ def measure(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measure
 
 
 def exert(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
-    """What actuators, controllers and the dampers of balls exert, by free velocity."""
+    """Efforts of actuators, controllers and dampers of balls, by free velocity."""
     efforts: list[Term] = [0.0] * layout(mechanism).free
     for part in parts(mechanism):
         motion = part.coordinate.motion
@@ -44,35 +44,35 @@ def exert(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term
         return efforts
     places = {part.coordinate.name: part.v.start for part in parts(mechanism)}
     seen = measure(mechanism, time, state)
-    for one in every:
-        now = command(one, time, seen) if one.period is None else state.memory[one.name]
-        for name, effort in zip(one.coordinates, now, strict=True):
+    for source in every:
+        now = command(source, time, seen) if source.period is None else state.memory[source.name]
+        for name, effort in zip(source.coordinates, now, strict=True):
             efforts[places[name]] = plus(efforts[places[name]], effort)
     return efforts
 
 
 def renew(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:
-    """What everything that is sampled holds: anew where the time is one of its instants, or where a solve starts."""
+    """The efforts that sampled sources hold: new ones where the time is a sampling instant or a solve starts."""
     seen, out = measure(mechanism, time, state), []
-    for one in effort_sources(mechanism):
-        if one.period is None:
+    for source in effort_sources(mechanism):
+        if source.period is None:
             continue
-        now = [jnp.asarray(effort, float) for effort in command(one, time, seen)]
-        fresh = True if starts else is_instant(one.period, time)
-        out += [jnp.where(fresh, new, old) for new, old in zip(now, state.memory[one.name], strict=True)]
+        now = [jnp.asarray(effort, float) for effort in command(source, time, seen)]
+        fresh = True if starts else is_instant(source.period, time)
+        out += [jnp.where(fresh, new, old) for new, old in zip(now, state.memory[source.name], strict=True)]
     return out
 
 
-def command(one: Acting, time: Scalar, seen: Measured) -> Sequence[Term]:
-    """The efforts of an actuator or a controller that measures now."""
-    if isinstance(one.part, AbstractActuator):
-        position, velocity = _read(one.part.measures() or one.coordinates, seen)
-        return [one.part(time, jnp.asarray(position, float), jnp.asarray(velocity, float))]
-    return _compute(one.part, time, seen)
+def command(source: Acting, time: Scalar, seen: Measured) -> Sequence[Term]:
+    """The efforts of an actuator or a controller from a measurement now."""
+    if isinstance(source.part, AbstractActuator):
+        position, velocity = _read(source.part.measures() or source.coordinates, seen)
+        return [source.part(time, jnp.asarray(position, float), jnp.asarray(velocity, float))]
+    return _compute(source.part, time, seen)
 
 
 def _read(encoder: Sequence[str], seen: Measured) -> tuple[Term, Term]:
-    """Position and velocity that an encoder shows."""
+    """Position and velocity that an encoder shows: sums over its coordinates."""
     return total(seen[name][0] for name in encoder), total(seen[name][1] for name in encoder)
 
 
@@ -96,9 +96,9 @@ def _encoder(reference: Reference) -> tuple[str, ...]:
 
 
 def inverse_dynamics(mechanism: PreparedMechanism, time: Scalar, state: State, acceleration: list[Term]) -> list[Term]:
-    """The efforts that give a tree's free velocities these rates, beside what its own actuators exert."""
+    """The efforts that give a tree's free velocities these rates, in addition to those of its own actuators."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
     missing = motion.load(applied_pairs(mechanism, time, motion), acceleration)
-    own = exert(mechanism, time, state)
-    return [minus(0.0, plus(load, effort)) for load, effort in zip(missing, own, strict=True)]
+    exerted = exert(mechanism, time, state)
+    return [minus(0.0, plus(load, effort)) for load, effort in zip(missing, exerted, strict=True)]

@@ -1,4 +1,4 @@
-"""Drives that give way, at rest under the load that they bear at the start."""
+"""The start of drives that give way: at rest under their load."""
 
 import dataclasses
 
@@ -21,8 +21,8 @@ ROUNDS = 4
 
 
 def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
-    """The mechanism whose drives that give way begin at rest relative to their motors: deflected so that they do not
-    accelerate, with joints ideal and everything else moving as it does.
+    """The mechanism whose drives that give way start deflected, at rest relative to their motors: they do not
+    accelerate while joints are ideal and everything else moves as prescribed.
     """
     springs = [part for part in parts(mechanism.ideal()) if gives_way(part.coordinate.motion)]
     if not springs:
@@ -38,8 +38,8 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
         stiff = jax.lax.stop_gradient(jax.jacfwd(accelerations)(jax.lax.stop_gradient(x)))
         return x - jnp.linalg.solve(stiff, accelerations(x))
 
-    found = jax.lax.fori_loop(0, ROUNDS, once, begin[places])
-    at = {part.coordinate.name: found[i] for i, part in enumerate(springs)}
+    positions = jax.lax.fori_loop(0, ROUNDS, once, begin[places])
+    at = {part.coordinate.name: positions[i] for i, part in enumerate(springs)}
 
     def move(joint: AbstractJoint) -> AbstractJoint:
         def change(coordinate: Coordinate) -> Motion:

@@ -23,15 +23,15 @@ from clearance_jax.spatial import Term, plus, times, total
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
 # loss: an integral of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
 BALANCE_TERMS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
-# Part of all energies that counts as exchanged: a million round-offs, so that one of them is a residual of a millionth.
+# Part of all energies that counts as exchanged: a million round-offs, so that one round-off is a residual of 1e-6.
 RESTING = 1e6 * float(np.finfo(np.float64).eps)
-# A step starts four round-offs past a break; the one before it ended as many before.
+# A step starts four round-offs past a break; the step before ended four round-offs before it.
 HAIR = 16 * float(np.finfo(np.float64).eps)
 
 
 def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
-    """Rates of the energy balance: work of drives, actuators and loads, work absorbed by normal forces, films and
-    dampers, loss in friction, and the sum of the absolute powers (the energy exchanged, against which a residual is
+    """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
+    dampers; loss in friction; and the sum of absolute powers (the energy exchanged, against which a residual is
     judged).
     """
     drive = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
@@ -40,7 +40,7 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     drive = plus(drive, load_power(mechanism, time, now.motion))
     absorbed: Term = total(action.absorbed_power for action in now.actions.values())
     friction: Term = total(action.friction_power for action in now.actions.values())
-    # What joints lose is in the efforts, and is no work of theirs.
+    # The joints' losses are part of the efforts, but not work.
     damped, rubbed = joint_losses(mechanism, state)
     drive, absorbed, friction = plus(drive, plus(damped, rubbed)), plus(absorbed, damped), plus(friction, rubbed)
     for spring in mechanism.springs:
@@ -50,7 +50,7 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
 
 
 def joint_losses(mechanism: PreparedMechanism, state: State) -> tuple[Term, Term]:
-    """Powers lost in the damping and in the friction of free coordinates: of actuators that lose some, and of balls."""
+    """Powers lost in damping and in friction of free coordinates [W]: of lossy actuators and of balls."""
     damped, rubbed = [], []
     for part in parts(mechanism):
         motion = part.coordinate.motion
@@ -73,7 +73,7 @@ def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term,
 
 
 class Energies(NamedTuple):
-    """Kinetic and potential (weight) energy, and what springs and contacts hold elastically [J]."""
+    """Kinetic energy, potential energy of weight, and elastic energy of springs and contacts [J]."""
 
     kinetic: Scalar
     potential: Scalar
@@ -82,7 +82,7 @@ class Energies(NamedTuple):
 
     @property
     def elastic(self) -> Scalar:
-        """In springs and contacts [J]."""
+        """Of springs and contacts [J]."""
         return self.springs + self.contacts
 
     @property
@@ -103,26 +103,26 @@ def energies(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Energies:
     springs: Term = 0.0
     for spring in mechanism.springs:
         springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)
-    held = contact_energy(mechanism, time, motion, state)
-    return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, held)))
+    contacts = contact_energy(mechanism, time, motion, state)
+    return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, contacts)))
 
 
 def contact_energy(mechanism: PreparedMechanism, time: Scalar, motion: Frames, state: State) -> Term:
     """Elastic energy of the contacts [J]."""
-    found, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
-    stored = [(joint.clearance, found[joint.name].relative) for joint in joints]
+    pins, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
+    stored = [(joint.clearance, pins[joint.name].relative) for joint in joints]
     return total(each_joint(PreparedClearance.elastic_energy, stored))
 
 
 def balance_at_start(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " terms"]:
-    """The energy balance as at the start of a solve from a state."""
+    """The energy balance of a state in which a solve starts."""
     state = layout(mechanism).split(y)
-    held = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
-    return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BALANCE_TERMS])
+    stored = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
+    return jnp.stack([stored if name == "absorbed_work" else jnp.zeros(()) for name in BALANCE_TERMS])
 
 
 def hand_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """A state with the energy balance, in which the energy of payloads that came or went just before `time` counts as
+    """A state with the energy balance, where the energy of payloads that came or went just before `time` counts as
     work.
     """
     brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
@@ -141,7 +141,7 @@ def just_before(mechanism: PreparedMechanism, time: Scalar) -> PreparedMechanism
 
 
 def read_balance(energy_balance: Float[Array, " terms"], contact: Scalar) -> dict[str, Array]:
-    """Work of the drives, losses, and energy exchanged since the start [J]; `contact`: the contacts' elastic energy."""
+    """Work of the drives, losses and exchanged energy since the start [J]; `contact`: the contacts' elastic energy."""
     out: dict[str, Array] = dict(zip(BALANCE_TERMS, energy_balance, strict=True))
     out["damping_loss"] = out.pop("absorbed_work") - contact
     return out
@@ -150,9 +150,9 @@ def read_balance(energy_balance: Float[Array, " terms"], contact: Scalar) -> dic
 def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -> Scalar:
     """|energy gained - work of drives + losses| / energy exchanged, between two states with the energy balance.
 
-    A mechanism at rest exchanges nothing, and round-off is not to be judged against that: what contacts hold at either
-    end counts as exchanged, and so does a trace (`RESTING`) of all energies there are. What springs hold does not: next
-    to a preload of a thousand joules a motion could lose all that it has.
+    A mechanism at rest exchanges nothing, and its round-off must not be divided by that. So the contacts' energy at
+    either end counts as exchanged, and a trace (`RESTING`) of all energies. The springs' energy does not count: beside
+    a preload of a thousand joules a motion could lose all its energy unseen.
     """
     y = jnp.stack(states)
 

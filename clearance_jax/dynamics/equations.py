@@ -1,4 +1,4 @@
-"""The equations of motion of one state: what the joints exert, the accelerations, the forces of ideal closures."""
+"""The equations of motion of one state: the joints' wrenches, the accelerations, the forces of ideal closures."""
 
 from typing import NamedTuple
 
@@ -11,11 +11,11 @@ from clearance_jax._alike import numbers_of
 from clearance_jax._sharing import share
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
-from clearance_jax.dynamics.conditions import Condition, conditions
+from clearance_jax.dynamics.conditions import Condition, closure_conditions, conditions
 from clearance_jax.dynamics.constraint import closing_pairs, constraint
 from clearance_jax.dynamics.control import exert
 from clearance_jax.dynamics.frames import Frames, Pair
-from clearance_jax.dynamics.kinematics import Play, frames, plays
+from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance
 from clearance_jax.joints._base import each_joint
@@ -26,13 +26,13 @@ from clearance_jax.symmetric import AbstractConstraint, AbstractFactors
 
 
 class Balance(NamedTuple):
-    """The equations of motion, solved: where everything is, what each clearance joint does (by name), the wrench pairs
-    of clearances, springs and loads, the efforts of actuators and controllers, the accelerations of the free
-    coordinates, and the wrenches of the ideal closures.
+    """The solved equations of motion: where everything is, the action of each clearance joint (by name), the wrench
+    pairs of clearances, springs and loads, the efforts of actuators and controllers, the free accelerations, and the
+    wrenches of the ideal closures.
     """
 
     motion: Frames
-    plays: dict[str, Play]
+    plays: dict[str, PinMotion]
     actions: dict[str, Action]
     pairs: list[Pair]
     efforts: list[Term]
@@ -41,19 +41,19 @@ class Balance(NamedTuple):
 
 
 def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance:
-    """Where everything is, what the joints exert, the equations of motion."""
+    """The equations of motion of a state, solved."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
-    found, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
-    acting = [(joint.clearance, found[joint.name].relative, state.memory[joint.name]) for joint in joints]
+    pins, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
+    acting = [(joint.clearance, pins[joint.name].relative, state.memory[joint.name]) for joint in joints]
     actions = dict(zip([joint.name for joint in joints], each_joint(PreparedClearance.act, acting), strict=True))
-    pairs = contact_pairs(mechanism, found, actions) + applied_pairs(mechanism, time, motion)
+    pairs = contact_pairs(mechanism, pins, actions) + applied_pairs(mechanism, time, motion)
     efforts = exert(mechanism, time, state)
     acceleration, closing = accelerations(motion, pairs, efforts)
-    return Balance(motion, found, actions, pairs, efforts, share(acceleration), closing)
+    return Balance(motion, pins, actions, pairs, efforts, share(acceleration), closing)
 
 
-def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:
+def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, PinMotion], actions: dict[str, Action]) -> list[Pair]:
     """Wrench pairs of the clearance joints."""
     pairs = []
     for joint in mechanism.clearance_joints():
@@ -77,18 +77,16 @@ def accelerations(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tup
         acceleration, multipliers = _solve(motion, pairs, efforts)
     else:
         equations = _equations(motion)
-        acceleration, multipliers = equations.solve(*_right_sides(motion, pairs, efforts, equations.held))
-    held = [conditions(loop, motion) for loop in loops]
-    return acceleration, closing_pairs(loops, motion, held, multipliers)
+        acceleration, multipliers = equations.solve(*_right_sides(motion, pairs, efforts, equations.conditions))
+    by_loop = [conditions(loop, motion) for loop in loops]
+    return acceleration, closing_pairs(loops, motion, by_loop, multipliers)
 
 
 class Equations(NamedTuple):
-    """M a - J^T m = load, J a = asked: the inertia, factored, and of ideal closures their conditions and what these
-    ask of it.
-    """
+    """M a - J^T m = load, J a = asked: the factored inertia, the conditions of ideal closures, and their constraint."""
 
     inertia: AbstractFactors
-    held: list[Condition]
+    conditions: list[Condition]
     closed: AbstractConstraint | None
 
     def solve(self, load: list[Term], asked: list[Term]) -> tuple[list[Term], list[Term]]:
@@ -96,37 +94,33 @@ class Equations(NamedTuple):
         free = self.inertia.solve(load)
         if self.closed is None:
             return free, []
-        lag = [minus(wanted, now.row.dot(free)) for now, wanted in zip(self.held, asked, strict=True)]
+        lag = [minus(wanted, now.row.dot(free)) for now, wanted in zip(self.conditions, asked, strict=True)]
         correction, multipliers = self.closed.closure_step(lag)
         return [plus(a, b) for a, b in zip(free, correction, strict=True)], multipliers
 
 
-def _held_conditions(motion: Frames) -> list[Condition]:
-    return [condition for loop in motion.mechanism.closures() for condition in conditions(loop, motion)]
-
-
 def _equations(motion: Frames) -> Equations:
-    inertia, held = motion.mass_matrix(), _held_conditions(motion)
-    return Equations(inertia, held, constraint(inertia, held, motion.mechanism) if held else None)
+    inertia, every = motion.mass_matrix(), closure_conditions(motion)
+    return Equations(inertia, every, constraint(inertia, every, motion.mechanism) if every else None)
 
 
 def _right_sides(
-    motion: Frames, pairs: list[Pair], efforts: list[Term], held: list[Condition], found: tuple | None = None
+    motion: Frames, pairs: list[Pair], efforts: list[Term], every: list[Condition], solved: tuple | None = None
 ) -> tuple[list[Term], list[Term]]:
-    """The right-hand sides; less the left-hand sides of the accelerations and multipliers that are `found`."""
-    load = motion.load(pairs, None if found is None else found[0])
-    load = [plus(own, effort) for own, effort in zip(load, efforts, strict=True)]
-    asked = [minus(0.0, now.acceleration) for now in held]
-    if found is not None:
-        asked = [minus(wanted, now.row.dot(found[0])) for wanted, now in zip(asked, held, strict=True)]
-        for multiplier, now in zip(found[1], held, strict=True):
-            load = [plus(own, times(multiplier, r)) for own, r in zip(load, now.row.terms, strict=True)]
+    """The right-hand sides, less the left-hand sides of the accelerations and multipliers in `solved`."""
+    load = motion.load(pairs, None if solved is None else solved[0])
+    load = [plus(term, effort) for term, effort in zip(load, efforts, strict=True)]
+    asked = [minus(0.0, now.acceleration) for now in every]
+    if solved is not None:
+        asked = [minus(wanted, now.row.dot(solved[0])) for wanted, now in zip(asked, every, strict=True)]
+        for multiplier, now in zip(solved[1], every, strict=True):
+            load = [plus(term, times(multiplier, r)) for term, r in zip(load, now.row.terms, strict=True)]
     return load, asked
 
 
 def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Term]]:
-    """The equations of motion, solved. Their derivative is that of what they leave over at the accelerations that are
-    found, solved by the factors that are known: neither the mass matrix nor its factors are differentiated.
+    """Accelerations and multipliers. Their derivative is that of the residual at the solution, solved by the known
+    factors: neither the mass matrix nor its factors are differentiated.
     """
     numbers, rebuilt = numbers_of((motion, pairs, efforts))
 
@@ -137,7 +131,7 @@ def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list
     def solution(numbers):
         motion, pairs, efforts = rebuilt(numbers)
         equations = _equations(motion)
-        return equations, flat(equations.solve(*_right_sides(motion, pairs, efforts, equations.held)))
+        return equations, flat(equations.solve(*_right_sides(motion, pairs, efforts, equations.conditions)))
 
     @jax.custom_jvp
     def solve(numbers):
@@ -145,7 +139,7 @@ def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list
 
     def differentiate(primals, tangents):
         (numbers,), (rates,) = primals, tangents
-        equations, found = solution(numbers)
+        equations, solved = solution(numbers)
         varied = [i for i, rate in enumerate(rates) if not isinstance(rate, SymbolicZero)]
 
         def residual(some):
@@ -153,10 +147,10 @@ def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list
             for i, x in zip(varied, some, strict=True):
                 every[i] = x
             motion, pairs, efforts = rebuilt(every)
-            return flat(_right_sides(motion, pairs, efforts, _held_conditions(motion), found))
+            return flat(_right_sides(motion, pairs, efforts, closure_conditions(motion), solved))
 
         _, change = jax.jvp(residual, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
-        return found, flat(equations.solve(*change))
+        return solved, flat(equations.solve(*change))
 
     solve.defjvp(differentiate, symbolic_zeros=True)
     acceleration, multipliers = solve(numbers)

@@ -1,8 +1,7 @@
-"""THE vector field, in rows: scalars in, scalars out.
+"""The vector field in rows: scalars in, scalars out.
 
 It reads as the physics does: where everything is, what the joints exert, the equations of motion, the rates of the
-laws' memories, the energy balance. The mechanism comes in as an argument, so that nothing is traced again at every
-solve.
+laws' memories, the energy balance. The mechanism is an argument, so that no solve traces it again.
 """
 
 from collections.abc import Callable
@@ -21,22 +20,22 @@ from clearance_jax.mechanism.state import layout, position_rates, vector
 def rate(
     time: Scalar, y: Rows, mechanism: PreparedMechanism, energy_balance: bool = False, counts: Flag | None = None
 ) -> Rows:
-    """Time derivative of the state `[q, v, memory]`, and of the energy balance if it is integrated (zeros where a flag
-    says that they do not count).
+    """Time derivative of the state `[q, v, memory]`, and of the energy balance if it is integrated. Where `counts` is
+    false the balance's rates are zeros.
     """
     mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
     now = balance(mechanism, time, state)
     memory = [rate for action in now.actions.values() for rate in action.memory_rate]
     memory += [jnp.zeros(())] * layout(mechanism).held
-    own = (*position_rates(mechanism, state.q, state.v), *(jnp.asarray(a, float) for a in now.acceleration), *memory)
+    rates = (*position_rates(mechanism, state.q, state.v), *(jnp.asarray(a, float) for a in now.acceleration), *memory)
     if not energy_balance:
-        return own
-    return *own, *where_it_counts(counts, lambda: powers(mechanism, time, state, now))
+        return rates
+    return *rates, *where_it_counts(counts, lambda: powers(mechanism, time, state, now))
 
 
 def where_it_counts(counts: Flag | None, rows: Callable[[], Rows]) -> Rows:
-    """Rows of rates that only some stages of a step are asked for; zeros at the others."""
+    """Rates that only some stages of a step need; zeros at the others."""
     if counts is None:
         return rows()
     shapes = jax.eval_shape(rows)

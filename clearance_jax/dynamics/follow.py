@@ -1,8 +1,8 @@
 """Drives that lead a point of the ideal mechanism along a path.
 
-At knots the joints' values and their first two rates are those of the path; between them go quintics, whose error
-falls with the sixth power of the distance of the knots. Where the point leaves the path by more than is asked, knots
-are added. One program follows a fixed number of intervals, whatever the path, and is called block by block.
+At the knots the joints' values and first two rates are exact. Between knots are quintics, whose error falls with the
+sixth power of the knots' distance; knots are added where the point leaves the path by more than the tolerance. One
+program follows a fixed number of intervals of any path, and is called block by block.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,8 +17,8 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, look_at
-from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, shown_length, why_unreached
-from clearance_jax.dynamics.posture import Found, aim_at, change, find, rates, sought_values
+from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, posture_of, shown_length, why_unreached
+from clearance_jax.dynamics.posture import PostureSolution, aim_at, change, find, rates, sought_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.minimum_jerk import HERMITE
@@ -27,14 +27,14 @@ from clearance_jax.mechanism.profiles import Quintic
 
 # Intervals that one call of the program follows; intervals of every smooth part of a path at first.
 BLOCK, FIRST = 32, 4
-# Where between two knots the point is compared with the path: the error of a quintic is largest in the middle.
+# Places between two knots at which the point is compared with the path; a quintic's error is largest in the middle.
 INSIDE = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 # How often a knot is corrected along what the path leaves free: the first guess errs by the third power of the
 # distance of the knots, the last by the fifth.
 CORRECTIONS = 3
 # An interval of less than this part of the path is a place where no posture follows; knots at most, and passes.
 SHORTEST, MOST_KNOTS, PASSES = 1e-6, 20_000, 30
-# Two second rates are one if they differ by less than this part of the largest.
+# Second rates that differ by less than this part of the largest are equal.
 JUMP = 1e-9
 
 
@@ -51,12 +51,12 @@ class PathDrives(dict[str, Quintic]):
         self.deviation, self.angle, self.start = deviation, angle, start
 
 
-class Block(NamedTuple):
-    """Of every interval: what is found at its end, the values of what is sought at both ends with their rates there,
-    as they are inside it; and of the places inside, how far the point is from the path [m], and by what angle [rad].
+class PathBlock(NamedTuple):
+    """By interval: the solution at its end, and the sought values at both ends with the rates inside the interval; by
+    place inside, how far the point is from the path [m], and by what angle [rad].
     """
 
-    found: Found
+    solution: PostureSolution
     values: Float[Array, "intervals 2 sought"]
     speeds: Float[Array, "intervals 2 sought"]
     accelerations: Float[Array, "intervals 2 sought"]
@@ -65,8 +65,8 @@ class Block(NamedTuple):
 
 
 @eqx.filter_jit
-def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
-    """Follow a path from edge to edge, from the posture at the first."""
+def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> PathBlock:
+    """Follow a path from edge to edge, from a posture at the first edge."""
     chain = given.prepare()
 
     def interval(q, ends):
@@ -76,31 +76,31 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
 
         def once(k, carry):
             # First the rates where the interval begins, then at its end, from a guess that its rates make better.
-            found, left, right = carry
+            solution, left, right = carry
             first = k == 0
             time = jnp.where(first, begin, end)
             trapezoid = h / 2 * (left[0] + right[0]) + h**2 / 12 * (left[1] - right[1])
             taylor = h * left[0] + h**2 / 2 * left[1]
             step = jnp.clip(jnp.where(k == 1, taylor, trapezoid), -chain.units, chain.units)
             guess = change(chain, q, jnp.where(first, 0.0, step))
-            found = find(chain, aim_at(path, time, beside), time, guess)
-            now = rates(chain, path, time, beside, found.q)
+            solution = find(chain, aim_at(path, time, beside), time, guess)
+            now = rates(chain, path, time, beside, solution.q)
             left = jax.tree.map(lambda a, b: jnp.where(first, a, b), now, left)
-            return found, left, now
+            return solution, left, now
 
         rows = jax.eval_shape(lambda q: find(chain, aim_at(path, begin, beside), begin, q), q)
         empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), rows)
-        found, left, right = jax.lax.fori_loop(0, 1 + CORRECTIONS, once, (empty, (none, none), (none, none)))
+        solution, left, right = jax.lax.fori_loop(0, 1 + CORRECTIONS, once, (empty, (none, none), (none, none)))
         pairs = [jnp.stack([a, b]) for a, b in zip(left, right, strict=True)]
-        values = jnp.stack([sought_values(chain, q), sought_values(chain, found.q)])
-        return found.q, (found, values, *pairs, q)
+        values = jnp.stack([sought_values(chain, q), sought_values(chain, solution.q)])
+        return solution.q, (solution, values, *pairs, q)
 
-    _, (found, values, speeds, accelerations, before) = jax.lax.scan(interval, start, (edges[:-1], edges[1:]))
+    _, (solution, values, speeds, accelerations, before) = jax.lax.scan(interval, start, (edges[:-1], edges[1:]))
 
     def inside(begin, end, q, values, speeds, accelerations, part):
         time, h = begin + part * (end - begin), end - begin
         at = _hermite(h, values, speeds, accelerations, part)
-        # What the joints do is known; passive coordinates of loops follow.
+        # The joints' motion is known; passive coordinates of loops follow.
         q = change(chain, q, jnp.where(_sought_joints(chain), at - values[0], 0.0))
         aim = aim_at(path, time, time)
         if chain.mechanism.closures():
@@ -108,12 +108,12 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
         return off(chain, aim, look_at(chain, aim, time, q).gap)
 
     args = edges[:-1], edges[1:], before, values, speeds, accelerations
-    apart = jax.lax.map(lambda one: jax.vmap(partial(inside, *one))(jnp.asarray(INSIDE)), args)
-    return Block(found, values, speeds, accelerations, *apart)
+    apart = jax.lax.map(lambda knots: jax.vmap(partial(inside, *knots))(jnp.asarray(INSIDE)), args)
+    return PathBlock(solution, values, speeds, accelerations, *apart)
 
 
 def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part: Scalar) -> Array:
-    """The quintic between two knots."""
+    """The quintic between two knots, at a `part` of the interval."""
     v, a = h * speeds, h**2 * accelerations
     rise = values[1] - values[0]
     higher = jnp.stack([v[0], a[0], v[1], a[1], rise], axis=-1) @ HERMITE.T
@@ -122,12 +122,12 @@ def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part
 
 
 def _sought_joints(chain: AbstractChain) -> np.ndarray:
-    """Which of what is sought are joints."""
+    """Which of the sought coordinates are joints (the others are passive)."""
     return np.array([chain.coordinates[i].name in chain.joints for i in chain.sought])
 
 
 def _passive(chain: PreparedChain) -> PreparedChain:
-    """The chain whose joints stay."""
+    """The chain with its joints held; only passive coordinates are sought."""
     sought = tuple(i for i, driven in zip(chain.sought, _sought_joints(chain), strict=True) if not driven)
     return PreparedChain(chain.mechanism, chain.point, chain.joints, sought)
 
@@ -170,22 +170,19 @@ def follow(
     first = jnp.asarray(edges[0])
     aim = aim_at(ready, first, jnp.asarray(edges[:2].mean()))
     begin = begin_of(mechanism, chain, start)
-    found = best(chain, aim, first, begin, start is None, tolerance / 10)
-    if not is_met(chain, aim, found, tolerance / 10):
-        raise ClearanceError(why_unreached(chain, aim, found, ", where the path begins"))
-    knots, blocks = _refine(chain, ready, edges, found.q, tolerance)
+    solution = best(chain, aim, first, begin, start is None, tolerance / 10)
+    if not is_met(chain, aim, solution, tolerance / 10):
+        raise ClearanceError(why_unreached(chain, aim, solution, ", where the path begins"))
+    knots, blocks = _refine(chain, ready, edges, solution.q, tolerance)
     _check_speeds(chain, knots, blocks)
-    places = dict(zip(chain.joints, chain.places(chain.joints), strict=True))
-    posture = Posture(
-        {name: found.q[place] for name, place in places.items()}, *off(chain, aim, found.gap), found.iterations, found.q
-    )
-    own = [(k, chain.coordinates[i].name) for k, i in enumerate(chain.sought)]
-    drives = {name: _drive(knots, blocks, k) for k, name in own if name in chain.joints}
-    return PathDrives(drives, float(np.max(blocks.deviation)), float(np.max(blocks.angle)), posture)
+    names = [chain.coordinates[i].name for i in chain.sought]
+    drives = {name: _drive(knots, blocks, k) for k, name in enumerate(names) if name in chain.joints}
+    deviation, angle = float(np.max(blocks.deviation)), float(np.max(blocks.angle))
+    return PathDrives(drives, deviation, angle, posture_of(chain, aim, solution))
 
 
 def _edges(breaks: np.ndarray) -> np.ndarray:
-    """The first knots."""
+    """The first knots: some in every smooth part of the path."""
     span = breaks[-1] - breaks[0]
     distinct = breaks[np.concatenate([[True], np.diff(breaks) > SHORTEST * span])]
     distinct[-1] = breaks[-1]
@@ -194,17 +191,18 @@ def _edges(breaks: np.ndarray) -> np.ndarray:
 
 
 def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, tolerance: float):
-    """Knots that are dense enough, and what there is between them."""
+    """Knots that are dense enough, and the solution between them."""
     span, size = edges[-1] - edges[0], float(chain.size)
     for _ in range(PASSES):
         blocks = _run(chain, path, edges, q)
-        reached = np.asarray(blocks.found.closed) & (size * np.linalg.norm(blocks.found.gap, axis=1) < tolerance / 10)
+        ends = blocks.solution
+        reached = np.asarray(ends.closed) & (size * np.linalg.norm(ends.gap, axis=1) < tolerance / 10)
         error = np.max(np.maximum(blocks.deviation, size * blocks.angle), axis=1)
         error = np.where(np.isfinite(error), error, np.inf)
         bad = ~(error < tolerance) | ~reached
         if not bad.any():
             return edges, blocks
-        # Behind a place that is not reached nothing counts: first it must be known whether it is out of reach.
+        # Nothing counts beyond a place that is not reached, until it is known whether it is out of reach.
         lost = int(np.argmin(reached)) if not reached.all() else len(reached)
         bad[lost + 1 :] = False
         halvings = np.ones(len(bad), int)
@@ -222,18 +220,18 @@ def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, toler
     raise ClearanceError(f"The path cannot be followed within {shown_length(tolerance)}: ask for less.")
 
 
-def _run(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array) -> Block:
-    """The whole path, block by block; the last block is filled with intervals of no length."""
+def _run(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array) -> PathBlock:
+    """Follow the whole path block by block. Intervals of no length fill the last block."""
     count, out = len(edges) - 1, []
     padded = np.append(edges, np.full(-count % BLOCK, edges[-1]))
     for k in range(0, len(padded) - 1, BLOCK):
         block = follow_edges(chain, path, jnp.asarray(padded[k : k + BLOCK + 1]), q)
-        q = block.found.q[-1]
+        q = block.solution.q[-1]
         out.append(jax.tree.map(np.asarray, block))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *out)
 
 
-def _drive(knots: np.ndarray, blocks: Block, k: int) -> Quintic:
+def _drive(knots: np.ndarray, blocks: PathBlock, k: int) -> Quintic:
     """The drive of one coordinate."""
     values = np.append(blocks.values[:, 0, k], blocks.values[-1, 1, k])
     speeds = np.append(blocks.speeds[:, 0, k], blocks.speeds[-1, 1, k])
@@ -261,17 +259,17 @@ def _when(edges: np.ndarray, time: float) -> str:
     return f" at {time:.6g} s ({100 * part:.1f} % of the path's time)"
 
 
-def _stop_reason(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: int, lost: int) -> str:
-    """Why a path cannot be followed beyond an interval."""
+def _stop_reason(chain: Chain, path: PreparedPath, edges, blocks: PathBlock, bad: int, lost: int) -> str:
+    """Why a path cannot be followed beyond an interval, in words."""
     if bad == lost:
-        found = jax.tree.map(lambda leaf: jnp.asarray(leaf[bad]), blocks.found)
+        solution = jax.tree.map(lambda leaf: jnp.asarray(leaf[bad]), blocks.solution)
         time = float(edges[bad + 1])
         aim = aim_at(path, jnp.asarray(time), jnp.asarray(edges[bad : bad + 2].mean()))
-        said = why_unreached(chain, aim, found, _when(edges, time))
+        reason = why_unreached(chain, aim, solution, _when(edges, time))
         # Knots behind are as near as the chain comes.
-        gaps = [off(chain, Aim(aim.place, aim.rotation), jnp.asarray(gap)) for gap in blocks.found.gap]
+        gaps = [off(chain, Aim(aim.place, aim.rotation), jnp.asarray(gap)) for gap in blocks.solution.gap]
         most = max(float(distance) for distance, _ in gaps)
-        return f"The path leaves the reach. {said} Further on it is up to {shown_length(most)} off."
+        return f"The path leaves the reach. {reason} Further on it is up to {shown_length(most)} off."
     name, speed, unit = _fastest(chain, blocks, slice(bad, bad + 1))
     return (
         f"The path passes a singular posture{_when(edges, float(edges[bad]))}: there `{name}` would have to move at "
@@ -279,7 +277,7 @@ def _stop_reason(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: in
     )
 
 
-def _fastest(chain: Chain, blocks: Block, where: slice) -> tuple[str, float, str]:
+def _fastest(chain: Chain, blocks: PathBlock, where: slice) -> tuple[str, float, str]:
     """The coordinate that is fastest in some intervals, its speed and unit."""
     speeds = np.max(np.abs(np.nan_to_num(blocks.speeds[where])), axis=(0, 1)) / np.asarray(chain.units)
     k = int(np.argmax(speeds))
@@ -288,7 +286,7 @@ def _fastest(chain: Chain, blocks: Block, where: slice) -> tuple[str, float, str
     return coordinate.name, float(speeds[k] * np.asarray(chain.units)[k]), unit
 
 
-def _check_speeds(chain: Chain, knots: np.ndarray, blocks: Block) -> None:
+def _check_speeds(chain: Chain, knots: np.ndarray, blocks: PathBlock) -> None:
     """Raise for a joint that must be faster than its limit."""
     for k, limits in enumerate(chain.limits):
         speeds = np.max(np.abs(blocks.speeds[:, :, k]), axis=1)

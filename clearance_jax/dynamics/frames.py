@@ -1,8 +1,7 @@
-"""Where everything is, and the dynamics of it: one interface to both forms that the equations of motion have.
+"""Pose and motion of all bodies in one state, and their inertia, loads and energies: one interface to two forms.
 
-A small mechanism is written out number by number (`write_out`), a large one is a loop over a table of its links
-(`table`). `kinematics.frames` takes the form that the mechanism has; what asks a state for frames, loads or energies
-does not know which it is.
+A small mechanism is written out number by number (`write_out`); a large one is a loop over a table of its links
+(`table`). `kinematics.frames` takes the form of the mechanism, and its callers need not know which it is.
 """
 
 import abc
@@ -11,7 +10,7 @@ from typing import ClassVar, NamedTuple
 
 from jaxtyping import Array, Float
 
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import ZERO, Term, Vector, add, cross, dot, minus, subtract, times
@@ -28,38 +27,38 @@ class Pair(NamedTuple):
     at: Vector
 
 
-class Wrench(NamedTuple):
+class SpatialForce(NamedTuple):
     """A force and a moment about a pivot (or a momentum, and an angular momentum about it)."""
 
     force: Vector = ZERO
     moment: Vector = ZERO
 
-    def move(self, by: Vector) -> "Wrench":
-        """The same about another pivot, from which `by` leads to its own."""
-        return Wrench(self.force, add(self.moment, cross(by, self.force)))
+    def move(self, by: Vector) -> "SpatialForce":
+        """The same wrench about another pivot, from which `by` leads to its own."""
+        return SpatialForce(self.force, add(self.moment, cross(by, self.force)))
 
-    def on(self, column: Column, pivot: Vector) -> Term:
-        """Projected on a column."""
+    def on(self, column: JacobianColumn, pivot: Vector) -> Term:
+        """Its power per unit rate of a column."""
         if column.pivot is None:
             return dot(column.axis, self.force)
         return dot(column.axis, self.move(subtract(pivot, column.pivot)).moment)
 
-    def __add__(self, other) -> "Wrench":
-        return Wrench(add(self.force, other.force), add(self.moment, other.moment))
+    def __add__(self, other) -> "SpatialForce":
+        return SpatialForce(add(self.force, other.force), add(self.moment, other.moment))
 
 
 class AbstractMoves(abc.ABC):
-    """A velocity or a spin that each free coordinate makes per unit of its rate."""
+    """The velocity or spin that each free coordinate makes per unit of its rate."""
 
     @property
     @abc.abstractmethod
     def array(self) -> Float[Array, "free 3"]:
-        """All of them."""
+        """All of them as one array."""
 
     @property
     @abc.abstractmethod
     def count(self) -> int:
-        """How many free velocities there are."""
+        """The number of free velocities."""
 
     @abc.abstractmethod
     def along(self, direction: Vector) -> AbstractRow:
@@ -67,11 +66,11 @@ class AbstractMoves(abc.ABC):
 
     @abc.abstractmethod
     def square(self, weights) -> Term:
-        """The sum of their squares times a weight for each."""
+        """The sum of their squares, weighted."""
 
 
 class AbstractExtra(abc.ABC):
-    """What the free coordinates' accelerations add to the accelerations of `Frame`. (Ask in the trace that made it.)"""
+    """What the free accelerations add to the accelerations of `Frame`. (Use it in the trace that made it.)"""
 
     @abc.abstractmethod
     def at(self, body: str, point: Vector) -> Vector:
@@ -83,11 +82,10 @@ class AbstractExtra(abc.ABC):
 
 
 class Frames(abc.ABC):
-    """The frame of every body of a mechanism in one state, by its name, and the mechanism's inertia, loads and energies
-    there.
+    """The frames of all bodies in one state, by name, with the mechanism's inertia, loads and energies there.
 
-    Coordinates are counted by free velocities. `acceleration` is that of each of them; where it is `None`, the
-    accelerations are those with all of them left out, as in `Frame`.
+    Coordinates are counted by free velocities. `acceleration` is that of each of them; where it is `None`, their
+    accelerations are left out, as in `Frame`.
     """
 
     mechanism: PreparedMechanism
@@ -100,25 +98,25 @@ class Frames(abc.ABC):
 
     @abc.abstractmethod
     def velocities(self, body: str, point: Vector, base: str | None = None, beside: Vector = ZERO) -> AbstractMoves:
-        """What velocity each free coordinate gives to the point of a body that is at `point`, less that of the point of
-        a base that is at `beside`.
+        """The velocity that each free coordinate gives to a body's point at `point`, less that of a base's point at
+        `beside`.
         """
 
     @abc.abstractmethod
     def spins(self, body: str, base: str | None = None) -> AbstractMoves:
-        """What spin each free coordinate gives to a body, less that of a base."""
+        """The spin that each free coordinate gives to a body, less that of a base."""
 
     @abc.abstractmethod
     def extra(self, acceleration: list[Term]) -> AbstractExtra:
-        """What free accelerations add."""
+        """What free accelerations add to the accelerations of `Frame`."""
 
     @abc.abstractmethod
     def mass_matrix(self, firm: Mapping[int, Term] | None = None) -> AbstractFactors:
-        """The factored mass matrix of the free coordinates, with factors on the inertia of those that are to stay."""
+        """The factored mass matrix of the free coordinates; `firm`: factors on the inertia of some of them."""
 
     @abc.abstractmethod
-    def wrenches(self, acceleration: list[Term]) -> dict[str, Wrench]:
-        """By each body weight minus inertia forces of it and all that hangs on it, about its pivot."""
+    def wrenches(self, acceleration: list[Term]) -> dict[str, SpatialForce]:
+        """By body: weight minus inertia forces of it and of all that hangs on it, about its pivot."""
 
     @abc.abstractmethod
     def load_without_rotors(self, pairs: list[Pair], acceleration: list[Term] | None) -> list[Term]:
@@ -126,14 +124,14 @@ class Frames(abc.ABC):
 
     @abc.abstractmethod
     def drive_forces(self, pairs: list[Pair], acceleration: list[Term]) -> list[tuple[Term, Term]]:
-        """Driving force and speed of every prescribed coordinate under wrenches between bodies, by d'Alembert on its
-        own column.
+        """Driving force and speed of every prescribed coordinate under wrenches between bodies, by d'Alembert's
+        principle on its own column.
         """
 
     @abc.abstractmethod
     def kinetic_exchange(self, acceleration: list[Term]) -> Array:
-        """Rate at which kinetic energy is exchanged [W]: of a plane mechanism the rate of the whole. What flies in
-        space without weight keeps the whole, and exchanges it between its bodies and axes: there each of these counts.
+        """Rate at which kinetic energy is exchanged [W]: in the plane the absolute rate of the whole. In space each
+        body and axis counts by itself, because free flight exchanges energy between them at a constant total.
         """
 
     @abc.abstractmethod
@@ -141,8 +139,8 @@ class Frames(abc.ABC):
         """Kinetic energy, without rotors, and potential energy of weight [J]."""
 
     def load(self, pairs: list[Pair], acceleration: list[Term] | None = None) -> list[Term]:
-        """Weight, inertia of the prescribed and centripetal motion, and wrenches between bodies, by free coordinate;
-        with accelerations also the inertia of these.
+        """Generalised forces of the free coordinates: weight, inertia of the prescribed and centripetal motion, and
+        wrenches between bodies; with `acceleration` also its inertia.
         """
         load = self.load_without_rotors(pairs, acceleration)
         if acceleration is not None:
@@ -152,6 +150,6 @@ class Frames(abc.ABC):
 
 
 def rotors(mechanism: PreparedMechanism) -> dict[int, Term]:
-    """The inertia of motors' rotors, by the free velocity that they turn with."""
-    found = {part.v.start: part.coordinate.motion.rotor_inertia for part in parts(mechanism)}
-    return {i: inertia for i, inertia in found.items() if inertia is not None}
+    """The inertia of motors' rotors, by the index of their free velocity."""
+    inertias = {part.v.start: part.coordinate.motion.rotor_inertia for part in parts(mechanism)}
+    return {i: inertia for i, inertia in inertias.items() if inertia is not None}

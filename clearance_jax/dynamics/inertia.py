@@ -1,25 +1,25 @@
-"""A body's inertia, and that of a body with all that hangs on it, in the words of `spatial`."""
+"""The inertia of a body, and of a body with all that hangs on it."""
 
 from typing import NamedTuple
 
 from clearance_jax._sharing import compute_once
-from clearance_jax.dynamics.frames import Wrench
+from clearance_jax.dynamics.frames import SpatialForce
 from clearance_jax.mechanism.body import Body, needs_six
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.spatial import Term, Vector, Z, absent, add, cross, plus, same_line, scale, subtract
 from clearance_jax.symmetric import NOTHING, Symmetric, of_point, rotate, shift
 
 
 class Composite(NamedTuple):
-    """A body with all that hangs on it, as one: mass, mass times the arm of its centre, inertia, about its pivot."""
+    """A body with all that hangs on it as one: mass, mass times the arm of its centre, and inertia, about its pivot."""
 
     mass: Term
     moment: Vector
     inertia: Symmetric
 
     def move(self, by: Vector) -> "Composite":
-        """Seen from another pivot, from which `by` leads to its own."""
+        """The same about another pivot, from which `by` leads to its own."""
         if absent(by):
             return self
         moment = add(self.moment, scale(self.mass, by))
@@ -29,14 +29,14 @@ class Composite(NamedTuple):
         return Composite(plus(self.mass, other.mass), add(self.moment, other.moment), self.inertia + other.inertia)
 
     def compute_once(self) -> "Composite":
-        """With every number computed once."""
+        """The same with every number computed once."""
         mass, moment = compute_once((self.mass, self.moment))
         return Composite(mass, moment, Symmetric(lambda i, j: compute_once(self.inertia.entry(i, j))))
 
-    def momentum(self, column: Column, pivot: Vector) -> Wrench:
+    def momentum(self, column: JacobianColumn, pivot: Vector) -> SpatialForce:
         """Momentum and angular momentum (about its pivot) per unit rate of a column that moves all of it."""
         velocity, spin = column.velocity_at(pivot), column.spin
-        return Wrench(
+        return SpatialForce(
             add(scale(self.mass, velocity), cross(spin, self.moment)),
             add(self.inertia.apply(spin), cross(self.moment, velocity)),
         )

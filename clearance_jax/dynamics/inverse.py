@@ -1,4 +1,4 @@
-"""Inverse kinematics: the posture of the ideal mechanism with a point of it in a pose; where there is none, why."""
+"""Inverse kinematics: the posture of the ideal mechanism with a point in a given pose, or why there is none."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,16 +14,16 @@ from jaxtyping import Array, Float
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, chain_of, start_of
-from clearance_jax.dynamics.posture import Found, bounds, solve, sought_values
+from clearance_jax.dynamics.posture import PostureSolution, bounds, solve, sought_values
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.segments import Pose
 from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import as_array
 
-# Starts that are tried where the given one leads nowhere and the user named none.
+# Starts that are tried if the default one fails and the user named none.
 STARTS = 32
-# A singular value of less than this: a posture with no reach in some direction, as far as words are concerned.
+# Below this singular value, messages call a posture singular.
 SINGULAR = 1e-3
 
 
@@ -79,11 +79,11 @@ def inverse_kinematics(
     begin = begin_of(mechanism, chain, start)
     aim = Aim(pose.place, None if pose.orientation is None else rows_of(pose))
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
-        return _posture(chain, aim, search(chain, aim, jnp.zeros(()), begin))
-    found = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
-    if not is_met(chain, aim, found, tolerance):
-        raise ClearanceError(why_unreached(chain, aim, found))
-    return _posture(chain, aim, found)
+        return posture_of(chain, aim, search(chain, aim, jnp.zeros(()), begin))
+    solution = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
+    if not is_met(chain, aim, solution, tolerance):
+        raise ClearanceError(why_unreached(chain, aim, solution))
+    return posture_of(chain, aim, solution)
 
 
 def rows_of(pose: Pose) -> Float[Array, "3 3"]:
@@ -93,7 +93,7 @@ def rows_of(pose: Pose) -> Float[Array, "3 3"]:
 
 
 def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Posture | None) -> Array:
-    """The positions from which to search."""
+    """The positions at which a search begins."""
     begin = start_of(mechanism, chain, jnp.zeros(()))
     if isinstance(start, Posture):
         if start.positions.shape == begin.shape:
@@ -108,39 +108,39 @@ def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Post
 
 
 @eqx.filter_jit
-def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> Found:
-    """`solve` of a chain as it is given, with turns that no limit bounds no more than half a turn from the start."""
-    found = solve(chain.prepare(), aim, time, start)
+def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> PostureSolution:
+    """`solve` of a chain that is not prepared. Turns without limits end within half a turn of the start."""
+    solution = solve(chain.prepare(), aim, time, start)
     lower, upper = bounds(chain)
-    q = found.q
+    q = solution.q
     for k, i in enumerate(chain.sought):
         coordinate = chain.coordinates[i]
         if coordinate.turns is not None and math.isinf(lower[k]) and math.isinf(upper[k]):
             place = chain.places([coordinate.name])[0]
             q = q.at[place].add(-2 * jnp.pi * jnp.round((q[place] - start[place]) / (2 * jnp.pi)))
-    return found._replace(q=q)
+    return solution._replace(q=q)
 
 
 _searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: search(chain, aim, time, q))(starts))
 
 
-def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> Found:
-    """What a search finds from a start, or, where it may begin `anywhere`, what the best of many finds."""
-    found = search(chain, aim, time, begin)
-    if is_met(chain, aim, found, tolerance) or not anywhere:
-        return found
+def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> PostureSolution:
+    """The solution from a start; if that fails and the search may begin `anywhere`, the best one of many starts."""
+    solution = search(chain, aim, time, begin)
+    if is_met(chain, aim, solution, tolerance) or not anywhere:
+        return solution
     every = _searches(chain, aim, time, other_starts(chain, begin))
     each = [jax.tree.map(lambda leaf, k=k: leaf[k], every) for k in range(STARTS)]
-    good = [one for one in each if is_met(chain, aim, one, tolerance)]
+    good = [posture for posture in each if is_met(chain, aim, posture, tolerance)]
     if not good:
-        return min([found, *each], key=lambda one: float(one.left))
+        return min([solution, *each], key=lambda posture: float(posture.left))
     units = np.asarray(chain.units)
     home = np.asarray(sought_values(chain, begin))
-    return min(good, key=lambda one: np.linalg.norm((np.asarray(sought_values(chain, one.q)) - home) / units))
+    return min(good, key=lambda posture: np.linalg.norm((np.asarray(sought_values(chain, posture.q)) - home) / units))
 
 
 def other_starts(chain: Chain, begin: Array) -> Array:
-    """Starts all over the limits of the joints, (starts, positions): always the same ones."""
+    """Starts all over the limits of the joints, (starts, positions); always the same ones."""
     rng, starts = np.random.default_rng(0), np.tile(np.asarray(begin), (STARTS, 1))
     lower, upper = bounds(chain)
     for k, i in enumerate(chain.sought):
@@ -156,22 +156,24 @@ def other_starts(chain: Chain, begin: Array) -> Array:
 
 
 def off(chain: AbstractChain, aim: Aim, gap: Array) -> tuple[Array, Array]:
-    """How far the frame is from its aim [m], and by what angle [rad]."""
+    """The distance [m] and the angle [rad] of the frame from its aim."""
     flat = chain.mechanism.is_plane
     places, turns = (2, 1) if flat else (3, 3)
     angle = gap[places : places + turns] if aim.rotation is not None else jnp.zeros(1)
     return jnp.linalg.norm(gap[:places]) * chain.size, jnp.linalg.norm(angle)
 
 
-def is_met(chain: Chain, aim: Aim, found: Found, tolerance: float) -> bool:
-    """Whether a posture is one as asked for."""
+def is_met(chain: Chain, aim: Aim, solution: PostureSolution, tolerance: float) -> bool:
+    """Whether a solution is within the tolerance."""
     size = float(chain.size)
-    return bool(found.closed) and float(jnp.linalg.norm(found.gap)) * size <= tolerance
+    return bool(solution.closed) and float(jnp.linalg.norm(solution.gap)) * size <= tolerance
 
 
-def _posture(chain: Chain, aim: Aim, found: Found) -> Posture:
-    coordinates = {name: found.q[place] for name, place in zip(chain.joints, chain.places(chain.joints), strict=True)}
-    return Posture(coordinates, *off(chain, aim, found.gap), found.iterations, found.q)
+def posture_of(chain: Chain, aim: Aim, solution: PostureSolution) -> Posture:
+    """The posture at the end of a search."""
+    places = zip(chain.joints, chain.places(chain.joints), strict=True)
+    coordinates = {name: solution.q[place] for name, place in places}
+    return Posture(coordinates, *off(chain, aim, solution.gap), solution.iterations, solution.q)
 
 
 def _check_plane(chain: Chain, pose: Pose) -> None:
@@ -186,17 +188,17 @@ def _check_plane(chain: Chain, pose: Pose) -> None:
 # In words -------------------------------------------------------------------------------------------------------------
 
 
-def why_unreached(chain: Chain, aim: Aim, found: Found, when: str = "") -> str:
-    """Why a point is not where it should be."""
-    distance, angle = (float(x) for x in off(chain, aim, found.gap))
+def why_unreached(chain: Chain, aim: Aim, solution: PostureSolution, when: str = "") -> str:
+    """Why a point does not reach its pose, in words."""
+    distance, angle = (float(x) for x in off(chain, aim, solution.gap))
     place = np.asarray(aim.place)[: 2 if chain.mechanism.is_plane else 3]
-    said = f"Point `{chain.point}` cannot be brought to ({', '.join(f'{x:.6g}' for x in place)}) m{when}: "
-    said += f"the closest posture found is {shown_length(distance)} off"
-    said += f" and turned by {np.degrees(angle):.3g} deg. " if aim.rotation is not None else ". "
-    rest = float(jnp.linalg.norm(found.gap)) ** 2 - (distance / float(chain.size)) ** 2 - angle**2
-    if chain.mechanism.closures() and (rest > 1e-12 or not bool(found.closed)):
-        said += "Its loops do not close there. "
-    return said + in_the_way(chain, aim, found)
+    message = f"Point `{chain.point}` cannot be brought to ({', '.join(f'{x:.6g}' for x in place)}) m{when}: "
+    message += f"the closest posture found is {shown_length(distance)} off"
+    message += f" and turned by {np.degrees(angle):.3g} deg. " if aim.rotation is not None else ". "
+    rest = float(jnp.linalg.norm(solution.gap)) ** 2 - (distance / float(chain.size)) ** 2 - angle**2
+    if chain.mechanism.closures() and (rest > 1e-12 or not bool(solution.closed)):
+        message += "Its loops do not close there. "
+    return message + in_the_way(chain, aim, solution)
 
 
 def shown_length(length: float) -> str:
@@ -204,29 +206,29 @@ def shown_length(length: float) -> str:
     return f"{1e3 * length:.4g} mm"
 
 
-def in_the_way(chain: Chain, aim: Aim, found: Found) -> str:
-    """What keeps a posture from coming closer."""
+def in_the_way(chain: Chain, aim: Aim, solution: PostureSolution) -> str:
+    """What keeps a posture from coming closer, in words."""
     lower, upper = bounds(chain)
-    values, held = np.asarray(sought_values(chain, found.q)), []
+    values, limited = np.asarray(sought_values(chain, solution.q)), []
     for k, i in enumerate(chain.sought):
         limit = {"lower": lower[k], "upper": upper[k]}
         at = next((side for side, bound in limit.items() if abs(values[k] - bound) < 1e-9), None)
-        if at and np.asarray(found.held)[k]:
+        if at and np.asarray(solution.at_limit)[k]:
             unit = "rad" if chain.coordinates[i].slides is None else "m"
-            held.append(f"`{chain.coordinates[i].name}` is at its {at} limit, {limit[at]:.6g} {unit}")
-    if held:
-        return f"There {', '.join(held[:4])}{' and others' if len(held) > 4 else ''}."
-    asked, count = found.jacobian.shape
+            limited.append(f"`{chain.coordinates[i].name}` is at its {at} limit, {limit[at]:.6g} {unit}")
+    if limited:
+        return f"There {', '.join(limited[:4])}{' and others' if len(limited) > 4 else ''}."
+    asked, count = solution.jacobian.shape
     if count < asked and not chain.mechanism.closures():
         return (
             f"A chain of {count} coordinates is asked for {asked} numbers of a pose: ask for the place only (a pose "
             "without orientation), or give it more joints."
         )
-    left, sizes, _ = np.linalg.svd(np.asarray(found.jacobian))
-    # What is left to go, as far as no joint goes there.
+    left, sizes, _ = np.linalg.svd(np.asarray(solution.jacobian))
+    # The part of the residual along which no joint moves the point.
     beyond = left[:, np.append(sizes, np.zeros(asked - len(sizes))) < SINGULAR]
-    direction = beyond @ (beyond.T @ np.asarray(found.gap))
-    if np.linalg.norm(direction) < SINGULAR * float(found.left):
+    direction = beyond @ (beyond.T @ np.asarray(solution.gap))
+    if np.linalg.norm(direction) < SINGULAR * float(solution.left):
         return "Give another `start`."
     return "The posture is singular, stretched or folded: " + _without_reach(chain, aim, -direction)
 

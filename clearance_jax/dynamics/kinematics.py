@@ -1,4 +1,4 @@
-"""Where everything is and how it moves: poses of the bodies, relative motion in the joints, springs."""
+"""Kinematics: frames of the bodies, relative motion in the joints, springs."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.frames import AbstractExtra, Frames
 from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
-from clearance_jax.dynamics.table import Table
+from clearance_jax.dynamics.table import TabledFrames
 from clearance_jax.dynamics.written_out import write_out
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
@@ -35,14 +35,14 @@ from clearance_jax.spatial import (
 
 
 def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
-    """Pose and motion of every body, in the form that the mechanism's equations have."""
-    form = Table if mechanism.is_tabled else write_out
+    """Pose and motion of every body, in the form of the mechanism's equations."""
+    form = TabledFrames if mechanism.is_tabled else write_out
     return form(mechanism, time, state)
 
 
-class Play(NamedTuple):
-    """A clearance joint's relative motion; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's centre
-    in the world.
+class PinMotion(NamedTuple):
+    """Relative motion of a clearance joint; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's
+    centre in the world [m].
     """
 
     relative: Relative
@@ -50,16 +50,16 @@ class Play(NamedTuple):
     pin: Vector
 
 
-def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, Play]:
-    """Kinematics of every clearance joint: in the tree by its coordinates, which keep the digits of a small play on a
-    large machine; in a loop a difference of positions.
+def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, PinMotion]:
+    """Kinematics of every clearance joint: in the tree from its coordinates, which keep the digits of a small play on a
+    large machine; in a loop from a difference of positions.
     """
-    own = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     out = {}
     for joint in mechanism.clearance_joints():
         pin, rotation = pin_and_axes(joint, motion)
-        relative = share(own[joint.name].now) if joint.in_tree else across_loop(joint, pin, rotation, motion)
-        out[joint.name] = Play(relative, rotation, pin)
+        relative = share(in_tree[joint.name].now) if joint.in_tree else across_loop(joint, pin, rotation, motion)
+        out[joint.name] = PinMotion(relative, rotation, pin)
     return out
 
 
@@ -69,10 +69,10 @@ def pin_and_axes(joint: ClearanceJoint, motion: Frames) -> tuple[Vector, Rotatio
 
 
 def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motion: Frames) -> Relative:
-    """The relative motion of a joint that closes a loop, by the place of its pin's centre and the sleeve's axes."""
+    """The relative motion in a joint that closes a loop, from its pin's centre and the sleeve's axes."""
     sleeve, pin = motion[joint.parent], motion[joint.child]
     gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
-    # As the sleeve sees it: against its own point that the pin's centre is at.
+    # Relative to the sleeve's material point at the pin's centre.
     rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
     place, velocity = rotation.undo(gap), rotation.undo(rate)
     if rotation.is_plane and pin.rotation.is_plane:
@@ -84,12 +84,12 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
 
 
 def sleeve_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
-    """The sleeve's axes, of which z is the joint's own."""
+    """The sleeve's axes; z is the axis of the joint."""
     return _along(joint, sleeve_rotation(joint, motion))
 
 
 def pin_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
-    """The pin's axes, of which z is its own."""
+    """The pin's axes; z is the axis of the pin."""
     return _along(joint, joint.on_child(motion[joint.child]))
 
 
@@ -105,36 +105,36 @@ def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
 def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism) -> list[Relative]:
     """The relative motion in every clearance joint."""
     state = layout(mechanism).split(y)
-    own = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     loops = loop_plays(mechanism, time, state)
-    found = {name: at.now for name, at in own.items()} | {name: at.relative for name, (at, _) in loops.items()}
-    return [as_numbers(found[joint.name]) for joint in mechanism.clearance_joints()]
+    motions = {name: at.now for name, at in in_tree.items()} | {name: at.relative for name, (at, _) in loops.items()}
+    return [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
 
 
-def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[Play, Frames]]:
-    """Kinematics of the clearance joints that close loops, and where everything is."""
+def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[PinMotion, Frames]]:
+    """Kinematics of the clearance joints that close loops, with the frames of all bodies."""
     loops, out = [joint for joint in mechanism.clearance_joints() if not joint.in_tree], {}
     if not loops:
         return out
     motion = frames(mechanism, time, state)
     for joint in loops:
         pin, rotation = pin_and_axes(joint, motion)
-        out[joint.name] = Play(across_loop(joint, pin, rotation, motion), rotation, pin), motion
+        out[joint.name] = PinMotion(across_loop(joint, pin, rotation, motion), rotation, pin), motion
     return out
 
 
 def relative_accelerations(
     time: Scalar, y: Array, slope: Array, mechanism: PreparedMechanism
 ) -> list[tuple[Relative, Relative]]:
-    """The relative motion in every clearance joint, and its rate along the motion, for a state and its slope."""
+    """The relative motion in every clearance joint and its rate, from a state and its slope."""
     plan = layout(mechanism)
     state, speeds = plan.split(y), tuple(slope[i] for i in range(plan.v.start, plan.v.stop))
-    found = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
     loops = loop_plays(mechanism, time, state)
     out = []
     for joint in mechanism.clearance_joints():
         if joint.in_tree:
-            now, rate = found[joint.name]
+            now, rate = in_tree[joint.name]
         else:
             at, motion = loops[joint.name]
             now, rate = at.relative, loop_rate(joint, at, motion, motion.extra(list(speeds)))
@@ -142,7 +142,7 @@ def relative_accelerations(
     return out
 
 
-def loop_rate(joint: ClearanceJoint, at: Play, motion: Frames, extra: AbstractExtra) -> Relative:
+def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: AbstractExtra) -> Relative:
     """The rate of the relative motion in a joint that closes a loop.
 
     With u the pin's place in the sleeve's axes, R these axes, w the sleeve's spin: u'' = R^T (a_pin - a_sleeve) - 2 w
@@ -174,7 +174,7 @@ class SpringState(NamedTuple):
 
 
 def spring_state(spring: Spring, motion: Frames) -> SpringState:
-    """What a spring does."""
+    """Elongation, tension and direction of a spring."""
     frame_a, frame_b = motion[spring.body_a], motion[spring.body_b]
     a, b = frame_a.point(spring.at_a.vector), frame_b.point(spring.at_b.vector)
     span = subtract(b, a)
@@ -185,7 +185,7 @@ def spring_state(spring: Spring, motion: Frames) -> SpringState:
 
 
 def _unit(span: Vector) -> tuple[Array, Vector]:
-    """Length and direction of a span; of none the direction is zero."""
+    """Length and direction of a span; the direction of a zero span is zero."""
     if is_zero(span[2]):
         length, x, y = safe_unit(jnp.asarray(span[0], dtype=float), jnp.asarray(span[1], dtype=float))
         return length, (x, y, 0.0)

@@ -1,4 +1,4 @@
-"""Where the links of a table are and how they move: a loop over them, from the ground on."""
+"""Kinematics of the links of a table: a loop over them, starting at the ground."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from clearance_jax.spatial import Term, as_array, of_quaternion, swing, three
 
 
 class Motions(NamedTuple):
-    """Of every link: rotation, place, spin, velocity, and their rates without the free accelerations."""
+    """By link: rotation, place, spin, velocity, and the rates of the last two without the free accelerations."""
 
     rotation: Array
     place: Array
@@ -28,8 +28,8 @@ class Motions(NamedTuple):
 
 
 class Given(NamedTuple):
-    """Of every link's coordinate its value, rate and prescribed acceleration; of balls instead (zeros there) the matrix
-    by its link, and of every link the spin of a ball in its own axes.
+    """By link: value, rate and prescribed acceleration of its coordinate (zero for balls); `turned`: rotation matrices
+    of balls by link; `spins`: spins of balls in the link's own axes.
     """
 
     values: list[Term]
@@ -40,11 +40,11 @@ class Given(NamedTuple):
 
 
 def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State) -> Given:
-    """What drives and the state say of the links' coordinates."""
-    own = {part.coordinate.name: part for part in parts(mechanism)}
+    """The motion of the links' coordinates, from drives and the state."""
+    free = {part.coordinate.name: part for part in parts(mechanism)}
     out = Given([], [], [], {}, [])
     for i, c in enumerate(plan.coordinates):
-        part, spin = own.get(c.name), jnp.zeros(3)
+        part, spin = free.get(c.name), jnp.zeros(3)
         if part is None:
             assert c.motion.drive is not None
             q, v, a = c.motion.drive(time)
@@ -61,8 +61,8 @@ def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state:
 
 
 class Swept(NamedTuple):
-    """Of the links' coordinates the `rates` (of a ball zero), and the `axes` that they slide along or turn about, in
-    their links' own axes; the `motions` of every link and, behind them, of the ground.
+    """By link: the `rates` of its coordinate (zero for balls) and the `axes` that it slides along or turns about, in
+    the link's own axes; and the `motions` of all links, the ground behind them.
     """
 
     rates: list[Term]
@@ -71,7 +71,7 @@ class Swept(NamedTuple):
 
 
 def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar, state: State) -> Swept:
-    """Where the links are and how they move."""
+    """Pose and motion of all links."""
     count, now = len(plan.coordinates), given_motion(mechanism, plan, time, state)
     turning = np.array([float(c.turns is not None and not c.swings) for c in plan.coordinates])
     sliding = np.array([float(c.slides is not None) for c in plan.coordinates])
@@ -85,9 +85,9 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
     first = plan.swings
     if first.size:
         tilts = [(three(links.axis[i].T), q[i], v[i], a[i]) for i in (first, first + 1)]
-        (one, *x), (other, *y) = tilts
+        (about_x, *x), (about_y, *y) = tilts
         by = Moved(-1, (x[0], y[0]), (x[1], y[1]), (x[2], y[2]))
-        at = swing(one, other, *by.q)
+        at = swing(about_x, about_y, *by.q)
         spin, faster = swing_rates(at, by)
         inner = inner.at[first].set(jnp.moveaxis(jnp.asarray(at.rows), -1, 0))
         spun = jnp.asarray(spun).at[first].set(jnp.stack(spin, -1))

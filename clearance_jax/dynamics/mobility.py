@@ -1,4 +1,4 @@
-"""How freely a mechanism moves: its free velocities, and what its ideal closures leave of them."""
+"""Mobility of a mechanism: its free velocities, less the independent conditions of its ideal closures."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import assemble
-from clearance_jax.dynamics.conditions import conditions
+from clearance_jax.dynamics.conditions import closure_conditions
 from clearance_jax.dynamics.constraint import independent
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -29,20 +29,20 @@ class Mobility(NamedTuple):
 
     @property
     def freedom(self) -> int:
-        """What is free to move."""
+        """The number of free motions."""
         return self.velocities - self.independent
 
     @property
     def repeated(self) -> int:
-        """Conditions that others imply: so many times the mechanism is over-constrained."""
+        """The number of conditions that others imply: the degree of over-constraint."""
         return self.conditions - self.independent
 
     def __str__(self) -> str:
-        said = f"{self.freedom} of {self.velocities} free velocities, under {self.conditions} conditions"
+        text = f"{self.freedom} of {self.velocities} free velocities, under {self.conditions} conditions"
         if not self.repeated:
-            return said
+            return text
         return (
-            f"{said}, of which {self.repeated} only repeat others (over-constrained): it moves while its lengths and "
+            f"{text}, of which {self.repeated} only repeat others (over-constrained): it moves while its lengths and "
             "angles are exact, and how its joints share the load is not determined"
         )
 
@@ -64,14 +64,14 @@ def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
 
 @jax.jit
 def _independence(ready: PreparedMechanism, time: Scalar) -> Array:
-    """Of each condition of the closures whether it says something of its own (1) or not (0)."""
+    """By condition of the closures: 1 where it is independent, 0 where others imply it."""
     plan = layout(ready)
     y = assemble(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]
     motion = frames(ready, time, plan.split(y))
-    held = [now for loop in ready.closures() for now in conditions(loop, motion)]
-    if not held or plan.free == 0:
-        return jnp.zeros(len(held))
+    loop_conditions = closure_conditions(motion)
+    if not loop_conditions or plan.free == 0:
+        return jnp.zeros(len(loop_conditions))
     inertia = motion.mass_matrix()
-    rows = jnp.stack([now.row.array for now in held])
+    rows = jnp.stack([now.row.array for now in loop_conditions])
     spread = jnp.stack([as_array(inertia.solve(list(row))) for row in rows])
-    return independent(rows @ spread.T, held, inertia)
+    return independent(rows @ spread.T, loop_conditions, inertia)

@@ -1,4 +1,4 @@
-"""What can be observed of a state."""
+"""Observables of a state."""
 
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -32,16 +32,16 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
     moved = actuated_coordinates(mechanism)
     if moved:
         out["actuator_effort"] = as_array([now.efforts[part.v.start] for part in moved])
-    held = energies(time, y, mechanism)
-    out |= {"kinetic_energy": held.kinetic, "potential_energy": held.potential, "elastic_energy": held.elastic}
+    energy = energies(time, y, mechanism)
+    out |= {"kinetic_energy": energy.kinetic, "potential_energy": energy.potential, "elastic_energy": energy.elastic}
     if y.shape[0] > plan.size:
-        out |= read_balance(y[plan.size : plan.size + len(BALANCE_TERMS)], held.contacts)
+        out |= read_balance(y[plan.size : plan.size + len(BALANCE_TERMS)], energy.contacts)
     return out
 
 
 def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
-    """What happens in every clearance joint: place of the pin, shape (joints, 2), its normal force, and what there is
-    at the contact point (of several the deepest).
+    """By clearance joint: place of the pin (joints, axes), normal force, and the values at its deepest contact
+    point.
     """
     if not now.actions:
         return {}
@@ -50,11 +50,11 @@ def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
     patterns = {}
     if len(axes_of(mechanism)) == 3:
         joints = [joint.clearance.joint for joint in mechanism.clearance_joints()]
-        found = [joint.pattern(joint.points(at)) for joint, at in zip(joints, plays, strict=True)]
-        # What has no axis, as a ball, does not lean.
-        leans = [any(one.turns is not None for one in joint.play()) for joint in joints]
+        bearing = [joint.pattern(joint.points(at)) for joint, at in zip(joints, plays, strict=True)]
+        # A ball has no axis, and does not lean.
+        leans = [any(coordinate.turns is not None for coordinate in joint.play()) for joint in joints]
         tilts = [as_array(at.axis[:2]) if leant else jnp.zeros(2) for at, leant in zip(plays, leans, strict=True)]
-        patterns = {"contact_pattern": jnp.stack(found), "pin_tilt": jnp.stack(tilts)}
+        patterns = {"contact_pattern": jnp.stack(bearing), "pin_tilt": jnp.stack(tilts)}
     return patterns | {
         "eccentricity": jnp.stack([as_array(at.place[: len(axes_of(mechanism))]) for at in plays]),
         "penetration": jnp.stack([p.penetration for p in points]),

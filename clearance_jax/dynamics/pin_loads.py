@@ -1,7 +1,7 @@
-"""What the pins of a mechanism bear at an instant of its ideal motion, with friction in the joints.
+"""Loads on the pins of a mechanism at an instant of its ideal motion, with friction in the joints.
 
-An ideal joint does not rub. Where a pin turns or slides in its sleeve, friction takes a part of the load, and in a loop
-it changes what all joints bear: its moment about the axis of a joint, and its force along a guide, act on the motion.
+An ideal joint has no friction. Where a pin turns or slides in its sleeve, friction bears a part of its load. In a loop
+this changes the loads of all joints: its moment about a joint's axis, and its force along a guide, act on the motion.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from clearance_jax.dynamics.equations import Balance, accelerations, balance
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import across_loop, pin_and_axes
 from clearance_jax.dynamics.reactions import held_reactions, hold_still
-from clearance_jax.joints.seating import FreeMotion, Load, relative_at
+from clearance_jax.joints.seating import FreeMotion, SeatLoad, relative_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates
@@ -23,39 +23,39 @@ from clearance_jax.spatial import ZERO, as_array, subtract
 
 
 class PinLoads(NamedTuple):
-    """What the ideal joints bear with pins held.
+    """Loads of the ideal joints with pins held.
 
-    - `y`: the ideal state; `rates`: of its positions; `opened`: how far loops are open.
-    - By joint, in the sleeve's axes: `loads`, what its sleeve must exert on the pin; `friction`, the part of it that
-      friction exerts; `free`, how the pin moves there.
+    - `y`: the ideal state; `rates`: of its positions; `opened`: how far loops are open [m].
+    - By joint, in the sleeve's axes: `loads`, the force and moment that the sleeve must exert on the pin; `friction`,
+      the part of them that friction exerts; `free`, how the pin moves there.
     """
 
     y: Array
     rates: Array
     opened: Array
-    loads: tuple[Load, ...]
-    friction: tuple[Load, ...]
+    loads: tuple[SeatLoad, ...]
+    friction: tuple[SeatLoad, ...]
     free: tuple[FreeMotion, ...]
 
 
 def pin_loads(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> PinLoads:
-    """What the ideal joints bear with pins held at values of their play; `y`: near the ideal mechanism's state."""
+    """Loads of the ideal joints with pins held at values of their play; `y`: a state near the ideal mechanism's."""
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    held = hold_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, play, strict=True)})
+    fixed = hold_still(mechanism, {joint.name: tuple(values) for joint, values in zip(joints, play, strict=True)})
     opened = jnp.zeros(0)
     if loops:
-        y, opened = correct(time, y, held, held.loops)
-    now = balance(held, time, plan.split(y))
+        y, opened = correct(time, y, fixed, fixed.loops)
+    now = balance(fixed, time, plan.split(y))
     free = tuple(_free_motion(joint, now.motion) for joint in joints)
     friction = tuple(map(_friction, joints, play, free))
     rubs = loops and any(joint.clearance.friction is not None for joint in joints)
     if rubs:
         now = _rubbed(now, joints, friction)
     reactions = held_reactions(mechanism, time, now)
-    loads = tuple(Load(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
+    loads = tuple(SeatLoad(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
     if rubs:
-        loads = tuple(one.plus(other) for one, other in zip(loads, friction, strict=True))
-    rates = as_array(position_rates(held, tuple(y[plan.q]), tuple(y[plan.v])))
+        loads = tuple(load.plus(rub) for load, rub in zip(loads, friction, strict=True))
+    rates = as_array(position_rates(fixed, tuple(y[plan.q]), tuple(y[plan.v])))
     return PinLoads(y, rates, opened, loads, friction, free)
 
 
@@ -67,24 +67,24 @@ def _free_motion(joint: ClearanceJoint, motion: Frames) -> FreeMotion:
     return FreeMotion((0.0, 0.0, relative.velocity[2]) if slides else ZERO, relative.spin)
 
 
-def _friction(joint: ClearanceJoint, play: Array, free: FreeMotion) -> Load:
-    """What friction exerts on a pin, in the sleeve's axes."""
+def _friction(joint: ClearanceJoint, play: Array, free: FreeMotion) -> SeatLoad:
+    """Force and moment of friction on a pin, in the sleeve's axes."""
     if joint.clearance.friction is None:
-        return Load(ZERO, ZERO)
+        return SeatLoad(ZERO, ZERO)
     at = relative_at(joint.joint.play(), play, free)
     memory = tuple(jnp.zeros(()) for _ in joint.clearance.remembers)
     whole = joint.clearance.act(at, memory)
     smooth = joint.clearance.without_friction()
     bare = smooth.act(at, memory[: len(smooth.remembers)])
-    return Load(subtract(whole.force, bare.force), subtract(whole.torque, bare.torque))
+    return SeatLoad(subtract(whole.force, bare.force), subtract(whole.torque, bare.torque))
 
 
-def _rubbed(now: Balance, joints: tuple[ClearanceJoint, ...], friction: tuple[Load, ...]) -> Balance:
-    """The balance with friction in the joints: their reactions are then what they bear beside it."""
+def _rubbed(now: Balance, joints: tuple[ClearanceJoint, ...], friction: tuple[SeatLoad, ...]) -> Balance:
+    """The balance with friction in the joints. Its reactions are what joints bear beside friction."""
     pairs = list(now.pairs)
-    for joint, own in zip(joints, friction, strict=True):
+    for joint, rub in zip(joints, friction, strict=True):
         if joint.clearance.friction is not None:
             pin, axes = pin_and_axes(joint, now.motion)
-            pairs.append(Pair(joint.parent, joint.child, axes.apply(own.force), axes.apply(own.moment), pin))
+            pairs.append(Pair(joint.parent, joint.child, axes.apply(rub.force), axes.apply(rub.moment), pin))
     acceleration, closing = accelerations(now.motion, pairs, now.efforts)
     return now._replace(pairs=pairs, acceleration=acceleration, closing=closing)

@@ -1,12 +1,11 @@
-"""Quasi-static poses: where every pin rests under the load that it bears at an instant of the ideal motion.
+"""Quasi-static poses: every pin rests under the load that it bears at an instant of the ideal motion.
 
-A pose is a place of all pins at which the accelerations of the play coordinates are zero while nothing but the ideal
-mechanism moves. Each joint then exerts on its pin what the ideal joint would, with all pins where they are. Rounds of
-"ask for the reactions with the pins held, seat the pins" find it; each is nearer by the ratio of clearance to length.
-Friction of a joint that turns or slides shifts the load that a seat has to bear (`dynamics/pin_loads`). The last rounds
-are Newton steps on all of it.
+In a pose the accelerations of the play coordinates are zero while only the ideal mechanism moves: each joint exerts on
+its pin what the ideal joint would, with all pins where they are. Rounds of "reactions with the pins held, then seats of
+the pins" find it; each round reduces the error by the ratio of clearance to length. Friction of a joint that turns or
+slides shifts the load of a seat (`dynamics/pin_loads`). Newton steps of the whole end the search.
 
-A pose knows no past. Pins that swing about it, or slide to it slowly, are elsewhere: see `Pose.frequency`.
+A pose has no history. Pins that swing about it, or slide to it slowly, are elsewhere: see `frequency`.
 """
 
 from typing import NamedTuple
@@ -22,29 +21,29 @@ from clearance_jax.dynamics.closures import StartErrors, correct
 from clearance_jax.dynamics.pin_loads import pin_loads
 from clearance_jax.dynamics.reactions import determinate
 from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
-from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
+from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, size_of, whole_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import PreparedClearance
-from clearance_jax.joints.seating import FreeMotion, Load, Near, Seating, held_stiffness
-from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
+from clearance_jax.joints.seating import FreeMotion, Near, Seating, SeatLoad, held_stiffness
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, position_rates
 from clearance_jax.spatial import as_array
 
-# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. So many
-# from the middle of a sleeve, and so many from between two poses.
+# Rounds that seat pins, from the middle of a sleeve and from between two poses. Each reduces the error by the ratio of
+# clearance to length, with friction by its coefficient.
 SMOOTH, RUBBED = (2, 1), (6, 3)
-# One of so many poses begins at the middle; the others, in this order, between poses that are known by then, and that
-# are so far away.
+# One of STRIDE poses begins at the middle; the others, in this ORDER, between poses known by then, which are so far
+# AWAY.
 STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
-# Newton steps on all joints together: until less than this part of a load is not borne, or so many; those of a
-# derivative.
+# Newton steps on all joints together: until the part of a load that is not borne is below this, or this many; and those
+# of a derivative.
 BORNE, STEPS, DIFFERENTIATED = 1e-9, 20, 6
 # Newton steps that close the loops of an ideal mechanism from one instant to the next.
 CLOSING = 6
 
 
-class Pose(NamedTuple):
+class StaticPose(NamedTuple):
     """The pose at an instant: the state `y` with all play at rest, by joint the values of its `play` [m or rad], the
     `ideal` mechanism's state, how far it is from a pose (`errors`), and the lowest `frequency` about it [Hz].
     """
@@ -57,8 +56,8 @@ class Pose(NamedTuple):
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
-    """**Raises** `ClearanceError` for a mechanism without play, for one whose ideal motion does not follow from its
-    drives, and for laws and elements whose forces do not follow from places and slips.
+    """**Raises** `ClearanceError` for a mechanism without play, for an ideal motion that does not follow from drives,
+    and for laws and elements whose forces do not follow from places and slips.
     """
     if not mechanism.clearance_joints():
         raise ClearanceError(
@@ -75,8 +74,8 @@ def check_driven(mechanism: AbstractMechanism) -> None:
                 )
     ideal = mechanism.ideal()
     free, loops = ideal.free_coordinates(), ideal.closures()
-    held = 2 * len(loops) if ideal.is_plane else sum(loop.joint_constraint().count for loop in loops)
-    if len([name for one in free for name in one.velocities]) > held:
+    bound = 2 * len(loops) if ideal.is_plane else sum(loop.joint_constraint().count for loop in loops)
+    if len([name for coordinate in free for name in coordinate.velocities]) > bound:
         raise ClearanceError(
             f"A quasi-static pose follows from drives, but without its play `{free[0].name}` moves freely, or by a "
             'drive that gives way. Drive it firmly, or use `fidelity = "dynamics"`.'
@@ -103,9 +102,9 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
     return jax.lax.scan(next_one, (times[0], closed(times[0], first)), times)[1]
 
 
-def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> Pose:
-    """The poses at increasing times, without derivatives, each number with a first axis over them; `ideal`: the ideal
-    mechanism's states then. A search begins between poses that are known, and ends where it would from anywhere.
+def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> StaticPose:
+    """The poses at increasing times, without derivatives, stacked along a first axis; `ideal`: the ideal mechanism's
+    states then. A search begins between known poses, and ends where it would from any start.
     """
     times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.without_sampling(), ideal))
     count, middles = times.shape[0], tuple(map(middle, mechanism.clearance_joints()))
@@ -120,17 +119,17 @@ def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Fl
     def column(play, which):
         k, away = which
         known = away < STRIDE
-        near = tuple(jnp.where(known, _between(times, own, k, away), own[:, k]) for own in play)
-        found = jax.vmap(lambda *one: _pose(mechanism, known, *one))(times[:, k], ideal[:, k], near)
-        return tuple(own.at[:, k].set(new) for own, new in zip(play, found.play, strict=True)), found
+        near = tuple(jnp.where(known, _between(times, values, k, away), values[:, k]) for values in play)
+        seated = jax.vmap(lambda *start: _pose(mechanism, known, *start))(times[:, k], ideal[:, k], near)
+        return tuple(values.at[:, k].set(new) for values, new in zip(play, seated.play, strict=True)), seated
 
-    found = jax.lax.scan(column, begin, (jnp.array(ORDER), jnp.array(AWAY)))[1]
+    columns = jax.lax.scan(column, begin, (jnp.array(ORDER), jnp.array(AWAY)))[1]
     back = np.argsort(ORDER)
-    return jax.tree.map(lambda x: jnp.swapaxes(x[back], 0, 1).reshape(rows * STRIDE, *x.shape[2:])[:count], found)
+    return jax.tree.map(lambda x: jnp.swapaxes(x[back], 0, 1).reshape(rows * STRIDE, *x.shape[2:])[:count], columns)
 
 
 def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
-    """The play in column k of every row between that in the columns so far away; the last row has nothing behind it."""
+    """The play in column k of every row, interpolated between the columns `away` from it; none follows the last row."""
     behind = jnp.append(jnp.arange(1, len(times)), len(times) - 1)
     after, later = (jnp.concatenate([x, x[behind][:, :1]], axis=1)[:, k + away] for x in (times, play))
     before, earlier = times[:, k - away], play[:, k - away]
@@ -139,8 +138,8 @@ def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
     return earlier + part[:, None] * (later - earlier)
 
 
-def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> Pose:
-    """The pose at a time, from play near it if that is known, or else from the middle of the sleeves."""
+def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> StaticPose:
+    """The pose at a time, searched from play near it if that is known, else from the middle of the sleeves."""
     joints = mechanism.clearance_joints()
     begin = tuple(middle(joint) for joint in joints)
     cold, warm = RUBBED if any(joint.clearance.friction is not None for joint in joints) else SMOOTH
@@ -148,11 +147,11 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     def seated(k, carry):
         play, y, _ = carry
         now = pin_loads(time, mechanism, play, y)
-        loads = [one.less(other) for one, other in zip(now.loads, now.friction, strict=True)]
-        # Or else the compiler works the reactions out anew wherever a seat needs them.
+        loads = [load.less(rub) for load, rub in zip(now.loads, now.friction, strict=True)]
+        # Otherwise the compiler computes the reactions anew at every use.
         flat = jax.lax.optimization_barrier([(as_array(load.force), as_array(load.moment)) for load in loads])
-        found = seats_of(joints, flat, begin, tuple(Near(at, known | (k > 0)) for at in play))
-        return tuple(one.play for one in found), now.y, flat
+        seats = seats_of(joints, flat, begin, tuple(Near(at, known | (k > 0)) for at in play))
+        return tuple(seat.play for seat in seats), now.y, flat
 
     nothing = [(jnp.zeros(3), jnp.zeros(3)) for _ in joints]
     play, y, loads = jax.lax.fori_loop(0, jnp.where(known, warm, cold), seated, (near, ideal, nothing))
@@ -169,56 +168,57 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     state = step.state(mechanism)
     size = jnp.concatenate([size_of(joint) for joint in joints])
     mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
-    held = [
-        (joint.clearance, at, Load(tuple(force), tuple(moment)))
+    pressed = [
+        (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
         for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
     ]
-    found = side_by_side(held_stiffness, held)
-    firm = [jnp.where(presses, own, 0.0) for own, presses in zip(found, step.pressed, strict=True)]
+    stiffnesses = side_by_side(held_stiffness, pressed)
+    firm = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
     frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
-    return Pose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
+    return StaticPose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
 
 
 def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], ideal: Array) -> Array:
-    """The state `[q, v, memory]` with pins held at values of their play, and all else as drives and loops have it;
-    `ideal`: the ideal mechanism's state.
+    """The state `[q, v, memory]` with pins held at values of their play, and everything else as drives and loops put
+    it; `ideal`: the ideal mechanism's state.
     """
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    held = mechanism.hold_pins({joint.name: tuple(own) for joint, own in zip(joints, play, strict=True)})
+    fixed = mechanism.hold_pins({joint.name: tuple(values) for joint, values in zip(joints, play, strict=True)})
     if loops:
-        ideal = jax.lax.fori_loop(0, CLOSING, lambda _, y: correct(time, y, held, held.loops)[0], ideal)
-    rates = as_array(position_rates(held, tuple(ideal[plan.q]), tuple(ideal[plan.v])))
-    still, free = tuple(jnp.zeros_like(one) for one in play), tuple(jnp.asarray(False) for _ in play)
+        ideal = jax.lax.fori_loop(0, CLOSING, lambda _, y: correct(time, y, fixed, fixed.loops)[0], ideal)
+    rates = as_array(position_rates(fixed, tuple(ideal[plan.q]), tuple(ideal[plan.v])))
+    still, free = tuple(map(jnp.zeros_like, play)), tuple(jnp.asarray(False) for _ in play)
     return whole_state(mechanism, Seats(ideal, play), Seats(rates, still), free)
 
 
-def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Pose:
-    """The ideal motion's state, with pins in the middle of their play: whatever the load, and as good as any."""
+def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> StaticPose:
+    """The state of the ideal motion with pins in the middle of their play, for joints that no load presses."""
     play = tuple(jnp.zeros(len(joint.joint.play())) for joint in mechanism.clearance_joints())
     nothing = StartErrors.nothing()
-    return Pose(displaced(time, mechanism, play, ideal), play, ideal, nothing, jnp.asarray(jnp.nan))
+    return StaticPose(displaced(time, mechanism, play, ideal), play, ideal, nothing, jnp.asarray(jnp.nan))
 
 
-def with_derivatives(time: Scalar, mechanism: PreparedMechanism, found: Pose) -> Array:
-    """The state of a pose, with its derivatives by the mechanism's numbers and the time: those of more Newton steps, of
-    which each makes them right but for the ratio of clearance to length.
+def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
+    """The state of a pose with its derivatives by the mechanism's numbers and the time. They are those of further
+    Newton steps; each step reduces their error by the ratio of clearance to length.
     """
     mechanism = mechanism.without_sampling()
-    play, ideal = jax.lax.stop_gradient((found.play, found.ideal))
+    play, ideal = jax.lax.stop_gradient((pose.play, pose.ideal))
     begin = _unstepped(time, mechanism, play, ideal)
     step = jax.lax.fori_loop(0, DIFFERENTIATED, lambda _, now: newton(time, mechanism, now.play, now.y), begin)
     return step.state(mechanism)
 
 
-def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "Step":
-    """A step that has not been made, to begin with."""
+def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "NewtonStep":
+    """A step to begin with, before the first Newton step."""
     shapes = jax.eval_shape(lambda: newton(time, mechanism, play, y))
-    return jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), shapes)._replace(play=play, y=y)
+    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)._replace(play=play, y=y)
 
 
-class Step(NamedTuple):
-    """After a Newton step: the play, the ideal state, its rates, how far loops are open; by joint whether its load
-    presses it, the part of the load that it did not bear before, and by what part of its play it was moved.
+class NewtonStep(NamedTuple):
+    """After a Newton step: the play, the ideal state and its rates, how far loops are open [m]; by joint, whether a
+    load presses it, the part of the load that it did not bear before the step, and the part of its play by which it was
+    moved.
     """
 
     play: tuple[Array, ...]
@@ -231,26 +231,26 @@ class Step(NamedTuple):
 
     def state(self, mechanism: PreparedMechanism) -> Array:
         """The state `[q, v, memory]` with all play at rest."""
-        still = tuple(jnp.zeros_like(one) for one in self.play)
+        still = tuple(map(jnp.zeros_like, self.play))
         return whole_state(mechanism, Seats(self.y, self.play), Seats(self.rates, still), self.pressed)
 
 
-def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Step:
-    """One Newton step towards the pose, whose slope (that of the joints, by their own play) has no derivative."""
+def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> NewtonStep:
+    """One Newton step towards the pose. Its slope, that of the joints by their own play, has no derivative."""
     now, joints = pin_loads(time, mechanism, play, y), mechanism.clearance_joints()
     asked = [
         (joint.clearance, middle(joint), load, free, at)
         for joint, load, free, at in zip(joints, now.loads, now.free, play, strict=True)
     ]
     new, pressed, unborne, moved = zip(*side_by_side(_joint_step, asked), strict=True)
-    return Step(tuple(new), now.y, now.rates, now.opened, tuple(pressed), as_array(unborne), as_array(moved))
+    return NewtonStep(tuple(new), now.y, now.rates, now.opened, tuple(pressed), as_array(unborne), as_array(moved))
 
 
-def _joint_step(clearance: PreparedClearance, start: Array, load: Load, free: FreeMotion, play: Array) -> tuple:
-    """What a Newton step makes of one joint's play; whether its load presses it, what it did not bear of that, and by
-    what part of its play it was moved.
+def _joint_step(clearance: PreparedClearance, start: Array, load: SeatLoad, free: FreeMotion, play: Array) -> tuple:
+    """A Newton step of one joint's play: the new play, whether a load presses it, the part of the load that was not
+    borne, and the part of the play by which it was moved.
     """
-    size = as_array([one.scale for one in clearance.joint.play()])
+    size = as_array([coordinate.scale for coordinate in clearance.joint.play()])
     whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, free)
     x, fixed = play / jax.lax.stop_gradient(size), jax.lax.stop_gradient(whole)
     fixed = fixed._replace(counts=fixed.more_than_round_off())
@@ -261,8 +261,3 @@ def _joint_step(clearance: PreparedClearance, start: Array, load: Load, free: Fr
     moved = jnp.linalg.norm(jax.lax.stop_gradient(change))
     unborne = jnp.where(asked > 0, missing / jnp.where(asked > 0, asked, 1.0), 0.0)
     return play - fixed.size * change, jnp.any(fixed.counts), unborne, moved
-
-
-def size_of(joint: ClearanceJoint) -> Array:
-    """The magnitudes of a joint's play coordinates [m or rad]."""
-    return as_array([one.scale for one in joint.joint.play()])

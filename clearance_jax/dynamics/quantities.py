@@ -1,4 +1,4 @@
-"""What can be asked of a motion by name: `POINT.position`, `JOINT.contact_force`, `COORDINATE.velocity`, an energy.
+"""Quantities by name: `POINT.position`, `JOINT.contact_force`, `COORDINATE.velocity`, an energy.
 
 One table of variables with dimensions, units and meanings serves names, datasets and plots.
 """
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._frame import Frame, frame_of
+from clearance_jax._frame import TreeShape, tree_shape
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.kinematics import frames
@@ -25,9 +25,9 @@ from clearance_jax.spatial import as_array
 
 
 class Variable(NamedTuple):
-    """Dimensions after the leading one, SI unit, meaning.
+    """Dimensions after the leading one, SI unit and meaning of a variable.
 
-    A unit `see NAME` stands in the coordinate of that name, one for each entry of the variable's first dimension.
+    A unit `see NAME` is in the coordinate of that name, one for each entry of the variable's first dimension.
     """
 
     dims: tuple[str, ...]
@@ -72,16 +72,16 @@ OBSERVED = {
     "friction_loss": Variable((), "J", "energy lost in friction since the start"),
     "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
 }
-"""What `observe` reports of a state."""
+"""The variables that `observe` reports."""
 IN_SPACE = ("joint_moment", "contact_pattern", "pin_tilt")
-"""What is reported of mechanisms that leave the plane only."""
+"""Variables of mechanisms that leave the plane only."""
 OF_BALANCE = ("drive_work", "damping_loss", "friction_loss", "exchanged")
 # A coordinate's value and rate have the names that its initial values have among the parameters.
 OF_COORDINATES = {"q": "position", "v": "velocity"}
 
 
 def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
-    """What labels the entries of every dimension: by name its dimension and its values."""
+    """By name: a dimension and the labels of its entries."""
     coordinates = list(mechanism.coordinates())
     driven = [c for c in coordinates if not c.motion.is_free]
     moved = actuated_coordinates(mechanism)
@@ -102,8 +102,8 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     }
 
 
-class Quantity(NamedTuple):
-    """A named quantity: a `variable` of `OBSERVED` and which entry of it, or a `place` in the state; its unit."""
+class QuantityEntry(NamedTuple):
+    """An entry of a `variable` of `OBSERVED`, or a `place` in the state vector, with its unit."""
 
     variable: str
     index: tuple[int, ...]
@@ -111,15 +111,15 @@ class Quantity(NamedTuple):
     place: int | None = None
 
 
-def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[str, Quantity]:
-    """Every quantity that has a name; `energy_balance`: whether states have the energy balance."""
+def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[str, QuantityEntry]:
+    """All quantities by name; `energy_balance`: whether states contain the energy balance."""
     # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
-    return _quantities(frame_of(mechanism), energy_balance)
+    return _quantities(tree_shape(mechanism), energy_balance)
 
 
 @functools.lru_cache(maxsize=256)
-def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
-    """The same of a mechanism without its numbers."""
+def _quantities(frame: TreeShape, energy_balance: bool) -> Mapping[str, QuantityEntry]:
+    """`quantities` of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
         mechanism = frame.fill(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
     labelled, out = labels(mechanism), dict(_states(mechanism))
@@ -127,14 +127,14 @@ def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
         if variable in IN_SPACE and mechanism.is_plane:
             continue
         if not described.dims and (energy_balance or variable not in OF_BALANCE):
-            out[variable] = Quantity(variable, (), described.unit)
-        for name, found in _entries(variable, described, labelled):
-            out.setdefault(name, found)  # of a coordinate that is a state the place in it is known already
+            out[variable] = QuantityEntry(variable, (), described.unit)
+        for name, quantity in _entries(variable, described, labelled):
+            out.setdefault(name, quantity)  # of a coordinate that is a state the place in it is known already
     return MappingProxyType(out)
 
 
-def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tuple[str, Quantity]]:
-    """Of a variable with dimensions: each entry by its name, and the components of one that is a vector."""
+def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tuple[str, QuantityEntry]]:
+    """The entries of a variable with dimensions, by name, and the components of vectors."""
     if not described.dims:
         return
     first, *rest = described.dims
@@ -142,34 +142,34 @@ def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tup
         unit = described.unit
         unit = labelled[unit.removeprefix("see ")][1][i] if unit.startswith("see ") else unit
         name = f"{label}.{OF_COORDINATES.get(variable, variable)}"
-        yield name, Quantity(variable, (i,), unit)
+        yield name, QuantityEntry(variable, (i,), unit)
         if variable == "q":
-            yield label, Quantity(variable, (i,), unit)
+            yield label, QuantityEntry(variable, (i,), unit)
         for k, axis in enumerate(labelled[rest[0]][1] if rest else ()):
-            yield f"{name}.{axis}", Quantity(variable, (i, k), unit)
+            yield f"{name}.{axis}", QuantityEntry(variable, (i, k), unit)
 
 
-def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, Quantity]]:
-    """What is read off a state as it is: free coordinates, their rates, and the laws' memory."""
+def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, QuantityEntry]]:
+    """Quantities that are entries of the state: free coordinates, their rates, and the laws' memory."""
     plan = layout(mechanism)
     for c, q, v in parts(mechanism):
         unit = "rad" if c.slides is None else "m"
         if not c.is_ball:  # an orientation is reported by its rotation vector, which is not in the state
-            yield c.name, Quantity("state", (), unit, q.start)
-            yield f"{c.name}.position", Quantity("state", (), unit, q.start)
+            yield c.name, QuantityEntry("state", (), unit, q.start)
+            yield f"{c.name}.position", QuantityEntry("state", (), unit, q.start)
         for i, name in enumerate(c.velocities):
-            yield f"{name}.velocity", Quantity("state", (), f"{unit}/s", plan.v.start + v.start + i)
+            yield f"{name}.velocity", QuantityEntry("state", (), f"{unit}/s", plan.v.start + v.start + i)
     for joint, names in plan.memories:
         for name in names:
-            yield f"{joint}.{name}", Quantity("state", (), "", plan.index(joint, name))
+            yield f"{joint}.{name}", QuantityEntry("state", (), "", plan.index(joint, name))
     kinds = {c.name: "N m" if c.slides is None else "N" for c, *_ in parts(mechanism)}
     for holder, names in plan.efforts:
         for name in names:
-            yield f"{holder}.{name}", Quantity("state", (), kinds[name], plan.index(holder, name))
+            yield f"{holder}.{name}", QuantityEntry("state", (), kinds[name], plan.index(holder, name))
 
 
 def evaluate(variable: str, time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """One variable of `OBSERVED`, of one state, at no more cost than it takes."""
+    """One variable of `OBSERVED` in one state, without computing the others where that is possible."""
     if variable in ("position", "velocity"):
         motion, axes, out = frames(mechanism, time, layout(mechanism).split(y)), len(axes_of(mechanism)), []
         for point in mechanism.points:

@@ -1,5 +1,5 @@
-"""The relative motion in clearance joints of the tree, by their own coordinates and nothing else: so a small play keeps
-its digits on a large machine, and event location asks for no frame of any body.
+"""The relative motion in clearance joints of the tree, computed from their own coordinates only. So a small play keeps
+its digits on a large machine, and event location needs no frame of any body.
 """
 
 from typing import NamedTuple
@@ -12,21 +12,21 @@ from clearance_jax._sharing import compute_once
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.moved import Moved, Step, Values, carry, steps
+from clearance_jax.mechanism.moved import FrameStep, Moved, Values, carry, steps
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
 
 
 class RelativeMotion(NamedTuple):
-    """The relative motion in a joint, and its rate by the accelerations that are given."""
+    """The relative motion in a joint, and its rate for given accelerations."""
 
     now: Relative
     rate: Relative
 
 
 def coordinate_values(mechanism: PreparedMechanism, state: State, accelerations: Rows | None = None) -> Values:
-    """Of every free coordinate by its name how it moves, by default without acceleration."""
+    """The motion of every free coordinate by name; without acceleration by default."""
     out = {}
     for c, q, v in parts(mechanism):
         still = (0.0,) * (v.stop - v.start)
@@ -35,22 +35,22 @@ def coordinate_values(mechanism: PreparedMechanism, state: State, accelerations:
 
 
 def tree_relative_motions(mechanism: PreparedMechanism, time: Scalar, values: Values) -> dict[str, RelativeMotion]:
-    """Of every clearance joint of the tree, by its name."""
+    """The relative motion in every clearance joint of the tree, by name."""
     joints = [joint for joint in mechanism.clearance_joints() if joint.in_tree]
     several = []
     for joint in joints:
-        # Of a coordinate only how it moves: joints are alike whatever their coordinates are called and driven by.
+        # Only the coordinates' motion: joints are alike whatever the names and drives of their coordinates.
         coordinates = joint.joint.own_coordinates()
         moved = steps(coordinates, time, values)
         several.append(tuple(step._replace(by=step.by._replace(index=-1)) for step in moved))
-    found = (
-        [_relative_motion(*one) for one in several] if mechanism.is_plane else side_by_side(_relative_motion, several)
+    motions = (
+        [_relative_motion(*args) for args in several] if mechanism.is_plane else side_by_side(_relative_motion, several)
     )
-    return {joint.name: at for joint, at in zip(joints, found, strict=True)}
+    return {joint.name: at for joint, at in zip(joints, motions, strict=True)}
 
 
-def _relative_motion(*moved: Step) -> RelativeMotion:
-    """The pin's frame as the sleeve sees it, after steps in the sleeve's axes."""
+def _relative_motion(*moved: FrameStep) -> RelativeMotion:
+    """The pin's frame relative to the sleeve, after steps in the sleeve's axes."""
     frame = Frame()
     for step in moved:
         frame = carry(frame, step)
@@ -75,7 +75,7 @@ def turning_rows(spin: Vector, rows: Matrix) -> Matrix:
 
 
 def as_numbers(at: Relative) -> Relative:
-    """With numbers for constants, but for what a mechanism in the plane has not."""
+    """The relative motion with arrays for constants, except where a plane mechanism has structural zeros."""
     if at.rows is not None:
         return jax.tree.map(lambda x: jnp.asarray(x, float), at)
     x, y, w = (jnp.asarray(term, float) for term in (*at.place[:2], at.spin[2]))

@@ -1,11 +1,11 @@
-"""The frequencies of a seated pose: how fast pins swing about where they are pressed, and which motions they follow.
+"""Frequencies of a seated pose: how fast pins swing about where they are pressed, and which loads they can follow.
 
-A pin that is pressed at its wall is held by the contact's stiffness K; along the wall that is about force over
-clearance, and about nothing where nothing presses. With the mass M that the play coordinates p move, small motions
-about the pose obey p'' = A (p - p0) with A = -M^-1 K: its frequencies are the roots of the eigenvalues of -A.
+The contact's stiffness K holds a pin that is pressed at its wall. Along the wall the stiffness is about force over
+clearance, and about zero without a force. With the mass M of the play coordinates p, small motions about the pose obey
+p'' = A (p - p0) with A = -M^-1 K. The frequencies are the roots of the eigenvalues of -A.
 
-The place at which the load presses a pin moves as the load does. A pin follows it only where it moves slowly against
-the lowest of these frequencies: a driven oscillator follows quasi-statically far below resonance only.
+The place at which a load presses a pin moves with the load. A pin follows it only far below the lowest of these
+frequencies, as a driven oscillator follows quasi-statically only far below resonance.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._small_matrices import small_eigh
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.conditions import conditions
+from clearance_jax.dynamics.conditions import closure_conditions
 from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames, relative_motions
@@ -25,15 +25,15 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, move, parts
 from clearance_jax.spatial import as_array, dot, minus, plus
 
-# A direction with less than this part of the largest stiffness is held by round-off.
+# A direction with less than this part of the largest stiffness is held by round-off only.
 LOOSE = 1e-12
 Square = Float[Array, "play play"]
 
 
 class Seated(NamedTuple):
-    """How pins begin that are to start settled: which joints `rest` (1: at relative rest in their sleeves, because
-    where they are pressed moves too fast to be followed; 0: they ride along); the `pace` of that place in each, by the
-    size of its play [1/s]; and the lowest `frequency` of the pose [Hz].
+    """How settled pins begin: which joints `rest` (1: at relative rest in the sleeve, because the place of rest moves
+    too fast to be followed; 0: moving with it); by joint the `pace` of that place, in sizes of its play [1/s]; and the
+    lowest `frequency` of the pose [Hz].
     """
 
     rest: Float[Array, " joints"]
@@ -42,13 +42,13 @@ class Seated(NamedTuple):
 
     @classmethod
     def nothing(cls) -> "Seated":
-        """Of a start that is not settled."""
+        """For a start that is not settled."""
         return cls(jnp.zeros(0), jnp.zeros(0), jnp.zeros(()))
 
 
 def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) -> Float[Array, " joints"]:
-    """Which joints rest (1) and which ride along (0): a joint rides whose place of rest, at its pace, takes longer to
-    cross the play than the slowest motion about the pose takes for a radian. `together`: if one rests, all do.
+    """Which joints rest (1) and which follow (0): a joint follows if its place of rest takes longer to cross the play
+    than the slowest motion about the pose takes for a radian. `together`: if one rests, all do.
     """
     rest = pace > 2 * jnp.pi * frequency
     return jnp.where(jnp.any(rest) if together else rest, jnp.ones(len(pace)), 0.0)
@@ -56,8 +56,8 @@ def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) 
 
 def seated_frequency(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Scalar:
     """The lowest frequency of a seated pose [Hz]: the root of the least eigenvalue of -A over 2 pi, where A is the
-    derivative of the play coordinates' accelerations by the play coordinates, with everything else that the mechanism
-    has (weight, springs, its own motion). 0 where the pose is not stable. A coordinate that nothing holds is one, too.
+    derivative of the play coordinates' accelerations by the play coordinates. It includes weight, springs and the
+    mechanism's own motion. 0 where the pose is not stable, or where nothing holds a coordinate.
 
     **Arguments:** a mechanism with play; `time` [s]; `y`: the state `[q, v, memory]`, its pins at their walls.
     """
@@ -78,15 +78,15 @@ def seated_frequency(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Sc
 
 
 def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
-    """The lowest frequency [Hz] of contacts of a stiffness [J, for play in units of its size] on masses of which this
-    is the `inverse`, of all directions that contacts hold at all: one without stiffness, as axial play under no axial
-    load, has no place that it could be late for. 0 where a stiffness is negative. (What weight adds is left out: it is
-    a pendulum's, the square of 2 pi f is off by gravity over a length of the mechanism.)
+    """The lowest frequency [Hz] of contacts with a `stiffness` [J, for play in units of its size] and the `inverse` of
+    the masses. Directions without stiffness, as axial play under no axial load, are left out: they have no place of
+    rest. 0 where a stiffness is negative. (The effect of weight is left out: its square of 2 pi f is gravity over a
+    length of the mechanism.)
     """
     values, ways = small_eigh(stiffness)
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))
     root = (ways * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ ways.T
-    # What nothing holds comes first, with zeros.
+    # Directions that nothing holds come first, with zeros.
     squares, _ = small_eigh(root @ inverse @ root)
     return _frequency(squares[jnp.minimum(loose, len(squares) - 1)])
 
@@ -96,13 +96,13 @@ def _frequency(square: Scalar) -> Scalar:
 
 
 def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Square:
-    """The accelerations of the play coordinates by forces along them, M^-1, with ideal loops closed: [1/kg] for slides,
+    """M^-1, the accelerations of the play coordinates by forces along them, with ideal loops closed: [1/kg] for slides,
     [1/(kg m^2)] for turns.
     """
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    inertia, loops, ways = motion.mass_matrix(), at.closures(), _ways(mechanism, time, y)
-    every = [condition for loop in loops for condition in conditions(loop, motion)]
+    inertia, ways = motion.mass_matrix(), _ways(mechanism, time, y)
+    every = closure_conditions(motion)
     asked = constraint(inertia, every, at) if every else None
 
     def accelerations(force):
@@ -118,8 +118,8 @@ def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Squar
 def play_moves(
     mechanism: PreparedMechanism, time: Scalar, y: Array
 ) -> tuple[Float[Array, "play free"], Float[Array, "free play"]]:
-    """The rates of the play coordinates by the free velocities, and the least free velocities for given rates of the
-    play, at which ideal loops stay closed.
+    """The rates of the play coordinates by the free velocities, and the smallest free velocities for given rates of the
+    play that keep ideal loops closed.
     """
     ways = _ways(mechanism, time, y)
     rows = jnp.concatenate([ways, _closing_rows(mechanism, time, y)])
@@ -127,20 +127,20 @@ def play_moves(
 
 
 def _ways(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "play free"]:
-    """The rates of the play coordinates by the free velocities: of joints in the tree these are among them."""
+    """The rates of the play coordinates by the free velocities; in the tree the former are among the latter."""
     plan, joints = layout(mechanism), mechanism.clearance_joints()
     if all(joint.in_tree for joint in joints):
         places = {part.coordinate.name: part.v.start for part in parts(mechanism)}
-        own = [places[joint.name + one.suffix] for joint in joints for one in joint.joint.play()]
-        return jnp.asarray(np.eye(plan.free)[own])
+        chosen = [places[joint.name + c.suffix] for joint in joints for c in joint.joint.play()]
+        return jnp.asarray(np.eye(plan.free)[chosen])
 
     def rates(v):
-        found = relative_motions(time, y.at[plan.v].set(v), mechanism)
+        motions = relative_motions(time, y.at[plan.v].set(v), mechanism)
         out = []
-        for joint, now in zip(joints, found, strict=True):
-            for one in joint.joint.play():
+        for joint, now in zip(joints, motions, strict=True):
+            for c in joint.joint.play():
                 # Slides come first, and turns are small: the sleeve's axes are those of the play.
-                along = dot(now.spin, one.turns) if one.slides is None else dot(now.velocity, one.slides)
+                along = dot(now.spin, c.turns) if c.slides is None else dot(now.velocity, c.slides)
                 out.append(along)
         return as_array(out)
 
@@ -148,8 +148,8 @@ def _ways(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, 
 
 
 def _closing_rows(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "conditions free"]:
-    """The conditions of ideal loops, by the free velocities."""
+    """The Jacobian of the conditions of ideal loops."""
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    rows = [now.row.array for loop in at.closures() for now in conditions(loop, motion)]
+    rows = [now.row.array for now in closure_conditions(motion)]
     return jnp.stack(rows) if rows else jnp.zeros((0, plan.free))

@@ -1,7 +1,7 @@
-"""The dynamics of a large mechanism as products of arrays: a loop over its links says where everything is; composite
-bodies are sums by masks that say which column moves which body.
+"""The dynamics of a large mechanism as products of arrays: a loop over its links gives the frames; sums over bodies use
+masks that say which column moves which body.
 
-Moments are taken about the centre of mass of the whole.
+Moments are about the centre of mass of the whole.
 """
 
 from typing import ClassVar, NamedTuple
@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Wrench, rotors
+from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, SpatialForce, rotors
 from clearance_jax.dynamics.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.links import Masks, Order, links_of, masks, order
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State
@@ -22,9 +22,9 @@ from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtra
 from clearance_jax.symmetric import ArrayRow, Dense
 
 
-class Columns(NamedTuple):
-    """The free columns of a table, as one: `spins` and velocities at the `origin` of what each moves, (columns, 3);
-    `moves`: which of them move a body, as zeros and ones.
+class ColumnArrays(NamedTuple):
+    """The free columns of a table as arrays: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1
+    for the columns that move a body, else 0.
     """
 
     spins: Float[Array, "columns 3"]
@@ -33,18 +33,18 @@ class Columns(NamedTuple):
     moves: np.ndarray
 
     def velocity_at(self, point: Vector) -> Float[Array, "columns 3"]:
-        """Velocity of a body's point by each of them."""
+        """Velocity of a body's point by each column."""
         arm = as_array(point) - self.origin
         return jnp.asarray(self.moves)[:, None] * (self.slides + jnp.cross(self.spins, arm[None]))
 
     @property
     def spin(self) -> Float[Array, "columns 3"]:
-        """Spin of a body by each of them."""
+        """Spin of a body by each column."""
         return jnp.asarray(self.moves)[:, None] * self.spins
 
 
-class Moves(AbstractMoves):
-    """What the free coordinates move, as one array."""
+class ArrayMoves(AbstractMoves):
+    """Velocities or spins by the free coordinates, as one array."""
 
     def __init__(self, whole: Float[Array, "free 3"]):
         self.whole = whole
@@ -64,10 +64,10 @@ class Moves(AbstractMoves):
         return jnp.sum(self.whole**2, axis=1) @ as_array(weights)
 
 
-class Extra(AbstractExtra):
-    """What free accelerations add, by products with the columns."""
+class ArrayExtra(AbstractExtra):
+    """Extra accelerations as products with the columns."""
 
-    def __init__(self, motion: "Table", acceleration: list[Term]):
+    def __init__(self, motion: "TabledFrames", acceleration: list[Term]):
         self._motion, self._acceleration = motion, acceleration
 
     def at(self, body, point):
@@ -77,8 +77,8 @@ class Extra(AbstractExtra):
         return three(as_array(self._acceleration) @ self._motion.columns(body).spin)
 
 
-class Table(Frames):
-    """Where everything of a large mechanism is and how it moves."""
+class TabledFrames(Frames):
+    """Frames and dynamics of a large mechanism."""
 
     is_solved_implicitly: ClassVar[bool] = False
 
@@ -89,9 +89,9 @@ class Table(Frames):
         links = mechanism.links or links_of(mechanism.bodies, mechanism.joints)
         self.links = links
         self.rates, local, self.motions = sweep(mechanism, self.plan, links, time, state)
-        self._frames: dict[str, tuple[Frame, Columns]] = {}
+        self._frames: dict[str, tuple[Frame, ColumnArrays]] = {}
         carriers = np.array([self.plan.carriers[body.name] for body in mechanism.bodies])
-        # Of what is fixed to the ground nothing moves: its carrier is the ground, behind all links.
+        # The carrier of a body fixed to the ground is the ground, behind all links.
         self.carriers = np.where(carriers < 0, len(self.plan.coordinates), carriers)
         m = self.motions
         self.turned = m.rotation[self.carriers]
@@ -117,26 +117,26 @@ class Table(Frames):
     def __getitem__(self, body):
         return self._at(body)[0]
 
-    def columns(self, body: str) -> Columns:
-        """The free columns, and which of them move a body."""
+    def columns(self, body: str) -> ColumnArrays:
+        """The free columns, with marks of those that move a body."""
         return self._at(body)[1]
 
     def velocities(self, body, point, base=None, beside=ZERO):
-        own = self.columns(body).velocity_at(point)
-        return Moves(own if base is None else own - self.columns(base).velocity_at(beside))
+        moves = self.columns(body).velocity_at(point)
+        return ArrayMoves(moves if base is None else moves - self.columns(base).velocity_at(beside))
 
     def spins(self, body, base=None):
-        own = self.columns(body).spin
-        return Moves(own if base is None else own - self.columns(base).spin)
+        spin = self.columns(body).spin
+        return ArrayMoves(spin if base is None else spin - self.columns(base).spin)
 
     def extra(self, acceleration):
-        return Extra(self, acceleration)
+        return ArrayExtra(self, acceleration)
 
-    def _at(self, body: str) -> tuple[Frame, Columns]:
+    def _at(self, body: str) -> tuple[Frame, ColumnArrays]:
         if body not in self._frames:
             moves = self._movers(self.plan.carriers[body])
             n = self.count
-            free = Columns(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
+            free = ColumnArrays(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
             self._frames[body] = self._frame(body, moves), free
         return self._frames[body]
 
@@ -164,11 +164,11 @@ class Table(Frames):
         """Which columns move a link."""
         return self.masks.beyond[:, link] if link >= 0 else np.zeros(len(self.masks.links))
 
-    def _prescribed(self, column: int) -> tuple[Column, Term]:
+    def _prescribed(self, column: int) -> tuple[JacobianColumn, Term]:
         link = self.masks.links[column]
         axis = three(self.column_spins[column] if self.masks.turns[column] else self.column_slides[column])
         pivot = three(self.motions.place[link]) if self.masks.turns[column] else None
-        return Column(-1, axis, pivot), self.rates[link]
+        return JacobianColumn(-1, axis, pivot), self.rates[link]
 
     # Inertia and loads ----------------------------------------------------------------------------------------------
 
@@ -181,7 +181,7 @@ class Table(Frames):
         return Dense(jnp.linalg.cholesky(whole))
 
     def inertia_matrix(self) -> Array:
-        """That of the free velocities, of bodies alone."""
+        """The mass matrix of the free velocities, without rotors."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spins, slides = self.column_spins[:n], self.column_slides[:n]
         mass, arms = self.links.mass, self.centres - self.origin[None]
@@ -194,13 +194,13 @@ class Table(Frames):
         force = masses[:, None] * slides + jnp.cross(spins, first)
         moment = jnp.einsum("cij,cj->ci", second, spins) + jnp.cross(first, slides)
         lower = jnp.asarray(self.masks.columns[:n, :n]) * (force @ slides.T + moment @ spins.T)
-        # Of two columns the further one's momentum counts; both of a ball move the same.
+        # Of two columns the momentum of the outer one counts; columns of one ball move the same bodies.
         both = self.masks.columns[:n, :n] * self.masks.columns[:n, :n].T
         return lower + jnp.where(both > 0, 0.0, lower.T)
 
     def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
-        """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each; with the
-        free accelerations where they are given.
+        """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each;
+        `acceleration`: of the free coordinates.
         """
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
@@ -212,7 +212,9 @@ class Table(Frames):
         return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
     def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
-        """What free accelerations add to the accelerations of the centres of mass, and to the spin rates, of bodies."""
+        """What free accelerations add to the accelerations of the bodies' centres of mass and to their spin rates,
+        (bodies, 3).
+        """
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
         slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_slides[:n])
@@ -223,7 +225,7 @@ class Table(Frames):
         out = {}
         for joint in self.mechanism.joints:
             hanging = self.subtree(joint.child)
-            whole = Wrench(three(hanging @ force), three(hanging @ moment))
+            whole = SpatialForce(three(hanging @ force), three(hanging @ moment))
             out[joint.child] = whole.move(subtract(three(self.origin), self[joint.child].pivot))
         return out
 
@@ -241,12 +243,12 @@ class Table(Frames):
         return [(exerted[i], self.rates[links[i]]) for i in range(self.count, len(links))]
 
     def project(self, force: Array, moment: Array) -> Array:
-        """The bodies' wrenches by column, free ones first."""
+        """The bodies' wrenches projected on the columns, free ones first."""
         carried = self.masks.bodies
         return jnp.sum(self.column_slides * (carried @ force) + self.column_spins * (carried @ moment), axis=1)
 
     def pair(self, parent: str, child: str, force: Vector, torque: Vector, at: Vector) -> Array:
-        """A wrench pair by column."""
+        """A wrench pair projected on the columns."""
         links = (self.plan.carriers[name] for name in (child, parent))
         moves = np.subtract(*(self._movers(link) for link in links))
         push, arm = as_array(force), as_array(at) - self.origin
@@ -268,6 +270,6 @@ class Table(Frames):
         return sliding + jnp.sum(jnp.abs(self.spin * turning))
 
     def subtree(self, body: str) -> np.ndarray:
-        """Which bodies hang on a body, itself among them, as zeros and ones."""
+        """1 for a body and all that hangs on it, 0 for the others."""
         beyond = self.mechanism.beyond(body)
         return np.array([float(other.name in beyond) for other in self.mechanism.bodies])

@@ -1,13 +1,13 @@
-"""The dynamics of a small mechanism, written out number by number: the frames of its bodies, and the columns that say
-which coordinates move them.
+"""The dynamics of a small mechanism, written out number by number: the frames of its bodies, and the columns of the
+coordinates that move them.
 
-Kane's equations by composite bodies: what hangs on a joint moves as one body where only the joint's own coordinates
-move, so its mass, its centre and its inertia, summed from the leaves to the root, give a row of the mass matrix; and
-the sum of its weights and inertia forces, projected on the joint's columns, gives the load.
+Kane's equations by composite bodies. What hangs on a joint moves as one body if only the joint's own coordinates move,
+so its mass, centre and inertia, summed from the leaves to the root, give a row of the mass matrix. The sum of its
+weights and inertia forces, projected on the joint's columns, gives the load.
 
-Moments of what hangs on a joint are taken about the joint's own place, not about the world's origin: so nothing is lost
-on a mechanism that stands far from it. Only coordinates that are states have rows; a prescribed coordinate's driving
-force is found by projecting the same balance on its own column, where it is wanted (`drive_forces`).
+Moments of what hangs on a joint are about the joint's own place, which keeps the digits of a mechanism far from the
+world's origin. Only free coordinates have rows; `drive_forces` projects the same balance on the columns of prescribed
+ones.
 """
 
 from collections.abc import Iterator
@@ -19,12 +19,12 @@ import jax.numpy as jnp
 from clearance_jax._module import Module
 from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Pair, Wrench, rotors
+from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Pair, SpatialForce, rotors
 from clearance_jax.dynamics.inertia import Composite, composite_of, inertia_of
 from clearance_jax.dynamics.relative_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND, Body
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.moved import place
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
@@ -48,8 +48,8 @@ from clearance_jax.spatial import (
 from clearance_jax.symmetric import TermRow, factor
 
 
-class Moves(AbstractMoves):
-    """What the free coordinates move, one by one; of those that do not, zero."""
+class TermMoves(AbstractMoves):
+    """Velocities or spins by the free coordinates, one by one; zero for those that do not move the body."""
 
     def __init__(self, every: list[Vector]):
         self.every = every
@@ -67,20 +67,18 @@ class Moves(AbstractMoves):
 
     def square(self, weights):
         squares = [dot(move, move) for move in self.every]
-        return total(times(weights[i], one) for i, one in enumerate(squares) if not is_zero(one))
+        return total(times(weights[i], square) for i, square in enumerate(squares) if not is_zero(square))
 
 
-class Extra(AbstractExtra):
-    """What moves a body moves all that hangs on it: so the sum over its columns is that of its parent and its own
-    ones.
-    """
+class TermExtra(AbstractExtra):
+    """Extra accelerations of bodies. A body's sum over columns is its parent's sum and its own columns."""
 
     def __init__(self, motion: "WrittenOut", acceleration: list[Term]):
         self._motion, self._acceleration = motion, acceleration
         self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
 
-    def _turn(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
-        """The spin rate by some columns, a place on the axis of the last that turns, and the acceleration there."""
+    def _turn(self, columns: tuple[JacobianColumn, ...]) -> tuple[Vector, Vector, Vector]:
+        """The spin rate by some columns, a place on the axis of the last one that turns, and the acceleration there."""
         if not columns:
             return ZERO, ZERO, ZERO
         key = tuple(column.index for column in columns)
@@ -104,7 +102,7 @@ class Extra(AbstractExtra):
 
 
 class WrittenOut(Module, Frames):
-    """The frames of all bodies by name; `count`: how many free velocities there are."""
+    """The frames of all bodies by name; `count`: the number of free velocities."""
 
     mechanism: PreparedMechanism
     bodies: dict[str, Frame]
@@ -115,7 +113,7 @@ class WrittenOut(Module, Frames):
     def __getitem__(self, body):
         return self.bodies[body]
 
-    # What moves -----------------------------------------------------------------------------------------------------
+    # Columns --------------------------------------------------------------------------------------------------------
 
     def velocities(self, body, point, base=None, beside=ZERO):
         return self._moves(body, base, lambda column: column.velocity_at(point), lambda c: c.velocity_at(beside))
@@ -123,25 +121,25 @@ class WrittenOut(Module, Frames):
     def spins(self, body, base=None):
         return self._moves(body, base, lambda column: column.spin, lambda column: column.spin)
 
-    def _moves(self, body, base, of_body, of_base) -> Moves:
+    def _moves(self, body, base, of_body, of_base) -> TermMoves:
         moves = [ZERO] * self.count
         for column in self[body].free:
             moves[column.index] = of_body(column)
         for column in () if base is None else self[base].free:
             moves[column.index] = subtract(moves[column.index], of_base(column))
-        return Moves(moves)
+        return TermMoves(moves)
 
     def extra(self, acceleration):
-        return Extra(self, acceleration)
+        return TermExtra(self, acceleration)
 
-    def own_columns(self) -> dict[str, tuple[Column, ...]]:
-        """By each body the free columns of the joint that carries it."""
+    def own_columns(self) -> dict[str, tuple[JacobianColumn, ...]]:
+        """By body: the free columns of the joint that carries it."""
         return {j.child: self[j.child].free[len(self[j.parent].free) :] for j in self.mechanism.joints}
 
     # Inertia --------------------------------------------------------------------------------------------------------
 
     def composites(self) -> dict[str, Composite]:
-        """Of every body that a free coordinate moves, with all that hangs on it."""
+        """By body that a free coordinate moves: it and all that hangs on it, as one."""
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]
@@ -192,8 +190,8 @@ class WrittenOut(Module, Frames):
     def wrenches(self, acceleration):
         return self._wrenches(self.extra(acceleration), every=True)
 
-    def _wrenches(self, extra: Extra | None, every: bool = False) -> dict[str, Wrench]:
-        """`wrenches` of bodies that a free coordinate moves, or of `every` one."""
+    def _wrenches(self, extra: TermExtra | None, every: bool = False) -> dict[str, SpatialForce]:
+        """`wrenches` of the bodies that a free coordinate moves, or of `every` body."""
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]
@@ -206,8 +204,8 @@ class WrittenOut(Module, Frames):
             out[joint.child] = whole if self.mechanism.is_plane else compute_once(whole)
         return out
 
-    def _deficit(self, body: Body, extra: Extra | None) -> Wrench:
-        """A body's weight minus its inertia forces, about its pivot."""
+    def _deficit(self, body: Body, extra: TermExtra | None) -> SpatialForce:
+        """Weight minus inertia forces of a body, about its pivot."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)
         force = moment = ZERO
@@ -222,7 +220,7 @@ class WrittenOut(Module, Frames):
             spin_rate = frame.spin_rate if extra is None else add(frame.spin_rate, extra.spin_rate(body.name))
             gyroscopic = cross(frame.spin, inertia.apply(frame.spin))
             moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
-        return Wrench(force, moment)
+        return SpatialForce(force, moment)
 
     def _weight_and_inertia(self, mass: Term, acceleration: Vector) -> Vector:
         """M (g - a). Without gravity one change of sign serves all components."""
@@ -243,7 +241,7 @@ class WrittenOut(Module, Frames):
         return load
 
     def _pair_load(self, pair: Pair) -> dict[int, Term]:
-        """Projection of a wrench pair on the free columns that move only one of its bodies (the others cancel)."""
+        """A wrench pair projected on the free columns that move only one of its bodies (the others cancel)."""
         child = {column.index: column for column in self[pair.child].free}
         parent = {column.index: column for column in self[pair.parent].free}
         out: dict[int, Term] = {}
@@ -256,12 +254,12 @@ class WrittenOut(Module, Frames):
     def drive_forces(self, pairs, acceleration):
         owners = self._prescribed_owners()
         wrenches = self.wrenches(acceleration)
-        found: dict[str, list[Term]] = {}
+        forces: dict[str, list[Term]] = {}
         for joint in self.mechanism.joints:
             frame, known = self[joint.child], len(owners[joint.parent])
-            own = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
-            for key, (column, speed) in own:
-                found[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
+            columns = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
+            for key, (column, speed) in columns:
+                forces[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
         for pair in pairs:
             for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
                 other = pair.parent if sign > 0 else pair.child
@@ -270,16 +268,16 @@ class WrittenOut(Module, Frames):
                 for key, (column, _) in zip(owners[name], self[name].prescribed, strict=True):
                     if key in owners.get(other, ()):
                         continue
-                    found[key][0] = minus(found[key][0], times(sign, pair_work(pair, column)))
+                    forces[key][0] = minus(forces[key][0], times(sign, pair_work(pair, column)))
         # In the order of the coordinates, whatever the order of the bodies.
-        return [(found[c.name][0], found[c.name][1]) for c in self.mechanism.coordinates() if c.name in found]
+        return [(forces[c.name][0], forces[c.name][1]) for c in self.mechanism.coordinates() if c.name in forces]
 
     def _prescribed_owners(self) -> dict[str, tuple[str, ...]]:
-        """Names of the prescribed coordinates that move each body, in order from the ground."""
+        """By body: names of the prescribed coordinates that move it, from the ground on."""
         owners: dict[str, tuple[str, ...]] = {GROUND: ()}
         for joint in self.mechanism.joints:
-            own = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
-            owners[joint.child] = owners[joint.parent] + own
+            names = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
+            owners[joint.child] = owners[joint.parent] + names
         return owners
 
     # Energies -------------------------------------------------------------------------------------------------------
@@ -306,8 +304,8 @@ class WrittenOut(Module, Frames):
         every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
         return sum(every, jnp.zeros(()))
 
-    def _inertial_powers(self, body: Body, extra: Extra) -> Iterator[tuple[Term, ...]]:
-        """Rates of a body's kinetic energy along and about each axis of the world."""
+    def _inertial_powers(self, body: Body, extra: TermExtra) -> Iterator[tuple[Term, ...]]:
+        """Rates of a body's kinetic energy along and about each axis of the world [W]."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)
         if body.mass is not None:
@@ -329,6 +327,6 @@ def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> Writt
     return WrittenOut(mechanism, out, len(state.v))
 
 
-def pair_work(pair: Pair, column: Column) -> Term:
-    """Work of a pair's wrench on its child per unit rate of a column that moves the child only."""
+def pair_work(pair: Pair, column: JacobianColumn) -> Term:
+    """Power of a pair's wrench on its child per unit rate of a column that moves only the child."""
     return plus(dot(column.velocity_at(pair.at), pair.force), dot(column.spin, pair.torque))

@@ -1,11 +1,11 @@
-"""What a clearance joint is: a geometry that says where surfaces meet, and contact laws mapped over these points.
+"""The base of clearance joints: a geometry that gives the contact points, and contact laws mapped over these points.
 
-Everything is measured in the axes of the sleeve, from the sleeve's centre, so that a penetration of 1e-11 m keeps its
-digits on a robot that is metres long; also where the joint closes a loop, so that a worn wall is where it is.
+Everything is measured in the axes of the sleeve, from the sleeve's centre. So a penetration of 1e-11 m keeps its digits
+on a robot of some metres, and a worn wall keeps its place where the joint closes a loop.
 
-A joint says three things of its own: its play coordinates in the tree, its contact points for a relative pose and
-twist, and its geometry as the laws may know it. All else (forces, memory, event functions) is the same for every joint
-and is done here, by the joint with its laws' constants: `PreparedClearance`.
+A joint defines its play coordinates in the tree, its contact points for a relative pose and twist, and its geometry for
+the laws. The rest (forces, memory, event functions) is the same for every joint and is done here, by the joint with its
+laws' constants: `PreparedClearance`.
 """
 
 import abc
@@ -55,7 +55,7 @@ class AbstractClearance(Parametrised):
 
     @property
     def slip_components(self) -> int:
-        """Number of components of the slip, and of what bristles remember: one along each tangent."""
+        """Number of components of the slip and of the bristles: one along each tangent."""
         return self.tangents
 
     @abc.abstractmethod
@@ -64,25 +64,25 @@ class AbstractClearance(Parametrised):
 
     @abc.abstractmethod
     def geometry(self) -> Geometry:
-        """What its laws may know of it."""
+        """The geometry as its laws see it."""
 
     @abc.abstractmethod
     def points(self, at: Relative) -> ContactPoint:
-        """Its contact point; of several each number is an array of them."""
+        """Its contact point; of several points each number is an array."""
 
     def pattern(self, points: ContactPoint) -> Scalar:
-        """Where it bears, as a code: 0 nowhere, 1 somewhere; a joint may tell more apart."""
+        """A code for where it bears: 0 nowhere, 1 somewhere; a joint may distinguish more."""
         return jnp.where(jnp.any(points.penetration > 0), 1.0, 0.0)
 
     @abc.abstractmethod
     def travel(self, along: Vector) -> Scalar:
-        """How far the pin's centre may go from the sleeve's along a direction (square to the axis) before it touches
+        """How far the pin's centre may go from the sleeve's along a direction (normal to the axis) before it touches
         [m].
         """
 
     @property
     def has_ends(self) -> bool:
-        """Whether its walls end somewhere, beyond which its formulas do not hold (see `overhang`). Not by default."""
+        """Whether its walls end somewhere, beyond which its formulas do not hold (see `overhang`); by default not."""
         return False
 
     def overhang(self, at: Relative) -> Scalar:
@@ -90,21 +90,21 @@ class AbstractClearance(Parametrised):
         raise NotImplementedError(f"{type(self).__name__} has walls without ends.")
 
     def press(self, along: Vector, depth: Scalar) -> Vector:
-        """Where the pin's centre is if a force along a direction (square to the axis) presses it so deep [m]."""
+        """The place of the pin's centre if a force along a direction (normal to the axis) presses it so deep [m]."""
         return scale(self.travel(along) + depth, along)
 
     def offset(self, at: Relative) -> Offset:
-        """What of a relative motion is play, for an element that fills it."""
+        """The part of a relative motion that is play, for an element that fills it."""
         slides, turns = (
             tuple(any(axis[i] for axis in axes) for i in range(3))
-            for axes in zip(*((one.slides or ZERO, one.turns or ZERO) for one in self.play()), strict=True)
+            for axes in zip(*((c.slides or ZERO, c.turns or ZERO) for c in self.play()), strict=True)
         )
         sine, cosine = ZERO, 1.0
         if at.rows is not None and turns[2]:
             (_, a, b), (c, _, d), (e, f, _) = at.rows
             sine = scale(0.5, (minus(f, d), minus(b, e), minus(c, a)))
             cosine = 0.5 * (at.rows[0][0] + at.rows[1][1] + at.rows[2][2] - 1)
-        elif at.rows is not None:  # a pin may turn about its axis, and is not tilted by that
+        elif at.rows is not None:  # a turn of the pin about its axis is no tilt
             sine, cosine = cross(Z, at.axis), at.axis[2]
         across = _only(slides, at.place), _only(slides, at.velocity)
         return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin), at.spin[2])
@@ -121,28 +121,28 @@ class AbstractClearance(Parametrised):
         return PreparedClearance(self.ready(), self.normal.prepare(geometry), friction)
 
     def ready(self) -> "AbstractClearance":
-        """The joint with what depends on its numbers alone computed (once a solve); by default there is nothing."""
+        """The joint with everything computed that depends on its numbers alone (once a solve); by default nothing."""
         return self
 
     @property
     def remembers(self) -> tuple[str, ...]:
-        """Names of its memory variables, point by point: the laws', and whether the point touched (a law with memory
-        needs to know).
+        """Names of its memory variables, point by point: those of the laws, and whether the point touched, which a law
+        with memory needs.
         """
-        own = self.normal.remembers
+        names = self.normal.remembers
         if self.friction is not None:
             ends = ("",) if self.slip_components == 1 else tuple(f"_{k + 1}" for k in range(self.slip_components))
-            own += tuple(name + end for name in self.friction.bristles for end in ends)
-        own = (*own, "touching") if own else ()
-        return own if self.count == 1 else tuple(f"{name}_{i + 1}" for i in range(self.count) for name in own)
+            names += tuple(name + end for name in self.friction.bristles for end in ends)
+        names = (*names, "touching") if names else ()
+        return names if self.count == 1 else tuple(f"{name}_{i + 1}" for i in range(self.count) for name in names)
 
 
-# A force that would press a pin less deep than this part of its play is round-off: it does not say where.
+# A force that presses a pin less deep than this part of its play is round-off, and its direction is unknown.
 TOUCHING = 1e-9
 
 
 class PreparedClearance(Module):
-    """A `joint` with clearance with the constants of its `normal` and `friction` law: what a step evaluates."""
+    """A `joint` with clearance and the constants of its `normal` and `friction` laws: what a step evaluates."""
 
     joint: AbstractClearance
     normal: PreparedNormal
@@ -171,7 +171,7 @@ class PreparedClearance(Module):
         points = self.points(at)
         action = self._map(self._act_at)(points, self._by_point(memory))
         if self.joint.count > 1:
-            # Six sums are made of it, each of which would compute it anew.
+            # Six sums use it; each would compute it anew.
             action = action._replace(normal_force=compute_once(action.normal_force))
         push = scale(-action.normal_force, points.normal)
         for traction, tangent in zip(action.traction, points.tangents, strict=True):
@@ -192,7 +192,7 @@ class PreparedClearance(Module):
         return Action(force, torque, action, self._by_variable(action.memory_rate), stored, absorbed, rubbed)
 
     def points(self, at: Relative) -> ContactPoint:
-        """The contact points, with what the normal law knows of friction around the pin."""
+        """The contact points, with the lever of the friction around the pin, if the normal law has one."""
         points, normal = self.joint.points(at), self.normal
         if self.friction is None:
             return points
@@ -200,11 +200,11 @@ class PreparedClearance(Module):
         return points if lever is None else points.rubbing_around(lever, at.spin[2])
 
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
-        normal, (own, rest, touched) = self.normal.at(point.local), self._parts(memory)
+        normal, (normal_memory, rest, touched) = self.normal.at(point.local), self._parts(memory)
         depth, rate, slip = point.penetration, point.penetration_rate, point.rubbing
         share = 1.0 if point.share is None else point.share
-        force = times(share, normal.force(depth, rate, own))
-        rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, own))
+        force = times(share, normal.force(depth, rate, normal_memory))
+        rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, normal_memory))
         traction: Slip = tuple(jnp.zeros_like(s) for s in slip)
         if self.friction is not None:
             friction = self.friction.at(point.local)
@@ -215,18 +215,18 @@ class PreparedClearance(Module):
         return PointAction(depth, rate, point.slip, force, traction, rates, times(share, normal.energy(depth)))
 
     def event_functions(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
-        """Functions of the contact points whose signs make the regime of every law, each an array where there are
-        several. `before`: the points at the start of the step.
+        """Functions of the contact points whose signs define the regime of every law, arrays for several points.
+        `before`: the points at the start of the step.
         """
         return self._map(self._event_functions_at)(now, self._by_point(memory), before)
 
     def _event_functions_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
-        normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)
+        normal, (normal_memory, rest, _) = self.normal.at(point.local), self._parts(memory)
         depth, rate = point.penetration, point.penetration_rate
-        out, presses = normal.event_functions(depth, rate, own)
+        out, presses = normal.event_functions(depth, rate, normal_memory)
         if self.friction is not None:
             share = 1.0 if point.share is None else point.share
-            friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, own))
+            friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, normal_memory))
             out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
@@ -235,7 +235,7 @@ class PreparedClearance(Module):
 
         **Arguments:** the relative motion `now`, and its time derivative (`rate`).
         """
-        # What is absent from the place stays absent.
+        # Structural zeros of the place stay absent.
         numbers, constants = eqx.partition(now, eqx.is_array)
 
         def moving(numbers):
@@ -247,22 +247,22 @@ class PreparedClearance(Module):
 
     def _latch_at(self, point, rates, memory: Memory) -> Memory:
         (depth, speed, slip), (_, change, _) = point, rates
-        own, rest, touched = self._parts(memory)
+        normal_memory, rest, touched = self._parts(memory)
         touching, touched = depth > 0, touched[0] > 0.5
-        # A solve may start deep in contact; only a touch at which little has changed since can be traced back.
+        # A solve may start deep in contact; only a touch since which little has changed can be traced back.
         recent = jnp.abs(change * depth) < 0.01 * speed**2
         elapsed = jnp.where(recent, depth / jnp.where(recent, speed, 1.0), 0.0)
         then = jnp.where(recent, speed - change * elapsed, speed)
         touch = Touch(touching & ~touched, touched & ~touching, then, slip, elapsed)
-        own = self.normal.latch(own, touch)
+        normal_memory = self.normal.latch(normal_memory, touch)
         if self.friction is not None:
             rest = self.friction.latch(rest, touch)
-        return (*own, *rest, jnp.where(touching, 1.0, 0.0))
+        return (*normal_memory, *rest, jnp.where(touching, 1.0, 0.0))
 
     def seat(self, force: Pair) -> tuple[Pair, Flag]:
-        """Where in its sleeve the pin is at rest under a force that the sleeve exerts on it [N], in the sleeve's axes:
+        """Where the pin rests under a force that the sleeve exerts on it [N], normal to the axis, in the sleeve's axes:
         pressed against the wall so deep that the joint, without friction, gives this force; and whether the force
-        presses it at all. (Of a force square to the axis.)
+        presses it at all.
         """
         size, x, y = safe_unit(*(jnp.asarray(component, float) for component in force))
         wall: Vector = (-x, -y, 0.0)
@@ -292,7 +292,7 @@ class PreparedClearance(Module):
         return jnp.sum(self._map(energy)(self.joint.points(at))) + self._filling_energy(at)
 
     def _filling_energy(self, at: Relative) -> Scalar | float:
-        """What fills the play holds elastically [J]."""
+        """Elastic energy of the element that fills the play [J]."""
         element = self.joint.element
         return 0.0 if element is None else element.energy(self.joint.offset(at), self.joint.geometry())
 
@@ -304,68 +304,68 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     def memory_growth(self) -> tuple[float, ...]:
-        """Of each memory variable 1 if its error is measured by its size too: what a normal law remembers grows with
-        the contact. A bristle is of one size.
+        """By memory variable: 1 if its error is also measured relative to its size. The memory of a normal law grows
+        with the contact; a bristle does not.
         """
-        own, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
-        return ((1.0,) * own + (0.0,) * (every - own)) * self.joint.count
+        growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
+        return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
-    # Laws are written for one point: mapped over several they stand once in the program.
+    # Laws are written for one point; mapped over several they stand once in the program.
     def _map(self, function: Callable) -> Callable:
         if self.joint.count == 1:
             return function
         return lambda points, *rest: jax.vmap(function)(_bare(points), *rest)
 
     def _sum(self, terms: Any) -> Any:
-        """Of each term the sum over the points; absent ones stay absent."""
+        """By term: the sum over the points; absent terms stay absent."""
         if self.joint.count == 1:
             return terms
         return tuple(jnp.sum(term) if eqx.is_array(term) else term for term in terms)
 
     def _by_point(self, memory: Memory) -> tuple[Array, ...]:
-        """The memory by variable, of several points as arrays."""
+        """The memory by variable; for several points as arrays."""
         count, width = self.joint.count, len(memory) // self.joint.count
         if count == 1:
             return tuple(memory)
         return tuple(jnp.stack(memory[i::width]) for i in range(width))
 
     def _by_variable(self, memory: tuple[Array, ...]) -> Memory:
-        """The memory as it is in a state: point by point."""
+        """The memory as in a state: point by point."""
         if self.joint.count == 1:
             return tuple(memory)
         return tuple(variable[i] for i in range(self.joint.count) for variable in memory)
 
     def _parts(self, memory: Memory) -> tuple[Memory, Memory, Memory]:
-        """Of the normal law, of the friction law, and whether the point touched."""
+        """The memory of the normal law, of the friction law, and whether the point touched."""
         n = len(self.normal.law.remembers)
         return memory[:n], memory[n:-1], memory[-1:]
 
 
 def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
-    """`function(joint, ...)` for each of `several` prepared joints, and what belongs to them. Joints that are alike
-    stand once in the program. Joints of one point stand alone: their program is small, and a third axis would cost more
-    in a batch.
+    """`function(joint, ...)` for each of `several` prepared joints and their arguments. Alike joints with several
+    points share one copy in the program. Joints with one point have their own: their program is small, and a third axis
+    would cost more in a batch.
     """
     alone = [joint.joint.count == 1 for joint, *_ in several]
-    beside = iter(side_by_side(function, [one for one, single in zip(several, alone, strict=True) if not single]))
-    return [share(function(*one)) if single else next(beside) for one, single in zip(several, alone, strict=True)]
+    beside = iter(side_by_side(function, [args for args, single in zip(several, alone, strict=True) if not single]))
+    return [share(function(*args)) if single else next(beside) for args, single in zip(several, alone, strict=True)]
 
 
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:
-    """The rates of a law's memory; zero while apart, but for a law that acts there.
+    """The rates of a law's memory; zero while apart, except for a law that acts there.
 
-    By what was latched, not by the penetration: a rate that jumps inside a step, at a touch that cuts it, would be an
-    error of the first order, and steps would shrink until they end at the touch by themselves.
+    This depends on the latched touch, not on the penetration: a rate that jumps inside a step, at a touch that cuts it,
+    would be an error of first order, and steps would shrink until they end at the touch.
     """
     return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)
 
 
 def _only(among: Sequence[bool], vector: Vector) -> Vector:
-    """A vector's components along some of the axes; others are absent."""
+    """A vector's components along some of the axes; the others are absent."""
     x, y, z = (component if there else 0.0 for there, component in zip(among, vector, strict=True))
     return x, y, z
 
 
 def _bare(points: Any) -> Any:
-    """What laws know of contact points."""
+    """The contact points as laws see them."""
     return points.law_view if isinstance(points, ContactPoint) else points

@@ -1,4 +1,4 @@
-"""What an element that fills a joint's play is handed, and what it says."""
+"""Elements that fill a joint's play: their input and their base class."""
 
 import abc
 from typing import ClassVar, NamedTuple
@@ -28,7 +28,7 @@ class Offset(NamedTuple):
 
 
 class AbstractElement(Parametrised):
-    """What fills a joint's play and acts without touch: grease, a seal, a film, preloaded rolling elements."""
+    """A filling of a joint's play that acts without touch: grease, a seal, a film, preloaded rolling elements."""
 
     stiff: ClassVar[bool] = False
     """Whether it holds its pin, so that the pin rests where the element and the wall bear the load together."""
@@ -40,5 +40,5 @@ class AbstractElement(Parametrised):
         """Force on the pin [N] and torque about its centre [N m], in the sleeve's axes."""
 
     def energy(self, offset: Offset, geometry: Geometry) -> Scalar:
-        """What it holds elastically [J]; what else is done to it is lost. Nothing by default."""
+        """The elastic energy that it stores [J], zero by default; the rest of the work done on it is lost."""
         return jnp.zeros(())

@@ -50,7 +50,7 @@ class SphericalClearance(AbstractClearance):
         yield Demand("ball_radius", self.ball_radius > least, lambda: f"must be greater than the clearance {least:g} m")
 
     def play(self):
-        """Where the ball's centre is: three slides."""
+        """Three slides: the place of the ball's centre."""
         names = zip((".play_x", ".play_y", ".play_z"), (X, Y, Z), strict=True)
         return tuple(PlayCoordinate(name, self.radial_clearance, slides=axis) for name, axis in names)
 

@@ -1,21 +1,21 @@
-"""The shape of a worn bore, and where a round pin stands in it.
+"""The shape of a worn bore, and the contact of a round pin in it.
 
-The pin is round, so at the angle t of the sleeve it stands d(t) = e . n(t) - c - h(t) in the wall, for small plays and
-depths h. It touches where that is largest. The largest over the sectors is a smooth one,
+The pin is round, so at the angle t of the sleeve it penetrates the wall by d(t) = e . n(t) - c - h(t), for small plays
+and depths h. It touches where that is largest. The largest value over the sectors is smoothed,
 
     d = T log(sum_j exp(d_j / T) / m),    T = w^2 max(|e|, c / 2),    w: the width of a sector,
 
-with T some 1e-4 of the clearance: as wide that the sum over sectors is an integral to 1e-8 of T (the bell that a round
-wall makes of exp(d / T) is w wide), so that the pin does not feel the sectors. T grows with the eccentricity, and m is
-the sum of a round wall: so d and its gradient, a unit vector, are those of a round sleeve where h is the same
-everywhere, however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is constant.)
+with T some 1e-4 of the clearance: so wide that the sum over sectors is an integral to 1e-8 of T (the bell that a round
+wall makes of exp(d / T) is w wide), and the pin does not feel the sectors. T grows with the eccentricity, and m is the
+sum of a round wall. So if h is the same everywhere, d and its gradient, a unit vector, are those of a round sleeve,
+however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is constant.)
 
-Where a profile bears at two places at once, both are in the sum, and the gradient is shorter than one. d is convex but
-for walls that are as sharp as a sector, and it has all derivatives in e and h where a pin can touch; the force is along
-its gradient: so power balances, and seats are unique.
+If a profile bears at two places at once, both are in the sum, and the gradient is shorter than one. d is convex, except
+for walls as sharp as a sector, and has all derivatives in e and h where a pin can touch. The force is along its
+gradient, so power balances and seats are unique.
 
-Of a profile of few sectors more are made, by the spline that a foundation has too: of `FINE` the gradient's length is
-within 1e-3 of one.
+A spline refines a profile of few sectors, as for a foundation; with `FINE` sectors the gradient's length is within 1e-3
+of one.
 """
 
 from typing import NamedTuple
@@ -31,18 +31,18 @@ from clearance_jax._types import Scalar
 from clearance_jax.parameters import Parametrised, physical
 from clearance_jax.spatial import Vector
 
-# Sectors below which a sleeve is a polygon rather than a profile.
+# Fewest sectors of a profile; with fewer the sleeve is a polygon.
 FEWEST = 16
-# Sectors of which a profile has at least so many when a pin meets it.
+# Fewest sectors of a profile in contact.
 FINE = 180
-# Newton iterations for a distance to the wall, which begin at it but for the blend; halvings for where on it a force
-# holds the pin.
+# Newton iterations for a distance to the wall, which start near it; bisections for the place at which a force holds the
+# pin.
 ITERATIONS, HALVINGS = 6, 44
 
 
 class Modes(Parametrised):
-    """Shapes of wear that are taken off a sleeve too, each multiplied by an amount. A derivative by a profile is then
-    one by a few amounts, and not one by each sector.
+    """Further wear of a sleeve as shapes, each multiplied by an amount. A derivative by a profile is then one by a few
+    amounts, and not one by each sector.
 
     **Arguments:** `shapes` [m], of shape (count, sectors); `amounts`, of shape (count,).
     """
@@ -52,7 +52,7 @@ class Modes(Parametrised):
 
 
 class Depth(NamedTuple):
-    """How deep a pin stands in the wall [m], and the gradient of it by the place of the pin's centre."""
+    """Penetration of a pin in the wall [m], and its gradient by the place of the pin's centre."""
 
     value: Scalar
     x: Scalar
@@ -60,8 +60,8 @@ class Depth(NamedTuple):
 
 
 class Bore(NamedTuple):
-    """The shape of a bore: radial clearance where nothing is worn, and the depths worn off, by sector [m]. (Of few
-    sectors: see `finer`.)
+    """The shape of a bore: radial clearance without wear, and worn depths, by sector [m]. (For few sectors see
+    `finer`.)
     """
 
     clearance: Scalar
@@ -80,7 +80,7 @@ class Bore(NamedTuple):
         return jnp.asarray(np.sin(self._angles))
 
     def depth_at(self, x: Scalar, y: Scalar) -> Depth:
-        """How deep a pin stands in the wall."""
+        """Penetration of a pin in the wall, with its gradient."""
         cosines, sines = self._cosines, self._sines
         square = (2 * np.pi / self.depth.shape[0]) ** 2
         far, nx, ny = safe_unit(x, y)
@@ -91,7 +91,7 @@ class Bore(NamedTuple):
         below = (each - top) / blend
         weight = compute_once(jnp.exp(below))
         whole = jnp.sum(weight)
-        # A round wall's sum, whose largest term would be one.
+        # Relative to a round wall's sum, whose largest term is one.
         more = jnp.log(whole) - np.log(np.sum(np.exp((np.cos(self._angles) - 1) / square)))
         # By how much the sum grows with T.
         wider = jnp.where(grows, square * (more - jnp.sum(weight * below) / whole), 0.0)
@@ -99,30 +99,25 @@ class Bore(NamedTuple):
         return Depth(top + blend * more - self.clearance, gx, gy)
 
     def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
-        """How far from the middle a pin stands so deep in the wall, along a direction."""
-
-        def newton(bore: Bore, x, y, depth, far):
-            now = bore.depth_at(far * x, far * y)
-            return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
-
+        """The distance from the middle, along a direction, at which a pin has a penetration."""
         still = jax.tree.map(jax.lax.stop_gradient, (self, x, y, depth))
         far = still[0]._far(*still[1:])
-        # Two iterations more have the first and the second derivative.
-        return newton(self, x, y, depth, newton(self, x, y, depth, far))
+        # Two more iterations give the first and the second derivative.
+        return self._newton(x, y, depth, self._newton(x, y, depth, far))
+
+    def _newton(self, x: Scalar, y: Scalar, depth: Scalar, far: Scalar) -> Scalar:
+        """A Newton step of `distance`, whose slope has no derivative."""
+        now = self.depth_at(far * x, far * y)
+        return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
 
     def _far(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
-        """The same without a derivative: Newton from where the deepest sector alone would have it."""
+        """`distance` without derivatives: Newton from the place that the deepest sector alone would give."""
         ahead = x * self._cosines + y * self._sines
         start = jnp.min(jnp.where(ahead > 0, (self.clearance + self.depth + depth) / ahead, jnp.inf))
-
-        def newton(_, far):
-            now = self.depth_at(far * x, far * y)
-            return far - (now.value - depth) / (now.x * x + now.y * y)
-
-        return jax.lax.fori_loop(0, ITERATIONS, newton, start)
+        return jax.lax.fori_loop(0, ITERATIONS, lambda _, far: self._newton(x, y, depth, far), start)
 
     def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
-        """Where a pin stands that a force presses so deep along a direction: where the wall's gradient has it."""
+        """The place of a pin that a force presses so deep along a direction, that of the wall's gradient there."""
         ahead = tuple(jnp.asarray(c, float) for c in along[:2])
         still, wall, deep = jax.tree.map(jax.lax.stop_gradient, (self, ahead, depth))
         middle = jnp.arctan2(wall[1], wall[0])
@@ -146,7 +141,7 @@ class Bore(NamedTuple):
         x, y = at(0.5 * (low + high))
         (a, b), (c, d) = jax.jacfwd(lambda p: miss(still, wall, deep, p[0], p[1]))(jnp.stack([x, y]))
         inverse = 1 / (a * d - b * c)
-        # The first and the second derivative are those of two Newton steps more, whose slope is that of the place.
+        # Two more Newton steps, with the slope at the place, give the first and the second derivative.
         for _ in range(2):
             lack, turned = miss(self, ahead, depth, x, y)
             x, y = x - inverse * (d * lack - b * turned), y - inverse * (a * turned - c * lack)
@@ -154,7 +149,7 @@ class Bore(NamedTuple):
 
 
 def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections fine"]:
-    """The profile at `FINE` places or more, the first where the first sector is; as it is, if it has so many."""
+    """The profile at `FINE` places or more, with the same first place; a profile of so many sectors as it is."""
     parts = -(-FINE // depth.shape[-1])
     if parts == 1:
         return depth
@@ -162,8 +157,8 @@ def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections f
 
 
 def spline(values: Float[Array, "*sections sectors"], places: np.ndarray) -> Float[Array, "*sections sectors places"]:
-    """The periodic cubic spline through values at the middles of sectors, at places from 0 to 1 between each and the
-    next one.
+    """The periodic cubic spline through values at the middles of sectors, at places from 0 to 1 between each middle and
+    the next.
     """
     count = values.shape[-1]
     waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)[(None,) * (values.ndim - 1)]

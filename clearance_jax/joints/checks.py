@@ -1,4 +1,4 @@
-"""What the numbers of a play must be, said at once in words."""
+"""Checks of the numbers of a play, with messages."""
 
 import warnings
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ GRIPS = (
 
 
 class ImplausibleWarning(UserWarning):
-    """A mechanism has sizes that nobody can have meant."""
+    """A mechanism has sizes that are hardly meant."""
 
 
 def above_pin(radial: Any, pin: Any) -> str:
-    """What is said of a radial clearance that is as large as its pin's radius [m] or larger; empty where it is smaller,
-    or either is traced. (Contact in the plane is right at any size, so it is not refused.)
+    """A text about a radial clearance that is as large as its pin's radius [m] or larger; empty if it is smaller or one
+    of them is traced. (Contact in the plane is right at any size, so it is not refused.)
     """
     if isinstance(radial, Tracer) or isinstance(pin, Tracer):
         return ""
@@ -38,20 +38,20 @@ def above_pin(radial: Any, pin: Any) -> str:
     radial, pin = np.broadcast_arrays(radial, pin)
     first = np.unravel_index(np.argmax(large), large.shape)
     than = "above" if radial[first] > pin[first] else "as large as"
-    size, radius = (format_quantity(float(one[first]), "m") for one in (radial, pin))
+    size, radius = (format_quantity(float(length[first]), "m") for length in (radial, pin))
     return f"radial_clearance = {size} is {than} the pin's radius {radius}"
 
 
 def warn_of_pin(radial: Any, pin: Any) -> None:
     """Warn of a radial clearance that is as large as its pin's radius [m] or larger."""
-    said = above_pin(radial, pin)
-    if said:
-        text = f"This size is hardly meant: {said}. Check its unit; it is half the difference of the diameters."
+    reason = above_pin(radial, pin)
+    if reason:
+        text = f"This size is hardly meant: {reason}. Check its unit; it is half the difference of the diameters."
         warnings.warn(text, ImplausibleWarning, stacklevel=4)
 
 
 def check_sizes(unit: str = "m", **sizes: Any) -> None:
-    """Raise, naming it, for a number that is none, not finite, or not above zero. What is `None`, or traced, passes."""
+    """Raise, naming it, for a number that is invalid, not finite, or not above zero. `None` and tracers pass."""
     for name, size in sizes.items():
         if size is None or isinstance(size, Tracer):
             continue
@@ -68,11 +68,11 @@ def check_sizes(unit: str = "m", **sizes: Any) -> None:
 
 def _plain(value: np.ndarray) -> str:
     """A number, or several, without the last digits that a change of units leaves (-3e-05 for -30 um)."""
-    return quote(np.array([float(f"{one:.12g}") for one in value.ravel()]).reshape(value.shape).tolist())
+    return quote(np.array([float(f"{number:.12g}") for number in value.ravel()]).reshape(value.shape).tolist())
 
 
 def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:
-    """Raise, naming both, unless one length [m] is larger than another. What is traced passes."""
+    """Raise, naming both, unless one length [m] is larger than another. Tracers pass."""
     if isinstance(size, Tracer) or isinstance(other, Tracer) or np.all(np.asarray(size) > np.asarray(other)):
         return
     raise ClearanceError(
@@ -88,8 +88,8 @@ def check_known(name: str, size: Any, why: str) -> None:
 
 
 def check_start(joint: str, place: tuple[Any, ...], slides: Sequence[Vector]) -> None:
-    """Raise for an `eccentricity` (its components) along an axis that none of the play's slides has a part in. What is
-    absent, zero or traced passes.
+    """Raise for an `eccentricity` (its components) along an axis without play. Absent, zero and traced components
+    pass.
     """
     for k, (letter, part) in enumerate(zip("xyz", place, strict=True)):
         absent = part is None or isinstance(part, Tracer) or not np.any(np.asarray(part))

@@ -1,4 +1,4 @@
-"""What is known of a contact: relative motion, play coordinates, contact points, and what these do."""
+"""Data of a contact: relative motion, play coordinates, contact points, and their actions."""
 
 from typing import NamedTuple
 
@@ -81,12 +81,12 @@ class ContactPoint(NamedTuple):
 
     @property
     def rubbing(self) -> Slip:
-        """The slip by which friction has its power."""
+        """The slip at which friction dissipates."""
         return self.slip if self.sweep is None else (self.slip[0] + self.sweep, *self.slip[1:])
 
     def rubbing_around(self, lever: Array, spin: Term) -> "ContactPoint":
-        """The same with friction that acts by a lever further from the pin's axis, about which the pin spins [rad/s];
-        faces of a sleeve are square to the axis, and keep theirs.
+        """The same with friction on a lever further from the pin's axis, about which the pin spins [rad/s]. Faces of a
+        sleeve are normal to the axis, and keep their friction.
         """
         x, y, _ = self.normal
         lever = jnp.where(plus(times(x, x), times(y, y)) > 0.5, lever, 0.0)
@@ -94,12 +94,12 @@ class ContactPoint(NamedTuple):
 
     @property
     def law_view(self) -> "ContactPoint":
-        """What laws know of it."""
+        """The contact point as laws see it."""
         return self._replace(normal=(), tangents=(), arm=())
 
 
 class PointAction(NamedTuple):
-    """What one contact point does, or each of several: forces on the pin [N], memory's rate, elastic energy [J]."""
+    """The action of one contact point or of several: forces on the pin [N], rate of the memory, elastic energy [J]."""
 
     penetration: Scalar
     penetration_rate: Scalar
@@ -133,15 +133,15 @@ class Action(NamedTuple):
 
     @property
     def deepest(self) -> PointAction:
-        """What happens at the point of largest penetration."""
+        """The action of the point of largest penetration."""
         if not jnp.ndim(self.points.penetration):
             return self.points
         return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)
 
 
 def carry(rates: Memory, memory: Memory, turning: Vector | None) -> Memory:
-    """The rates of vectors, component by component, that a plane carries with it while it turns [rad/s]; unchanged if
-    `turning` is `None`.
+    """The rates of vectors, component by component, that turn with a plane [rad/s]; unchanged if `turning` is
+    `None`.
     """
     if turning is None:
         return rates

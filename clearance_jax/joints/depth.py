@@ -1,4 +1,4 @@
-"""How deep a force presses a pin."""
+"""The penetration of a pin under a force."""
 
 from collections.abc import Callable
 
@@ -12,11 +12,11 @@ SEARCH, STRIDE = 16, 5.0
 
 
 def depth_of(borne: Callable[[Scalar], Scalar], force: Scalar, start: Scalar) -> Scalar:
-    """The penetration at which a joint bears a force > 0, by Newton in logarithms, in which every power law is a
-    straight line.
+    """The penetration at which a joint bears a force > 0, by Newton's method in logarithms, in which every power law is
+    a straight line.
 
-    Differentiable twice, though the slope is hidden from differentiation: at the solution each iteration makes the
-    derivatives of the next order right.
+    It can be differentiated twice, although the slope is hidden from differentiation: at the solution each iteration
+    makes the derivatives of the next order right.
     """
 
     def newton(_, logarithm):

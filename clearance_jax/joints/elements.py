@@ -1,6 +1,6 @@
-"""What fills a joint's play and acts without touch: grease and seals damp it, preloaded rolling elements close it.
+"""Elements that fill a joint's play without touch: grease and seals damp it, preloaded rolling elements close it.
 
-A sleeve without them rings: the modes of a pin along its wall have next to no damping of their own.
+Without them a sleeve rings: a pin's modes along its wall have hardly any damping of their own.
 """
 
 from typing import Any, ClassVar
@@ -92,7 +92,7 @@ class PreloadedBearing(AbstractElement):
     stiff: ClassVar[bool] = True
 
     def _springs(self, offset: Offset) -> tuple[tuple[Scalar, Scalar | None, Vector], ...]:
-        """Stiffness, preload and deflection across and along the axis, and of the tilt, by the chord of its angle."""
+        """Stiffness, preload and deflection across and along the axis, and of the tilt (by the chord of its angle)."""
         x, y, z = offset.place
         chord = jnp.sqrt(2 / (1 + jnp.asarray(offset.cosine, float)))
         return (
@@ -102,7 +102,7 @@ class PreloadedBearing(AbstractElement):
         )
 
     def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
-        """What springs and their damping exert."""
+        """Force and torque of the springs and their damping."""
         radial, axial, tilt = (scale(-k / _opening(k, preload, at), at) for k, preload, at in self._springs(offset))
         # The moment is the derivative of the tilt's energy by its angle, of which the chord is twice the half's sine.
         lean = jnp.sqrt((1 + jnp.asarray(offset.cosine, float)) / 2)
@@ -112,15 +112,15 @@ class PreloadedBearing(AbstractElement):
         return force, add(scale(lean, tilt), spent)
 
     def energy(self, offset: Offset, geometry: Geometry) -> Scalar:
-        """What the springs hold [J]."""
-        held: Term = 0.0
+        """The energy of the springs [J]."""
+        stored: Term = 0.0
         for k, preload, at in self._springs(offset):
-            held = plus(held, times(k / (1 + _opening(k, preload, at)), dot(at, at)))
-        return jnp.asarray(held, float)
+            stored = plus(stored, times(k / (1 + _opening(k, preload, at)), dot(at, at)))
+        return jnp.asarray(stored, float)
 
 
 def _each(across: Scalar, along: Scalar, rate: Vector) -> Vector:
-    """What dampers exert."""
+    """Force of the dampers."""
     return times(-across, rate[0]), times(-across, rate[1]), times(-along, rate[2])
 
 

@@ -83,7 +83,7 @@ class ShortBearing(AbstractElement):
                 "A film must be in a round sleeve, or in one that is worn alike all along it (a joint in the plane), "
                 "but this one is worn by stations. Leave out its `depth` or its film."
             )
-        # As in a round sleeve, a pin that comes nearer than twice the roughness is held off.
+        # As in a round sleeve, a pin nearer than twice the roughness is held off.
         bore = Bore(c, finer(geometry.depth))
         wall = bore.depth_at(*place)
         closed = 1 + wall.value / c
@@ -92,7 +92,7 @@ class ShortBearing(AbstractElement):
         depth, rise = _between(bore.depth)
         angles = 2 * np.pi * (np.arange(depth.shape[0]) + 0.5) / depth.shape[0]
         cosines, sines, width = jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 2 * np.pi / len(angles)
-        # Elsewhere it may still be too near where it bears at two places.
+        # It may still be too near elsewhere, if it bears at two places.
         height = jnp.maximum(c + depth - x * cosines - y * sines, self.roughness)
         slope = rise + x * sines - y * cosines
         closing = velocity[0] * cosines + velocity[1] * sines - 0.5 * turning * slope
@@ -104,7 +104,7 @@ class ShortBearing(AbstractElement):
         return fx, fy, around * (0.5 * jnp.sum(pressure * slope) - shear)
 
     def _eccentricity(self, ratio: Scalar, least: Scalar) -> Scalar:
-        """The eccentricity over the clearance, held below 1 - least from 1 - 2 least on; three derivatives continue."""
+        """The eccentricity over the clearance, held below 1 - least from 1 - 2 least on, three times differentiable."""
         begin = 1 - 2 * least
         s = jnp.clip((ratio - begin) / (2 * least), 0.0, 1.0)
         # The integral of 1 - STEP5.
@@ -113,8 +113,8 @@ class ShortBearing(AbstractElement):
 
 
 def _between(depth: Array) -> tuple[Array, Array]:
-    """The depths at parts of the sectors, the places at a half of a part, then one and a half and so on; and their
-    slope over the angle. Straight from a sector's middle to the next.
+    """The depths at the middles of equal parts of the sectors, linear from a sector's middle to the next; and their
+    slope over the angle.
     """
     parts, rise = -(-PLACES // depth.shape[0]), jnp.roll(depth, -1) - depth
     at = ((np.arange(parts) + 0.5) / parts)[None]
@@ -123,7 +123,7 @@ def _between(depth: Array) -> tuple[Array, Array]:
 
 
 def _mean_positive(values: Array) -> Array:
-    """The means over sectors of the positive part of what is linear in each, from the values at their middles."""
+    """Means over sectors of the positive part of a sector-wise linear function, from its values at the middles."""
     reach = 0.25 * jnp.abs(jnp.roll(values, -1) - jnp.roll(values, 1))
     cut = jnp.abs(values) < reach
     return jnp.where(cut, (values + reach) ** 2 / (4 * jnp.where(cut, reach, 1.0)), jnp.maximum(values, 0.0))

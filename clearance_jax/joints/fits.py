@@ -102,12 +102,12 @@ class Fit:
 
     @property
     def hole_class(self) -> str:
-        """Of the hole: "H7"."""
+        """The tolerance class of the hole: "H7"."""
         return self.name.partition("/")[0]
 
     @property
     def shaft_class(self) -> str:
-        """Of the shaft: "g6"."""
+        """The tolerance class of the shaft: "g6"."""
         return self.name.partition("/")[2]
 
     @property
@@ -175,8 +175,8 @@ def fits_within(
             f"Argument `greatest_radial_clearance` must be at least `least`, and `least` at least 0 (both in metres), "
             f"but they are {upper:g} and {lower:g}. Give the larger one first; interference fits are not listed."
         )
-    found = [candidate for candidate in (fit(diameter, name) for name in COMMON) if _is_within(candidate, lower, upper)]
-    return tuple(sorted(found, key=lambda candidate: candidate.radial_clearance[1], reverse=True))
+    fits = [candidate for candidate in (fit(diameter, name) for name in COMMON) if _is_within(candidate, lower, upper)]
+    return tuple(sorted(fits, key=lambda candidate: candidate.radial_clearance[1], reverse=True))
 
 
 def _is_within(candidate: Fit, lower: float, upper: float) -> bool:

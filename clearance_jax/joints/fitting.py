@@ -1,4 +1,4 @@
-"""Clearance of a pin in a bush as it is made and as it runs: an ISO 286 fit, warm, the bush pressed into a housing."""
+"""Clearance of a pin in a bush from an ISO 286 fit, with warmth and a bush that is pressed into a housing."""
 
 from typing import Any, NamedTuple
 
@@ -21,14 +21,14 @@ class Solid(NamedTuple):
     expansion: float
 
 
-# As handbooks have them: carbon steel, and tin bronze.
+# Handbook values: carbon steel, and tin bronze.
 STEEL, BRONZE = Solid(207e9, 0.29, 11.5e-6), Solid(103e9, 0.34, 18e-6)
 # Sizes on drawings are those at 20 degC (ISO 1).
 REFERENCE_TEMPERATURE = 293.15
 
 
 class Tolerance(Module):
-    """Between which values a radial clearance lies as it is made: `least` and `greatest` [m]. A value below zero is an
+    """The range of a radial clearance as it is made: `least` and `greatest` [m]. A value below zero is an
     interference.
     """
 
@@ -79,7 +79,7 @@ class PressFit(Module):
     )
 
     def part(self, bore: Any) -> Scalar:
-        """What part of the interference a `bore` [m] closes by.
+        """The part of the interference by which a `bore` [m] closes.
 
         **Raises:** `ClearanceError` for a bore that is not inside the bush, and a bush that is not inside its housing.
         """
@@ -140,10 +140,10 @@ class Fitting(Module):
     press: PressFit | None = None
 
     def radial_clearance(self, diameter: Any) -> tuple[Scalar, Tolerance]:
-        """Radial clearance of mean sizes at a nominal `diameter` [m], and between what it lies [m].
+        """Radial clearance of mean sizes at a nominal `diameter` [m], and its range [m].
 
-        **Raises:** `ClearanceError` for a fit that there is not (see `fits.fit`), for one that leaves no play, for
-        numbers out of bounds, and for a diameter that is traced.
+        **Raises:** `ClearanceError` for an unknown fit (see `fits.fit`), for one that leaves no play, for numbers out
+        of bounds, and for a traced diameter.
         """
         check_values(self)
         check_known("diameter", diameter, "the tables of ISO 286 go by steps")

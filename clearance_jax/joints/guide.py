@@ -1,6 +1,6 @@
 """The translational clearance joint: a block in a guide, whose corners touch the guide's walls.
 
-The block's own straight sides touch a wall at both of its corners; so corners say it all (Flores et al. 2008).
+If a straight side of the block touches a wall, so do its two corners, so corners are enough (Flores et al. 2008).
 """
 
 import itertools
@@ -70,7 +70,7 @@ class GuideClearance(AbstractClearance):
             if across is None:
                 continue
             yield Demand(name, across > 2 * side, lambda: f"must be greater than twice the play {side:g} m")
-            # Half its diagonal is how far a block reaches across as it tilts.
+            # A tilting block reaches half its diagonal across.
             square = 4 * side * (across + side)
             yield Demand(
                 "length",
@@ -86,7 +86,7 @@ class GuideClearance(AbstractClearance):
         return 4 if self.width is None else 16
 
     def play(self):
-        """Slides across the guide, and the turns that they leave."""
+        """Slides across the guide, and the remaining turns."""
         tilt = 2 * self.side_clearance / self.length
         if self.width is None:
             slide = PlayCoordinate(".play_x", self.side_clearance, slides=X)
@@ -101,7 +101,7 @@ class GuideClearance(AbstractClearance):
         )
 
     def geometry(self):
-        # Of flat walls there are no radii: a law that computes its stiffness from them refuses.
+        # Flat walls have no radii: a law that computes its stiffness from them refuses.
         size = self.height / 2
         materials = self.block_material, self.guide_material
         return Geometry(size, size + self.side_clearance, self.side_clearance, self.length, *materials, kind="flat")
@@ -109,7 +109,7 @@ class GuideClearance(AbstractClearance):
     def points(self, at):
         width = 0.0 if self.width is None else self.width
         half = [jnp.asarray(size, float) / 2 for size in (self.height, width, self.length)]
-        # Of every corner the sides that it is on, and the wall that it may touch: across x, or across y.
+        # By corner: its sides, and the wall that it may touch, across x or across y.
         sides = np.array([(*corner, 1, 0) for corner in itertools.product((1, -1), (0,), (1, -1))], float)
         if self.width is not None:
             corners = list(itertools.product((1, -1), repeat=3))
@@ -145,7 +145,7 @@ class GuideClearance(AbstractClearance):
 
 
 def turn(at: Relative, vector: Vector) -> Vector:
-    """A vector of the pin's axes in the sleeve's."""
+    """A vector from the pin's axes to the sleeve's."""
     rows = (X, Y, Z) if at.rows is None else at.rows
     x, y, z = (jnp.broadcast_to(jnp.asarray(dot(row, vector), float), jnp.shape(vector[0])) for row in rows)
     return x, y, z

@@ -1,4 +1,4 @@
-"""What every joint with a pin in a sleeve has: radii, a profile of wear, and the sections in which the pin bears."""
+"""The base of joints with a pin in a sleeve: radii, a profile of wear, and the sections in which the pin bears."""
 
 import abc
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ from clearance_jax.parameters import Demand
 
 
 class Sections(NamedTuple):
-    """The sections of a sleeve in which its pin bears: what laws know of the whole `geometry`; of every section its
-    height along the sleeve's axis [m] and the length that it stands for [m], `heights` and `lengths` (sections,).
+    """The sections of a sleeve in which its pin bears: the `geometry` of the whole, and by section its height along the
+    sleeve's axis and its length [m], `heights` and `lengths` (sections,).
     """
 
     geometry: Geometry
@@ -47,42 +47,42 @@ class AbstractPin(AbstractClearance):
 
     @property
     def profile(self) -> Any:
-        """By how much the sleeve is worn off in all [m], of the shape of `depth`; `None`: it is round."""
+        """The total wear of the sleeve [m], of the shape of `depth`; `None`: it is round."""
         return self.depth
 
     def ready(self):
-        """The same with its profile as pins meet it."""
+        """The same joint with its refined profile."""
         return self if self.depth is None else self.worn(finer(self.profile))
 
     @property
     def section_count(self) -> int:
-        """How many sections there are. Those of them are the first of the contact points."""
+        """The number of sections. Their contact points are the first ones."""
         return 1
 
     def sections(self) -> Sections:
-        """Its sections. **Raises:** `ClearanceError` where the length of the contact is not known."""
+        """Its sections. **Raises:** `ClearanceError` if the length of the contact is not known."""
         geometry = self.geometry()
         if geometry.length is None:
             raise ClearanceError("The depth of wear depends on the length of the contact: give the joint its `length`.")
         return Sections(geometry, jnp.zeros(1), jnp.reshape(geometry.length, (1,)))
 
     def centres(self, at: Relative) -> Float[Array, "sections 2"]:
-        """Where the pin's centre is in every section [m]."""
+        """The place of the pin's centre in every section [m]."""
         return jnp.stack([jnp.asarray(c, float) for c in at.place[:2]])[None]
 
     def by_section(self, numbers: Any) -> Any:
-        """Of a tree of numbers of every contact point those of the sections, (sections,) each."""
+        """From a tree of numbers of all contact points, those of the sections, (sections,) each."""
         return jax.tree.map(lambda each: jnp.ravel(jnp.asarray(each, float))[: self.section_count], numbers)
 
     @abc.abstractmethod
     def worn(self, depth: Any) -> "AbstractPin":
-        """The same joint with its sleeve worn off by so much [m] in all, of the shape of `depth`, or (sectors,) for the
-        same in every section. **Raises:** `ClearanceError` for other shapes.
+        """The same joint with a total wear [m] of the shape of `depth`, or of shape (sectors,) for all sections.
+        **Raises:** `ClearanceError` for other shapes.
         """
 
 
 def depth_demand(pin: AbstractPin) -> Iterator[Demand]:
-    """That it is not worn off deeper than is computed right."""
+    """The demand that the wear stays below the pin's radius, up to which it is computed right."""
     radius = pin.pin_radius
     if pin.depth is not None:
         yield Demand("depth", (pin.profile < radius).all(), lambda: f"must be below the pin's radius, {radius:g} m")

@@ -1,4 +1,4 @@
-"""Bearings of a robot's joint as makers build them, under preload and worn: crossed rollers, pairs of ball bearings.
+"""Bearings of robot joints, under preload or worn: crossed rollers, pairs of ball bearings.
 
     crossed_roller(0.1, rollers=60, roller_length=6e-3, radial_clearance=5e-6, preload=500)  # as new
     crossed_roller(0.1, rollers=60, roller_length=6e-3, radial_clearance=20e-6)  # worn: the preload is gone
@@ -29,7 +29,7 @@ CROSSED = np.pi / 4
 
 
 class Rows(NamedTuple):
-    """Two rows of elements: how many in each, the load Q [N] of one that gives way by d [m], Q = `factor` d^`power`,
+    """Two rows of elements: the number in each, the load Q [N] at which one gives way by d [m], Q = `factor` d^`power`,
     their contact angle [rad], pitch radius and half the rows' spread [m].
     """
 
@@ -42,11 +42,11 @@ class Rows(NamedTuple):
 
     @property
     def lever(self) -> Any:
-        """Of an element's line about the middle of the bearing [m]."""
+        """The lever of an element's line about the middle of the bearing [m]."""
         return self.half_spread * jnp.cos(self.angle) + self.radius * jnp.sin(self.angle)
 
     def centring_element(self, preload: Any, damping_time: Any) -> PreloadedBearing:
-        """What holds the rings in the middle of their play."""
+        """The element that holds the rings in the middle of their play."""
         across, along = jnp.cos(self.angle), jnp.sin(self.angle)
         deep = (preload / (self.count * along * self.factor)) ** (1 / self.power)
         stiff = self.count * self.power * self.factor * deep ** (self.power - 1)
@@ -55,7 +55,7 @@ class Rows(NamedTuple):
         return PreloadedBearing(radial, axial, tilt, *loose, damping_time)
 
     def with_play(self, radial_clearance: Any, preload: Any, friction: AbstractFrictionLaw | None) -> SleeveClearance:
-        """The joint: a sleeve that is so long that its tilt ends where the elements' own play does."""
+        """The joint: a sleeve so long that its tilt ends where the elements' own play does."""
         across = jnp.cos(self.angle)
         # Both rows bear a radial load, each element along its line.
         law = HuntCrossley(2 * self.count / MOST_LOADED * self.factor * across ** (self.power + 1), DAMPING, self.power)

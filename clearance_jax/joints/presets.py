@@ -1,4 +1,4 @@
-"""Joints with play as a designer first thinks of them: a clearance, a radius, a length; the rest as is usual."""
+"""Joints with play from a designer's numbers: a clearance, a radius, a length; the rest has usual values."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, HuntCrossley, InternalHertz, Material
 
-PINS: Mapping[str, type[AbstractPin]] = {one.kind: one for one in (RevoluteClearance, SleeveClearance)}
+PINS: Mapping[str, type[AbstractPin]] = {pin.kind: pin for pin in (RevoluteClearance, SleeveClearance)}
 """Pins in sleeves, by the word that scenes have for them."""
 # Assumed damping factor of Hunt and Crossley's law [s/m]: at 0.1 m/s an impact loses some 2 % of its speed. Give a law
 # where damping matters.
@@ -27,8 +27,8 @@ PUNCH = 0.95
 
 
 def round_contact(radial_clearance: Any) -> HuntCrossley:
-    """Hunt and Crossley's law of a steel pin in a bronze bush (or ball in a socket), with the stiffness that Hertz has
-    for a `radial_clearance` [m].
+    """Hunt and Crossley's law of a steel pin in a bronze bush (or ball in a socket), with Hertz's stiffness for a
+    `radial_clearance` [m].
     """
     steel, bronze = STEEL, BRONZE
     stiffness = InternalHertz(
@@ -38,8 +38,8 @@ def round_contact(radial_clearance: Any) -> HuntCrossley:
 
 
 def flat_contact(length: Any, breadth: Any, corners: int) -> HuntCrossley:
-    """The law of one of so many `corners` of a side of a steel block, `length` by `breadth` [m], on a bronze guide: all
-    of them together have the linear stiffness of a flat punch, E* sqrt(area) / 0.95.
+    """The law of one of the `corners` of a side of a steel block, `length` by `breadth` [m], on a bronze guide.
+    Together they have the linear stiffness of a flat punch, E* sqrt(area) / 0.95.
     """
     compliance = sum(Material(solid.modulus, solid.poisson_ratio).compliance for solid in (STEEL, BRONZE))
     stiffness = jnp.sqrt(length * breadth) / (PUNCH * compliance * corners)
@@ -97,9 +97,9 @@ def pin_clearance(
     check_larger("pin_radius", pin_radius, "the radial clearance", radial_clearance, "or there is no pin")
     normal = round_contact(radial_clearance) if normal is None else normal
     make: Any = PINS[kind]
-    own = {} if axial_clearance is None else {"axial_clearance": axial_clearance}
+    axial = {} if axial_clearance is None else {"axial_clearance": axial_clearance}
     numbers = {"radial_clearance": radial_clearance, "pin_radius": pin_radius, "length": length, "tolerance": tolerance}
-    return make(**numbers, **own, normal=normal, friction=friction)
+    return make(**numbers, **axial, normal=normal, friction=friction)
 
 
 def radial_clearance_of(radial_clearance: Any, pin_radius: Any, fit: str | Fitting | None, temperature: Any):
@@ -212,7 +212,7 @@ class PlayNumbers(TypedDict, total=False):
 
 
 class Preset(NamedTuple):
-    """How a clearance is made of the numbers of a design: `make` takes the numbers `fields`, which the joint has too,
+    """How to make a clearance from a designer's numbers: `make` takes the numbers `fields`, which the joint has too,
     and further `words`.
     """
 
@@ -222,11 +222,11 @@ class Preset(NamedTuple):
 
     @property
     def numbers(self) -> tuple[str, ...]:
-        """What it takes."""
+        """The names of the numbers that it takes."""
         return self.fields + self.words
 
     def instead(self, name: str) -> str:
-        """What is to be given in the place of a number that it does not have."""
+        """Advice for a number that it does not have."""
         new = next((new for old, new in RENAMED if old == name and new in self.fields), None)
         if new is None:
             return suggest(name, self.numbers)

@@ -1,4 +1,4 @@
-"""How far play alone lets a pin go: the values of its play that reach farthest in a direction, walls rigid."""
+"""The largest displacement of a pin in a direction that play alone allows, with rigid walls."""
 
 from collections.abc import Sequence
 
@@ -14,18 +14,18 @@ from clearance_jax.spatial import as_array
 
 
 def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Float[Array, " play"]:
-    """The values of the play coordinates [m or rad] at which their sum by weights is greatest, within free play.
+    """The values of the play coordinates [m or rad] within free play that maximise their weighted sum.
 
-    A pin in a sleeve may have each end of its axis anywhere in the radial clearance; a block in a guide each end at any
-    wall. Axial play and a turn about the axis have their own bounds. (Walls may stop a pin before, where a face and an
-    edge touch at once: no pin goes further.)
+    In a sleeve each end of the pin's axis may be anywhere in the radial clearance, in a guide each end of the block at
+    any wall. Axial play and a turn about the axis have their own bounds. (Where a face and an edge touch at once, walls
+    stop a pin earlier: the values are an upper bound.)
 
     **Raises:** `ClearanceError` for a sleeve that is worn by stations.
     """
     play = clearance.play()
     within = _box if clearance.flat else _ball
     worn = isinstance(clearance, AbstractPin) and clearance.depth is not None
-    if all(one.turns is None for one in play):
+    if all(c.turns is None for c in play):
         return _in_bore(clearance, weights) if worn else play[0].scale * within(weights)
     if worn:
         raise ClearanceError(
@@ -35,21 +35,21 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
     across, tilts, alone = _groups(play)
     radial, tilt = play[across[0]].scale, play[tilts[0]].scale
     half = radial / tilt
-    # How the axis leans along each slide by each tilt: z turned about the tilt's axis.
+    # Lean of the axis along each slide by each tilt: z turned about the tilt's axis.
     leans = np.array(
         [[np.cross(_axis(play[t].turns), [0, 0, 1]) @ _axis(play[k].slides) for t in tilts] for k in across]
     )
     middle, end = weights[np.array(across)] / 2, leans @ weights[np.array(tilts)] / (2 * half)
-    one, other = radial * within(middle + end), radial * within(middle - end)
-    found = jnp.zeros(len(play)).at[np.array(across)].set((one + other) / 2)
-    found = found.at[np.array(tilts)].set(leans.T @ (one - other) / (2 * half))
+    upper, lower = radial * within(middle + end), radial * within(middle - end)
+    values = jnp.zeros(len(play)).at[np.array(across)].set((upper + lower) / 2)
+    values = values.at[np.array(tilts)].set(leans.T @ (upper - lower) / (2 * half))
     for k in alone:
-        found = found.at[k].set(play[k].scale * jnp.sign(weights[k]))
-    return found
+        values = values.at[k].set(play[k].scale * jnp.sign(weights[k]))
+    return values
 
 
 def _in_bore(clearance: AbstractClearance, weights: Array) -> Array:
-    """The place in a worn bore that is farthest along a direction, where its wall is square to it."""
+    """The place in a worn bore that is farthest along a direction, where the wall is normal to it."""
     size = jnp.linalg.norm(jnp.where(weights == 0, 0.0, weights))
     known = size > 0
     x, y = jnp.where(known, weights / jnp.where(known, size, 1.0), jnp.array([1.0, 0.0]))
@@ -57,9 +57,9 @@ def _in_bore(clearance: AbstractClearance, weights: Array) -> Array:
 
 
 def _groups(play: Sequence[PlayCoordinate]) -> tuple[list[int], list[int], list[int]]:
-    """Slides across the axis, turns across it, and what is bounded by itself: along and about the axis."""
-    across = [k for k, one in enumerate(play) if one.slides is not None and _axis(one.slides)[2] == 0]
-    tilts = [k for k, one in enumerate(play) if one.turns is not None and _axis(one.turns)[2] == 0]
+    """Indices of the slides across the axis, of the turns across it, and of the rest: along and about the axis."""
+    across = [k for k, c in enumerate(play) if c.slides is not None and _axis(c.slides)[2] == 0]
+    tilts = [k for k, c in enumerate(play) if c.turns is not None and _axis(c.turns)[2] == 0]
     return across, tilts, [k for k in range(len(play)) if k not in (*across, *tilts)]
 
 
@@ -68,7 +68,7 @@ def _axis(vector) -> np.ndarray:
 
 
 def _ball(weights: Array) -> Array:
-    """The point of the unit ball that is farthest along a direction; of none the middle."""
+    """The point of the unit ball that is farthest along a direction; the middle for a zero direction."""
     size = jnp.linalg.norm(jnp.where(weights == 0, 0.0, weights))
     return weights / jnp.where(size > 0, size, 1.0)
 

@@ -1,8 +1,8 @@
-"""The plane revolute clearance joint: a pin in a round sleeve, or in a worn one.
+"""The plane revolute clearance joint: a pin in a round or a worn sleeve.
 
 The contact point lies on the sleeve's surface, P = R n with n = e/|e|; both wrenches act there, so momentum and power
-balance exactly. (Formulas that use the pin's own radius as its arm differ from this by the penetration.) The bore of a
-worn sleeve is no circle (see `joints.bore`).
+balance exactly. (Formulas with the pin's own radius as arm differ from this by the penetration.) For the bore of a worn
+sleeve see `joints.bore`.
 """
 
 import dataclasses

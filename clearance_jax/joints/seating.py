@@ -1,9 +1,8 @@
-"""Where a pin that may tilt rests under a load: the contact bears force and moment, friction aside.
+"""The place of rest of a pin that may tilt: where the contact, without friction, bears a given force and moment.
 
-What a contact without friction holds is the gradient of its elastic energy, which is convex for plays as small as they
-are: so the place is where elastic energy and the load's potential together are least, and Newton's method, with a line
-search along each step, finds it from anywhere. A direction along which nothing presses and nothing resists stays as it
-is.
+The load that a contact without friction bears is the gradient of its elastic energy, which is convex for small plays.
+So the place minimises elastic energy plus the load's potential, and Newton's method with a line search finds it from
+anywhere. A direction along which nothing presses and nothing resists stays as it is.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,27 +21,27 @@ from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, a
 
 # Iterations at most (some twenty are usual).
 MOST = 200
-# Parts of a step that a search tries, and iterations at its end, without springs. Fewer of both where Newton steps of
-# all joints follow (see `Near`): of a pose of three sleeves that is about a fifth of the time.
+# Parts of a step that a search tries, and iterations at its end, without springs. Fewer of both are enough if Newton
+# steps of all joints follow (see `Near`).
 PARTS, LAST = 0.5 ** np.arange(12), 5
 FEWER_PARTS, FEWER_LAST = 0.5 ** np.array([0, 1, 3, 6]), 1
-# Loads begin where they press so deep (in parts of the play), and are by so much less each time as one is nearly borne.
+# The first load presses so deep (in parts of the play); each time a load is borne to NEAR, it is divided by LESS.
 WIDE, LESS, NEAR = 0.3, 8.0, 0.1
-# Of the load: what is left when a search ends; such as it may be where it helps no more; what is left of a search from
-# near its end, which the iterations without springs finish.
+# Residuals in parts of the load: at the end of a search; at most, if a step no longer helps; and for a search from near
+# its end, which the iterations without springs finish.
 ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
-# What springs hold per play: of the whole load along what it does not press, of its own along what it does.
+# Stiffness of the springs per play: in parts of the whole load where it does not press, else of its component.
 LOOSE, PRESSED = 1e-4, 1e-6
-# So far from where it was asked for a load changes with its pin, in sizes of the play: from wall to wall. A pin that
-# turns over in a sleeve far too soft would else find a rest where it hangs upside down.
+# A load changes with its pin up to this distance, in sizes of the play: from wall to wall. Otherwise a pin in a sleeve
+# far too soft could turn over and rest upside down.
 ACROSS = 2.0
 
 Values = Float[Array, " play"]
 
 
-class Pose(NamedTuple):
-    """A pin's pose in its sleeve's axes by its play: place [m], how it is turned, and of each coordinate the velocity
-    or spin of the pin there per unit of its rate.
+class PinPose(NamedTuple):
+    """A pin's pose in its sleeve's axes: place [m], rotation, and by play coordinate the velocity or spin of the pin
+    per unit of its rate.
     """
 
     place: Vector
@@ -50,29 +49,29 @@ class Pose(NamedTuple):
     axes: tuple[Vector, ...]
 
 
-def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
+def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> PinPose:
     """The pose at given `values` (play,) of the coordinates of the `play` [m or rad]."""
     place, rotation, axes = ZERO, IDENTITY, []
-    tilts = [k for k, one in enumerate(play) if one.swings]
-    for k, one in enumerate(play):
-        if one.swings:
+    tilts = [k for k, coordinate in enumerate(play) if coordinate.swings]
+    for k, coordinate in enumerate(play):
+        if coordinate.swings:
             if k == tilts[0]:
                 swung = swing(*(play[i].turns or ZERO for i in tilts), *(values[i] for i in tilts))
                 axes += [rotation.apply(axis) for axis in swung.outside]
                 rotation = rotation.compose(swung.rows)
-        elif one.turns is None:
-            assert one.slides is not None
-            axes.append(rotation.apply(one.slides))
+        elif coordinate.turns is None:
+            assert coordinate.slides is not None
+            axes.append(rotation.apply(coordinate.slides))
             place = add(place, scale(values[k], axes[-1]))
         else:
-            axes.append(rotation.apply(one.turns))
-            rotation = rotation.turn(one.turns, values[k])
-    return Pose(place, rotation, tuple(axes))
+            axes.append(rotation.apply(coordinate.turns))
+            rotation = rotation.turn(coordinate.turns, values[k])
+    return PinPose(place, rotation, tuple(axes))
 
 
-class Load(NamedTuple):
-    """What the sleeve must exert on the pin, in the sleeve's axes: `force` [N], and `moment` about the pin's centre [N
-    m].
+class SeatLoad(NamedTuple):
+    """Force and moment that the sleeve must exert on the pin, in the sleeve's axes: `force` [N], and `moment` about the
+    pin's centre [N m].
     """
 
     force: Vector
@@ -81,38 +80,38 @@ class Load(NamedTuple):
     def along(self, play: Sequence[PlayCoordinate], axes: tuple[Vector, ...]) -> Values:
         """Its part along each play coordinate [N or N m]."""
         return as_array(
-            [dot(self.force if one.turns is None else self.moment, a) for one, a in zip(play, axes, strict=True)]
+            [dot(self.force if c.turns is None else self.moment, a) for c, a in zip(play, axes, strict=True)]
         )
 
-    def plus(self, other: "Load") -> "Load":
-        """Both together."""
-        return Load(add(self.force, other.force), add(self.moment, other.moment))
+    def plus(self, other: "SeatLoad") -> "SeatLoad":
+        """The sum of both."""
+        return SeatLoad(add(self.force, other.force), add(self.moment, other.moment))
 
-    def less(self, other: "Load") -> "Load":
-        """What is left of it without another."""
-        return Load(subtract(self.force, other.force), subtract(self.moment, other.moment))
+    def less(self, other: "SeatLoad") -> "SeatLoad":
+        """The difference of both."""
+        return SeatLoad(subtract(self.force, other.force), subtract(self.moment, other.moment))
 
 
 class Turned(NamedTuple):
-    """How a load changes as its own pin moves, to first order: by `force` (3, play) and `moment` (3, play) for each
-    unit of a play coordinate, from where the pin was `at` (play,) [m or rad] as the load was asked for.
+    """First-order change of a load as its own pin moves: `force` (3, play) and `moment` (3, play) per unit of a play
+    coordinate, from the place `at` (play,) [m or rad] for which the load was computed.
 
-    A weight that hangs below its sleeve bears no moment where it hangs straight: its moment passes through zero inside
-    of the play, and a search that takes it as given leaps from wall to wall.
+    A weight that hangs straight below its sleeve bears no moment: its moment passes through zero inside the play, and a
+    search with a constant moment would leap from wall to wall.
     """
 
     force: Float[Array, "3 play"]
     moment: Float[Array, "3 play"]
     at: Values
 
-    def load(self, values: Values, size: Values) -> Load:
+    def load(self, values: Values, size: Values) -> SeatLoad:
         """The change of the load at `values` (play,) of the play coordinates, whose `size` is their play (play,)."""
         moved = size * jnp.clip((values - self.at) / size, -ACROSS, ACROSS)
-        return Load(tuple(self.force @ moved), tuple(self.moment @ moved))
+        return SeatLoad(tuple(self.force @ moved), tuple(self.moment @ moved))
 
 
 class FreeMotion(NamedTuple):
-    """How a pin moves where its joint leaves it free, in the sleeve's axes: `velocity` of its centre along a slide
+    """The motion of a pin in its joint's free directions, in the sleeve's axes: `velocity` of its centre along a slide
     [m/s], and `spin` [rad/s].
     """
 
@@ -121,23 +120,23 @@ class FreeMotion(NamedTuple):
 
 
 def relative_at(play: Sequence[PlayCoordinate], values: Values, free: FreeMotion | None = None) -> Relative:
-    """The relative motion of a pin at given `values` (play,) of its `play` [m or rad], which do not change; `free`: how
-    it moves otherwise (`None`: at rest).
+    """The relative motion of a pin at constant `values` (play,) of its `play` [m or rad]; `free`: its other motion
+    (`None`: at rest).
     """
     at, zero = pose_at(play, values), jnp.zeros(())
-    rows = None if all(one.turns is None for one in play) else at.rotation.rows
+    rows = None if all(c.turns is None for c in play) else at.rotation.rows
     free = FreeMotion((zero, zero, zero), (zero, zero, zero)) if free is None else free
     return Relative(at.place, 0.0, free.velocity, free.spin, rows)
 
 
 class Seat(NamedTuple):
-    """Where a pin is at rest.
+    """The place of rest of a pin.
 
     - `play` (play,): values of the play coordinates [m or rad]; `presses`: whether the load presses the pin to a wall
       at all.
-    - `left`: the share of the load that the joint does not bear there. If it is not nearly zero, the search found no
+    - `left`: the part of the load that the joint does not bear there. If it is not nearly zero, the search found no
       rest.
-    - `stiffness` [J]: how stiffly the pin is held there, for play in units of its size (without derivatives).
+    - `stiffness` [J]: of the joint there, for play in units of its size (without derivatives).
     """
 
     play: Values
@@ -147,8 +146,8 @@ class Seat(NamedTuple):
 
 
 class Near(NamedTuple):
-    """Where a search may begin that knows a `place` near its end [m or rad], if it is `known`. What it finds bears the
-    load but for a millionth of it, or better: Newton steps of all joints follow.
+    """A start near the end of a search, `place` [m or rad], if it is `known`. Such a search bears the load to a
+    millionth or better; Newton steps of all joints follow.
     """
 
     place: Values
@@ -156,7 +155,7 @@ class Near(NamedTuple):
 
 
 def seat(
-    clearance: PreparedClearance, load: Load, start: Values, near: Near | None = None, turned: Turned | None = None
+    clearance: PreparedClearance, load: SeatLoad, start: Values, near: Near | None = None, turned: Turned | None = None
 ) -> Seat:
     """The play at which the joint, without friction, exerts a given load on its pin.
 
@@ -168,33 +167,33 @@ def seat(
     """
     smooth = clearance.without_friction()
     still, begun, slope = jax.lax.stop_gradient(((smooth, load), start, turned))
-    size = as_array([one.scale for one in still[0].joint.play()])
+    size = as_array([c.scale for c in still[0].joint.play()])
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=slope)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
-    found, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
-    found = found + loose @ ((start - begun) / size)
+    x, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
+    x = x + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load, turned=turned)
 
     def once(_, carry):
         left = differentiated.residual(carry[0])
         return carry[0] - inverse @ left, jax.lax.stop_gradient(left)
 
-    found, left = jax.lax.fori_loop(0, 2, once, (found, jnp.zeros_like(found)))
-    # What presses along a coordinate without load is a tilted pin's edge, which need not be held there.
+    x, left = jax.lax.fori_loop(0, 2, once, (x, jnp.zeros_like(x)))
+    # A force along a coordinate without load is that of a tilted pin's edge, which need not be in equilibrium.
     asked, left = (jnp.linalg.norm(jnp.where(search.counts, part, 0.0)) for part in (search.asked, left))
     left = jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
-    return Seat(size * found, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
+    return Seat(size * x, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
 
 
 class Seating(NamedTuple):
-    """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
-    `start`, how it moves where its joint leaves it `free` (`None`: not), and how the load is `turned` as the pin moves
-    (`None`: not). Its unknowns x are the play in units of its size; forces and moments are so too [J].
+    """The problem: a pin, the load that it must bear, the `size` of its play, which parts of the load `counts`, the
+    `start`, its motion in `free` directions (`None`: none), and how the load is `turned` as the pin moves (`None`:
+    not). The unknowns x are the play in units of its size; forces and moments have the same units [J].
     """
 
     clearance: PreparedClearance
-    load: Load
+    load: SeatLoad
     size: Values
     counts: Array
     start: Values
@@ -202,55 +201,55 @@ class Seating(NamedTuple):
     turned: Turned | None = None
 
     def residual(self, x: Values, factor: Scalar | float = 1.0) -> Values:
-        """The gradient of the energy: a multiple of the load, less what the joint bears."""
+        """The residual of equilibrium: `factor` times the load, less what the joint bears."""
         play, values = self.clearance.joint.play(), self.size * x
         axes = pose_at(play, values).axes
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
         action = self.clearance.act(relative_at(play, values, self.free), memory)
-        borne = Load(action.force, action.torque).along(play, axes)
+        borne = SeatLoad(action.force, action.torque).along(play, axes)
         load = self.load if self.turned is None else self.load.plus(self.turned.load(values, self.size))
         return self.size * (jnp.where(self.counts, factor * load.along(play, axes), 0.0) - borne)
 
     @property
     def asked(self) -> Values:
-        """The load along each coordinate, from the middle."""
+        """The size of the load along each coordinate, at the middle."""
         return jnp.where(self.counts, self._along(self.load, 0 * self.size), 0.0)
 
     @property
     def most(self) -> Values:
-        """The load along each coordinate, or what it is where it was asked for: of a pin that is tilted there it has
-        parts that from the middle pass through zero by symmetry.
+        """The size of the load along each coordinate, at the middle or where the load was computed. A pin tilted there
+        has parts of the load that vanish at the middle by symmetry.
         """
         if self.turned is None:
             return self.asked
         return jnp.maximum(self.asked, jnp.where(self.counts, self._along(self.load, self.turned.at), 0.0))
 
-    def _along(self, load: Load, values: Values) -> Values:
+    def _along(self, load: SeatLoad, values: Values) -> Values:
         """The sizes of a load's parts along each coordinate, at values of these."""
         play = self.clearance.joint.play()
         return jnp.abs(self.size * load.along(play, pose_at(play, values).axes))
 
     @property
     def springs(self) -> Values:
-        """So soft that they give way to contacts, and stiff enough to bring back to the start what nothing holds."""
+        """Stiffnesses of springs that yield to contacts, but return to the start what nothing else holds."""
         return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
-        """What the joint bears where the pin is pressed along its first slide by a part of its play: beyond it, or from
-        the middle where something there holds the pin.
+        """What the joint bears with the pin pressed along its first slide by a part of its play: beyond the play, or
+        from the middle if an element there holds the pin.
         """
         element = self.clearance.joint.element
         free = 0 if element is not None and element.stiff else 1
         return jnp.abs(self.residual((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
 
     def more_than_round_off(self) -> Array:
-        """Which parts of the load are more than round-off: of the largest, and of what presses at all."""
+        """Which parts of the load exceed round-off, of the largest part and of any pressing load."""
         most = self.most
         return (most > TOUCHING * jnp.max(most)) & (most > self.wall(TOUCHING))
 
     def find(self, near: Near | None = None) -> Values:
-        """Where energy and springs are least. Where walls are stiff that is in a narrow, curved valley: so a load that
-        widens it falls to the real one. A search from `near` begins with the real load.
+        """The minimum of energy and springs. With stiff walls it lies in a narrow, curved valley, which a larger load
+        widens: the search begins with such a load and reduces it. A search from `near` begins with the real load.
         """
         springs, whole = self.springs, jnp.linalg.norm(self.asked)
         parts = jnp.asarray(PARTS if near is None else FEWER_PARTS)
@@ -264,7 +263,7 @@ class Seating(NamedTuple):
             stiff, ways = small_eigh(0.5 * (slope + slope.T))
             step = -ways @ jnp.clip((ways.T @ g) / jnp.maximum(stiff, PRESSED * TOUCHING * asked), -1.0, 1.0)
             further = jax.vmap(lambda part: residual(x + part * step, factor))(parts)
-            # As far as the energy falls, or nearly: the largest part at which it does not rise half as steeply.
+            # The largest part of the step at which the energy does not rise half as steeply as it fell at the start.
             good = (further @ step) <= 0.5 * jnp.abs(g @ step)
             part = jnp.where(jnp.any(good), jnp.argmax(good), len(parts) - 1)
             before, after = jnp.linalg.norm(g), jnp.linalg.norm(further[part])
@@ -282,8 +281,8 @@ class Seating(NamedTuple):
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
 
     def rest(self, x: Values, iterations: int) -> tuple[Values, Array, Array, Array]:
-        """The equilibrium without springs, near that with them: of what contacts hold more firmly than springs do, the
-        rest at the start. And there the inverse of the slope, the projection on the rest, and the slope.
+        """The equilibrium without springs, near that with them: solved in directions that contacts hold more firmly
+        than springs, the rest at the start. Also the inverse of the slope, the projection on the rest, and the slope.
         """
 
         def once(_, carry):
@@ -295,45 +294,44 @@ class Seating(NamedTuple):
         return jax.lax.fori_loop(0, iterations, once, (x, nothing, nothing, nothing))
 
     def inverse(self, x: Values) -> Array:
-        """The inverse of the slope of the residual, friction included: zero along what contacts do not hold."""
+        """The inverse of the slope of the residual, friction included; zero along what contacts do not hold."""
         slope = value_and_jacobian(self.residual, x)[1]
         smooth = self._replace(clearance=self.clearance.without_friction())
         stiff = slope if self.clearance.friction is None else value_and_jacobian(smooth.residual, x)[1]
         return self._held(slope, stiff)[0]
 
     def _held(self, slope: Array, stiffness: Array) -> tuple[Array, Array]:
-        """The inverse of a slope along what contacts hold more firmly than springs do, by their stiffness; and the
-        projection on the rest.
+        """The inverse of a slope in the directions that contacts hold more firmly than springs, by their stiffness; and
+        the projection on the rest.
         """
         stiff, ways = small_eigh(0.5 * (stiffness + stiffness.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]
-        held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(stiff))))
-        return ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
+        inverse = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(stiff))))
+        return ways @ jnp.where(both, inverse, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
 
 
 def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
-    """How stiffly a joint without friction holds its pin against slides, for play in units of its size [J], without
-    derivatives.
+    """The stiffness of a joint without friction and load, for play in units of its size [J], without derivatives.
 
     **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad].
     """
     play = clearance.joint.play()
-    size = as_array([one.scale for one in play])
-    nowhere = Load(ZERO, ZERO)
+    size = as_array([c.scale for c in play])
+    nowhere = SeatLoad(ZERO, ZERO)
     smooth = clearance.without_friction()
-    held, at, size = jax.lax.stop_gradient((smooth, place, size))
-    return value_and_jacobian(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
+    joint, at, size = jax.lax.stop_gradient((smooth, place, size))
+    return value_and_jacobian(Seating(joint, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
 
 
-def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> Array:
-    """How stiffly a joint without friction holds its pin where it bears a load, for play in units of its size [J],
-    without derivatives: zero along what contacts hold less firmly than the springs of a search do.
+def held_stiffness(clearance: PreparedClearance, place: Values, load: SeatLoad) -> Array:
+    """The stiffness of a joint without friction where its pin bears a load, for play in units of its size [J], without
+    derivatives; zero along what contacts hold less firmly than the springs of a search.
 
     **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad]; `load`: what it
     bears.
     """
-    size = as_array([one.scale for one in clearance.joint.play()])
+    size = as_array([c.scale for c in clearance.joint.play()])
     smooth = clearance.without_friction()
     still = jax.lax.stop_gradient((smooth, load, size))
     pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])

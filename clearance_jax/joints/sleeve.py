@@ -1,15 +1,15 @@
 """The revolute clearance joint of space: a pin of some length in a sleeve, with radial play, tilt, and axial play.
 
-Along the sleeve stand stations, at each of which the plane joint's contact is made for the pin's section there; the
-sum, by weights, is a quadrature of the contact along its length. Axial play ends at two faces of the sleeve, on which a
-collar of the pin bears at points of a ring.
+At stations along the sleeve the plane joint's contact is evaluated for the pin's section; the weighted sum is a
+quadrature of the contact along its length. Two faces of the sleeve limit axial play; a collar of the pin bears on them
+at points of a ring.
 
 A force is along the gradient of its penetration, and acts where that gradient's moment is, so that power balances
-exactly, tilted too. The penetrations leave out what is of second order in the tilt: a tilted pin's section is not quite
-round. Friction leaves out what is of first order: it acts along the directions of the sleeve, which are not quite
-square to the gradient of a tilted pin.
+exactly, for a tilted pin too. The penetrations leave out terms of second order in the tilt: a tilted pin's section is
+not quite round. Friction leaves out terms of first order: it acts along the directions of the sleeve, which are not
+quite normal to the gradient of a tilted pin.
 
-A worn sleeve has a bore of its own at every station (see `joints.bore`).
+A worn sleeve has its own bore at every station (see `joints.bore`).
 """
 
 import dataclasses
@@ -34,15 +34,15 @@ from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry,
 from clearance_jax.parameters import Demand, describe, physical
 from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plus, scale, subtract, times
 
-# Beyond so many stations the quadrature of a contact that begins somewhere between two of them gains little.
+# More stations gain little: a contact may begin between two of them.
 MOST = 64
 PINS = ("through", "inside")
-# So much of the clearance may be wrong where the pin tilts most.
+# Largest error at the largest tilt, in parts of the clearance.
 OVAL = 0.1
 
 
 class Meeting(NamedTuple):
-    """Where surfaces meet, of every point: penetration, normal, arm (see `ContactPoint`)."""
+    """By contact point: penetration, normal, arm (see `ContactPoint`)."""
 
     depth: Array
     normal: Vector
@@ -130,8 +130,8 @@ class SleeveClearance(AbstractPin):
     def demands(self):
         radius, clearance = self.pin_radius, self.radial_clearance
         yield Demand("pin_radius", radius > clearance, lambda: f"must be greater than the clearance {clearance:g} m")
-        # At its largest tilt the section of a pin, an ellipse, reaches r (2c/L)^2 / 2 further than the round one that
-        # stations reckon with.
+        # At the largest tilt the pin's section, an ellipse, reaches r (2c/L)^2 / 2 further than the round one at
+        # stations.
         square = 2 * radius * clearance / OVAL
         why = "a shorter sleeve lets its pin tilt so far that its section is not round"
         holds = self.length**2 > square
@@ -151,7 +151,7 @@ class SleeveClearance(AbstractPin):
         return 2 * self.radial_clearance / self.length
 
     def play(self):
-        """Slides along the sleeve's axes, tilts about those across."""
+        """Slides along the sleeve's axes, and tilts about the two across."""
         slides = [
             PlayCoordinate(".play_x", self.radial_clearance, slides=X),
             PlayCoordinate(".play_y", self.radial_clearance, slides=Y),
@@ -179,7 +179,7 @@ class SleeveClearance(AbstractPin):
         if self.axial_clearance is None:
             meeting = compute_once(self._stations(at, places))
             return self._contact_points(at, meeting, _around(self._radial(meeting)), weights)
-        # Both kinds for every point, and chosen: what is concatenated asks at every number which part it is of.
+        # Both kinds for every point, and a selection: a compiled concatenation would test the part of every number.
         angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
         along = np.arange(self.count) < self.stations
         angles = np.append(np.zeros(self.stations), angles)
@@ -190,14 +190,14 @@ class SleeveClearance(AbstractPin):
         return self._contact_points(at, meeting, tangents, np.append(weights, share))
 
     def _stations(self, at: Relative, places: np.ndarray) -> "Meeting":
-        """At places from -1 to 1 along the sleeve."""
+        """The contact at places from -1 to 1 along the sleeve."""
         arm, slope = self._axis(at, places)
         centre = add(at.place, arm)
         x, y = (jnp.broadcast_to(jnp.asarray(c, float), places.shape) for c in centre[:2])
         if self.depth is not None:
             return self._in_bores(arm, slope, x, y)
         distance, nx, ny = safe_unit(x, y)
-        # An edge presses square to the pin, which tilts.
+        # An edge presses normal to the tilted pin.
         along = minus(0.0, plus(times(nx, slope[0]), times(ny, slope[1])))
         normal: Vector = (nx, ny, along)
         arm = add(arm, scale(self.sleeve_radius - distance, normal))
@@ -208,7 +208,7 @@ class SleeveClearance(AbstractPin):
         heights = 0.5 * self.length * places
         if self.pin == "inside":
             return scale(heights, at.axis), Z
-        # Of a pin that is longer: at the sleeve's heights, where the pin's axis comes by.
+        # A longer pin: where its axis passes the sleeve's heights.
         slope = self._slope(at)
         return scale(heights - jnp.asarray(at.place[2], float), slope), slope
 
@@ -217,7 +217,7 @@ class SleeveClearance(AbstractPin):
         return self.stations
 
     def sections(self):
-        """The stations, each with its share of the length."""
+        """The stations, each with its part of the length."""
         places, weights = lobatto(self.stations)
         return Sections(self.geometry(), 0.5 * self.length * places, self.length * jnp.asarray(weights))
 
@@ -231,13 +231,13 @@ class SleeveClearance(AbstractPin):
         return jnp.stack([jnp.broadcast_to(jnp.asarray(c, float), places.shape) for c in (x, y)], axis=-1)
 
     def _in_bores(self, arm: Vector, slope: Vector, x: Array, y: Array) -> "Meeting":
-        """At stations that are worn; what is asked beyond them, for points of faces, is nowhere."""
+        """The contact at worn stations; places beyond them (points of faces) are zero."""
         assert self.depth is not None
         among, beyond = slice(self.stations), (0, x.size - self.stations)
-        found = jax.vmap(lambda depth, x, y: Bore(self.radial_clearance, depth).depth_at(x, y))(
+        depths = jax.vmap(lambda depth, x, y: Bore(self.radial_clearance, depth).depth_at(x, y))(
             finer(self.depth), x[among], y[among]
         )
-        deep, gx, gy = (jnp.pad(term, beyond) for term in found)
+        deep, gx, gy = (jnp.pad(term, beyond) for term in depths)
         along = minus(0.0, plus(times(gx, slope[0]), times(gy, slope[1])))
         # From the pin's axis along the force: it has no moment about a round pin.
         size, *_ = safe_unit(gx, gy)
@@ -252,7 +252,7 @@ class SleeveClearance(AbstractPin):
         return (x, y, 0.0)
 
     def _faces(self, at: Relative, angles: np.ndarray) -> "Meeting":
-        """Where a ring of the collar comes nearest to the one face or the other: none comes near both."""
+        """Where a ring of the collar comes nearest to one of the faces; none comes near both."""
         assert self.axial_clearance is not None
         radius = 1.5 * self.pin_radius if self.collar_radius is None else self.collar_radius
         # The collar is square to the pin's axis: its height over a place of the face.
@@ -265,7 +265,7 @@ class SleeveClearance(AbstractPin):
         return Meeting(side * height - self.axial_clearance, scale(side, slope), arm)
 
     def _slope(self, at: Relative) -> Vector:
-        """The pin's axis by its height along the sleeve."""
+        """The pin's axis per unit of height along the sleeve."""
         x, y, z = at.axis
         return (
             (0.0, 0.0, 1.0)
@@ -303,7 +303,7 @@ class SleeveClearance(AbstractPin):
 
 
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places on [-1, 1], both ends among them, and weights that add up to one, of the Gauss-Lobatto quadrature."""
+    """Places on [-1, 1], both ends included, and weights that add up to one, of the Gauss-Lobatto quadrature."""
     legendre = np.polynomial.legendre.Legendre.basis(count - 1)
     places = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
     places = (places - places[::-1]) / 2
@@ -311,7 +311,7 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _choose(here: np.ndarray, these: Any, others: Any) -> Any:
-    """Some points' numbers where a flag says so, else others'; what is the same constant in both stays one."""
+    """Some points' numbers where a flag is set, else others'; equal constants stay constants."""
 
     def choose(a, b):
         return a if isinstance(a, float) and isinstance(b, float) and a == b else jnp.where(here, a, b)
@@ -320,5 +320,5 @@ def _choose(here: np.ndarray, these: Any, others: Any) -> Any:
 
 
 def _around(radial: Vector) -> tuple[Vector, Vector]:
-    """The directions around the sleeve and along it, square to a radial one."""
+    """The directions around the sleeve and along it, normal to a radial one."""
     return (-radial[1], radial[0], 0.0), Z

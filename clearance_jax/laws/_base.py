@@ -1,4 +1,4 @@
-"""What a contact law is. Written for ONE contact point: no pose, no body, no time, no batch; `vmap` lives above it.
+"""The base of contact laws, each written for one contact point, without pose, body, time or batch (`vmap` is outside).
 
 Sign convention, stated here once for the whole library:
 
@@ -8,13 +8,13 @@ Sign convention, stated here once for the whole library:
   space); the traction is the force on the pin along the same tangents, so a dissipative law returns one of opposite
   sign. Slip, traction and the memory of friction are tuples of as many components: no law is written twice.
 
-A law has two lives. What a user gives is the law: numbers, with units and bounds. Once a solve `prepared(geometry)`
-puts beside it the `constants` that follow from it and from the geometry, in a type of its own; that is what a step
-evaluates, and what clips, gates and counts for every law alike (`PreparedNormal`, `PreparedFriction`).
+A law exists in two forms. The user gives numbers, with units and bounds. Once a solve `prepare(geometry)` adds the
+`constants` that follow from them and from the geometry, as a type of its own; a step evaluates that type, which clips,
+gates and counts for every law alike (`PreparedNormal`, `PreparedFriction`).
 
-Where a formula changes piece a law says so by `event_functions`: a fixed tuple of smooth functions, whose signs make
-the regime. A law owns its memory: it has a rate, or is rewritten by `latch` at the instants at which contact begins or
-ends (which are always ends of integration steps).
+Where a formula changes piece, a law has `event_functions`: a fixed tuple of smooth functions whose signs define the
+regime. A law owns its memory: it has a rate, or `latch` rewrites it at the instants at which contact begins or ends
+(which are always ends of integration steps).
 """
 
 import abc
@@ -52,7 +52,7 @@ class Touch(NamedTuple):
 
 
 class AbstractStiffness(Module):
-    """A stiffness that is computed from the joint's geometry instead of being given as a number."""
+    """A stiffness computed from the joint's geometry instead of given as a number."""
 
     exponent: ClassVar[float] = 1.5
     """The exponent n of its unit N/m^n."""
@@ -63,8 +63,8 @@ class AbstractStiffness(Module):
 
 
 def stiffness_of(given: Any, geometry: Geometry | None, linear: bool = False) -> Scalar:
-    """A law's stiffness: the number that it was given, or the one that its geometry has. **Raises** `ClearanceError`
-    where this one is not `linear` in the penetration and the law is.
+    """A law's stiffness: its given number, or the value from the geometry. **Raises** `ClearanceError` if that is not
+    `linear` in the penetration and the law is.
     """
     if not isinstance(given, AbstractStiffness):
         return given
@@ -79,7 +79,7 @@ def stiffness_of(given: Any, geometry: Geometry | None, linear: bool = False) ->
 
 
 class AbstractLaw(Parametrised):
-    """What normal and friction laws have in common."""
+    """The base of normal and friction laws."""
 
     smoothness: eqx.AbstractClassVar[Smoothness]
     smooth_alternative: ClassVar[str] = ""
@@ -90,7 +90,7 @@ class AbstractLaw(Parametrised):
     """Whether its force in a lasting state follows from the place and the slip, so that a pin has a place of rest."""
 
     def constants(self, geometry: Geometry) -> Any:
-        """What follows from the law's numbers and the geometry (once a solve, not once a step); nothing by default."""
+        """Constants from the law's numbers and the geometry (once a solve, not once a step); none by default."""
         return None
 
     def localise(self, constants: Any, local: Local) -> Any:
@@ -125,11 +125,11 @@ class AbstractNormalLaw(AbstractLaw):
         return SmoothedOnset(self, smooth_width(self, penetration, rtol) if width is None else width)
 
     def delivered_restitution(self, speed: Any = None, mass: Any = None, geometry: Geometry | None = None) -> Scalar:
-        """The restitution that a free impact really has. Where it has no closed form, which can be differentiated, the
-        impact is simulated; NaN where the mass does not come off.
+        """The restitution that a free impact really has. Without a closed form, which can be differentiated, the impact
+        is simulated; NaN if the mass does not come off.
 
         **Arguments:** `speed` before the impact [m/s]; `mass` [kg], m1 m2/(m1 + m2) of two free bodies; `geometry` of
-        the joint. What the restitution does not depend on may be left out; what is missing raises `ClearanceError`.
+        the joint. Arguments without effect on the restitution may be left out; a missing one raises `ClearanceError`.
         """
         unknown = jnp.asarray(jnp.nan)
         ready = self.prepare(Geometry(unknown, unknown, unknown) if geometry is None else geometry)
@@ -171,11 +171,11 @@ class AbstractNormalLaw(AbstractLaw):
 
     @property
     def validity_reason(self) -> str:
-        """Why the law does not hold beyond, in words; a law without a reason has no limit."""
+        """Why the law does not hold beyond its limit, in words; empty without a limit."""
         return ""
 
     def friction_lever(self, constants: Any, penetration: Scalar) -> Scalar | None:
-        """By how much further from the pin's axis than its contact point friction acts [m]: the pressures of a wide
+        """How much further from the pin's axis than its contact point friction acts [m]: the pressures of a wide
         contact lie around the pin, and all of them rub. `None` (the default): at the point.
         """
         return None
@@ -183,7 +183,7 @@ class AbstractNormalLaw(AbstractLaw):
     def event_functions(
         self, constants: Any, penetration: Scalar, penetration_rate: Scalar, memory: Memory
     ) -> tuple[Scalar, ...]:
-        """Smooth functions whose signs tell on which piece the pressing formula is; none by default."""
+        """Smooth functions whose signs tell the piece of the pressing formula; none by default."""
         return ()
 
     def memory_rate(self, constants: Any, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Memory:
@@ -200,13 +200,13 @@ class AbstractNormalLaw(AbstractLaw):
 
 
 class PreparedNormal(Module):
-    """A normal law with the constants of one joint: what a step evaluates."""
+    """A normal law with the constants of one joint: the form that a step evaluates."""
 
     law: AbstractNormalLaw
     constants: Any
 
     def at(self, local: Local) -> "PreparedNormal":
-        """The same law at a contact point of its own."""
+        """The law at one contact point with its own constants."""
         return self if local is None else PreparedNormal(self.law, self.law.localise(self.constants, local))
 
     def force(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Scalar:
@@ -222,8 +222,8 @@ class PreparedNormal(Module):
     def event_functions(
         self, penetration: Scalar, penetration_rate: Scalar, memory: Memory
     ) -> tuple[tuple[Scalar, ...], Flag]:
-        """Functions whose signs make the regime, the penetration first, and whether the law presses now; one that means
-        nothing in the present regime (a piece of a force that does not act) is 1.
+        """Functions whose signs define the regime, the penetration first, and whether the law presses now. A function
+        without meaning in the present regime (a piece of a force that does not act) is 1.
         """
         out, presses = [penetration], penetration > 0
         active = jnp.ones_like(presses) if self.law.acts_apart else presses
@@ -235,7 +235,7 @@ class PreparedNormal(Module):
         return (*out, *(jnp.where(active, piece, 1.0) for piece in pieces)), presses
 
     def memory_rate(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory, while it goes on."""
+        """Time derivative of the memory."""
         return self.law.memory_rate(self.constants, penetration, penetration_rate, memory)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
@@ -251,7 +251,7 @@ class PreparedNormal(Module):
 
 
 class AbstractModifiedLaw(AbstractNormalLaw):
-    """A normal law that changes the force and the energy of another one, its `law`; all else is that of the law."""
+    """A normal law that changes the force and the energy of another one, its `law`; everything else is that law's."""
 
     law: eqx.AbstractVar[AbstractNormalLaw]
 

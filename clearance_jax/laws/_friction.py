@@ -1,4 +1,4 @@
-"""What a friction law is, for one contact point; its sign convention is that of `_base`."""
+"""The base of friction laws, for one contact point; sign convention as in `_base`."""
 
 import abc
 import functools
@@ -23,9 +23,9 @@ from clearance_jax.parameters import Demand, flatten, physical
 
 
 class Kink(NamedTuple):
-    """Where the coefficient of friction has a corner over the slip: at the `speed` [m/s] its `slope` jumps by so much
-    [s/m], and its `curvature` [s^2/m^2]. At the speed 0 they are one half of the jump. `coefficient`: the largest one
-    of the law, against which a change is small or not.
+    """A corner of the coefficient of friction over the slip: at the `speed` [m/s] its slope jumps by `slope` [s/m] and
+    its curvature by `curvature` [s^2/m^2]. At the speed 0 they are half of the jump. `coefficient`: the largest one of
+    the law, the measure of a small change.
     """
 
     speed: Scalar | float
@@ -76,14 +76,14 @@ class AbstractFrictionLaw(AbstractLaw):
         """The traction on the pin [N] for a slip [m/s], a normal force [N] and the law's memory."""
 
     def event_functions(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> tuple[Scalar, ...]:
-        """Smooth functions whose signs tell on which piece of the law, or side of its steep layer, a slip lies: inside
-        (negative) or outside (positive), as |slip|^2 - v^2; none by default.
+        """Smooth functions whose signs tell the piece of the law, or the side of its steep layer, on which a slip lies:
+        inside (negative) or outside (positive), as |slip|^2 - v^2; none by default.
         """
         return ()
 
     def memory_rate(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> Bristles:
         """Time derivative of the memory; zero by default."""
-        return tuple(tuple(jnp.zeros_like(m) for m in one) for one in memory)
+        return tuple(tuple(jnp.zeros_like(m) for m in vector) for vector in memory)
 
     def latch(self, constants: Any, memory: Bristles, touch: Touch) -> Bristles:
         """The memory after an instant at which contact began or ended; unchanged by default."""
@@ -95,15 +95,15 @@ class AbstractFrictionLaw(AbstractLaw):
 
 
 class PreparedFriction(Module):
-    """A friction law with the constants of one joint: what a step evaluates. Its memory is flat, component
-    by component.
+    """A friction law with the constants of one joint: the form that a step evaluates. Its memory is flat, component by
+    component.
     """
 
     law: AbstractFrictionLaw
     constants: Any
 
     def at(self, local: Local) -> "PreparedFriction":
-        """The same law at a contact point of its own."""
+        """The law at one contact point with its own constants."""
         return self if local is None else PreparedFriction(self.law, self.law.localise(self.constants, local))
 
     def traction(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Slip:
@@ -113,10 +113,10 @@ class PreparedFriction(Module):
     def event_functions(
         self, slip: Slip, normal_force: Scalar, memory: Memory, presses: Flag, before: Slip
     ) -> tuple[Scalar, ...]:
-        """Functions whose signs make the zone; 1 where nothing presses.
+        """Functions whose signs define the zone; 1 where nothing presses.
 
-        From one side of a layer straight to the other no sign of |slip|^2 - v^2 changes between two samples: so what
-        lies outside also tells whether it still goes the way it went `before`.
+        If the slip jumps from one side of a layer to the other between two samples, no sign of |slip|^2 - v^2 changes.
+        So outside a layer a further function tells whether the slip still has the direction that it had `before`.
         """
         zones = self.law.event_functions(self.constants, slip, normal_force, self._split(memory, slip))
         ahead = sum(s * b for s, b in zip(slip, before, strict=True))
@@ -124,14 +124,14 @@ class PreparedFriction(Module):
         return tuple(jnp.where(presses, function, 1.0) for function in (*zones, *sides))
 
     def memory_rate(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory, while it goes on."""
+        """Time derivative of the memory."""
         rates = self.law.memory_rate(self.constants, slip, normal_force, self._split(memory, slip))
-        return tuple(rate for one in rates for rate in one)
+        return tuple(rate for vector in rates for rate in vector)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
         """The memory after an instant at which contact began or ended."""
         new = self.law.latch(self.constants, self._split(memory, touch.slip), touch)
-        return tuple(m for one in new for m in one)
+        return tuple(m for vector in new for m in vector)
 
     def memory_scale(self, components: int) -> Memory:
         """Magnitude of each memory variable."""
@@ -154,7 +154,7 @@ def along_slip(profile: Callable[[Array], Array], slip: Slip) -> Slip:
 
 
 def speed_of(slip: Slip) -> Scalar:
-    """The size of a slip, or of a deflection of as many components."""
+    """The magnitude of a slip, or of a deflection with as many components."""
     if len(slip) == 1:
         return jnp.abs(slip[0])
     return safe_sqrt(functools.reduce(operator.add, (s * s for s in slip)))
@@ -169,7 +169,7 @@ def outside(slip: Slip, speed: Scalar) -> Scalar:
 
 
 class AbstractModifiedFriction(AbstractFrictionLaw):
-    """A friction law that changes the traction of another one, its `law`; all else is that of the law."""
+    """A friction law that changes the traction of another one, its `law`; everything else is that law's."""
 
     law: eqx.AbstractVar[AbstractFrictionLaw]
 
@@ -228,7 +228,7 @@ class SmoothedFriction(AbstractModifiedFriction):
         return tuple(t + r for t, r in zip(whole, rounded, strict=True))
 
     def _round(self, v: Scalar) -> Scalar:
-        """What the corners on one side add to the coefficient."""
+        """The change of the coefficient by the corners on one side."""
         total = jnp.zeros_like(v)
         for kink in self.law.kinks():
             x = v - kink.speed
@@ -243,7 +243,7 @@ class SmoothedFriction(AbstractModifiedFriction):
 
 
 def _room(low: Scalar | float | None, high: Scalar | float) -> Scalar:
-    """The largest width of two corners at successive speeds; of the first one (`None` before it) and of its image."""
+    """The largest width for two corners at successive speeds; of the first one (`None` before it) and of its image."""
     if low is None:
         return jnp.where(jnp.asarray(high) > 0, high, jnp.inf)
     return 0.5 * (jnp.asarray(high) - low)

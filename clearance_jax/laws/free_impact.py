@@ -1,4 +1,4 @@
-"""A free impact of a mass on a wall, simulated: the restitution of a law that has no closed form for it."""
+"""Simulation of a free impact of a mass on a wall: the restitution of a law without a closed form."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,12 +20,12 @@ STAGES = (
 )
 ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
 RTOL, FIRST_STEP, MOST = 1e-10, 1e-12, 200_000
-# A damping is looked for so many decades to either side of a first guess, and then halved so often.
+# A damping is sought in this many decades to either side of a first guess, with this many bisections.
 DECADES, HALVINGS = 12, 40
 
 
 def needed(given: Any, name: str, law: Any) -> Any:
-    """What a law needs to know of an impact. **Raises** `ClearanceError` where it was not given."""
+    """A number of an impact that a law needs. **Raises** `ClearanceError` if it was not given."""
     if given is None:
         raise ClearanceError(f"`{name}` must be given: the restitution of `{type(law).__name__}` depends on it.")
     return given
@@ -33,7 +33,7 @@ def needed(given: Any, name: str, law: Any) -> Any:
 
 @jax.jit
 def free_impact(ready: Any, memory: tuple[Scalar, ...], speed: Scalar, mass: Scalar) -> Scalar:
-    """The speed after a free impact over that before it; NaN where the mass does not come off.
+    """The speed after a free impact over that before it; NaN if the mass does not come off.
 
     **Arguments:** `ready`: the prepared law; its `memory` at first touch; `speed` [m/s]; `mass` [kg].
     """
@@ -67,9 +67,9 @@ def free_impact(ready: Any, memory: tuple[Scalar, ...], speed: Scalar, mass: Sca
 
 
 def damping_for(delivered: Callable[[float], Any], restitution: Any, guess: Any) -> float:
-    """The damping at which an impact has a restitution that falls with it, by halving from a first guess.
+    """The damping of an impact with a `restitution`, which falls with the damping, by bisection around a first guess.
 
-    **Raises:** `ClearanceError` where none has it.
+    **Raises:** `ClearanceError` if there is none.
     """
     wanted = float(restitution)
 

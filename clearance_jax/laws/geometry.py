@@ -1,4 +1,4 @@
-"""What a law may know of the contact that it acts in."""
+"""Geometry and materials of a contact, as laws see them."""
 
 from typing import Any, Literal, NamedTuple
 
@@ -22,12 +22,11 @@ class Material(Module):
 
 
 class Geometry(NamedTuple):
-    """What a law may know of its joint: a pin in a sleeve.
+    """The geometry of a joint as laws see it: a pin in a sleeve.
 
     - `pin_radius`, `sleeve_radius`, `radial_clearance` [m]; `length` of the contact [m]; `pin_material`,
       `sleeve_material`. Length and materials are `None` if they are not known.
-    - `kind`: whether the contact is that of a "point", of a "line" along the sleeve, or of "flat" walls, which have no
-      radii.
+    - `kind`: a "point" contact, a "line" contact along the sleeve, or "flat" walls, which have no radii.
     - `depth`: the wear of the sleeve [m], shape (sectors,) or (sections, sectors); `None`: it is round. Radii and
       clearance are those of the round one.
     """
@@ -42,6 +41,6 @@ class Geometry(NamedTuple):
     depth: Array | None = None
 
 
-# What differs from one contact point to another of the same joint (the curvature of a worn wall, say): the law's own
-# business, absent (`None`) for a round sleeve.
+# Data of one contact point of a joint (the curvature of a worn wall, for example), defined by the law; `None` for a
+# round sleeve.
 Local = Any

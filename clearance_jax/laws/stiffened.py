@@ -1,4 +1,4 @@
-"""A normal law with its elastic part so many times stiffer: to tell play from elasticity."""
+"""A normal law with a stiffer elastic part, to separate the effect of play from that of elasticity."""
 
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import AbstractModifiedLaw, AbstractNormalLaw, Smoothness

@@ -1,4 +1,4 @@
-"""What both kinds of mechanism have, the user's and the one that is prepared for a solve, and their structure."""
+"""The base of both kinds of mechanism, the user's and the one prepared for a solve, with their structure."""
 
 import abc
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,17 +13,11 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.coordinate import Coordinate
-from clearance_jax.mechanism.form import Form
+from clearance_jax.mechanism.form import EquationForm
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.play import without_play
-from clearance_jax.mechanism.tree import (
-    SLIDING,
-    TURNING,
-    AbstractJoint,
-    AbstractPlayed,
-    without_misalignment,
-)
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
 
@@ -31,7 +25,7 @@ Kind = TypeVar("Kind", bound="AbstractMechanism")
 
 
 class ClearanceJoint(NamedTuple):
-    """A joint whose clearance is there; `in_tree`: whether play is coordinates of it (else it closes a loop)."""
+    """A joint with its clearance; `in_tree`: whether its play adds coordinates to the tree (else it closes a loop)."""
 
     joint: AbstractPlayed
     clearance: Any
@@ -39,7 +33,7 @@ class ClearanceJoint(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The joint's."""
+        """The joint's name."""
         return self.joint.name
 
     @property
@@ -64,7 +58,7 @@ class ClearanceJoint(NamedTuple):
 
 
 class AbstractMechanism(Parametrised):
-    """Bodies, the tree of joints, loops and what acts on them (see `Mechanism`), with what follows from them by
+    """Bodies, the tree of joints, loops and what acts on them (see `Mechanism`), with everything that follows from
     structure.
     """
 
@@ -84,12 +78,12 @@ class AbstractMechanism(Parametrised):
         return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
 
     def coordinates(self) -> Iterator[Coordinate]:
-        """Every elementary coordinate of the tree, in order, with axes of its joint's own."""
+        """Every elementary coordinate of the tree, in order; axes in those of its joint's sleeve."""
         for joint in self.joints:
             yield from joint.own_coordinates()
 
     def free_coordinates(self) -> tuple[Coordinate, ...]:
-        """The coordinates that are states."""
+        """The free coordinates, which are states."""
         return tuple(c for c in self.coordinates() if c.motion.is_free)
 
     def clearance_joints(self) -> tuple[ClearanceJoint, ...]:
@@ -105,10 +99,10 @@ class AbstractMechanism(Parametrised):
         """The loops without clearance: ideal constraints."""
         return tuple(loop for loop in self.loops if getattr(loop, "clearance", None) is None)
 
-    # By structure alone, and asked some hundred times while a solve is traced.
+    # It depends on structure only, and tracing a solve asks for it some hundred times.
     @structural_property
     def is_plane(self) -> bool:
-        """Whether nothing in it leaves the plane z = 0, by its structure."""
+        """Whether its structure keeps everything in the plane z = 0."""
         places = [part.center_of_mass for part in self.bodies] + [point.at for point in self.points]
         places += [at for joint in self.all_joints() for at in (joint.at_parent, joint.at_child)]
         places += [at for spring in self.springs for at in (spring.at_a, spring.at_b)]
@@ -122,26 +116,26 @@ class AbstractMechanism(Parametrised):
 
     @property
     def may_repeat(self) -> bool:
-        """Whether conditions of its closures may follow from others, as those of loops in space do."""
+        """Whether conditions of its closures may follow from others, as in loops in space."""
         return bool(self.closures()) and not self.is_plane
 
     @property
     def has_payloads(self) -> bool:
-        """Whether a body comes or goes."""
+        """Whether a body is picked up or put down."""
         return not all(body.is_always_there for body in self.bodies)
 
     @property
     def has_manifold(self) -> bool:
-        """Whether states lie on a manifold that steps are projected to: loops closed, quaternions of unit length."""
+        """Whether states lie on a manifold to which steps are projected: closed loops, unit quaternions."""
         return bool(self.closures()) or any(coordinate.is_ball for coordinate in self.free_coordinates())
 
     def beyond(self, body: str) -> set[str]:
         """A body and every body that hangs on it."""
-        found = {body}
+        carried = {body}
         for joint in self.joints:
-            if joint.parent in found:
-                found.add(joint.child)
-        return found
+            if joint.parent in carried:
+                carried.add(joint.child)
+        return carried
 
     def joint(self, name: str) -> AbstractJoint:
         """The joint of that name. **Raises** `ClearanceError` for an unknown one."""
@@ -155,19 +149,20 @@ class AbstractMechanism(Parametrised):
         return (*self.joints, *self.loops)
 
     @property
-    def form(self) -> Form:
-        """Which form its equations of motion have, and why."""
+    def form(self) -> EquationForm:
+        """The form of its equations of motion."""
         free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
         conditions = sum(loop.joint_constraint().count for loop in self.closures())
-        return Form(free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane)
+        every = len(list(self.coordinates()))
+        return EquationForm(free, conditions, every, bool(self.clearance_joints()), self.is_plane)
 
     def ideal(self: Kind) -> Kind:
-        """The same mechanism with every clearance and misalignment taken away."""
+        """The same mechanism without clearances and misalignments."""
         return self.hold_pins({})._with_joints(without_misalignment)
 
     def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
-        """The ideal mechanism whose pins are held in their sleeves, by the name of each joint at given values of its
-        play coordinates [m or rad] (one that is not named: in the middle).
+        """The ideal mechanism with pins held in their sleeves; `play`: by joint, the values of its play coordinates [m
+        or rad] (default: in the middle).
         """
         return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
 

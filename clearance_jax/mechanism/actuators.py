@@ -29,8 +29,8 @@ class AbstractActuator(Module):
         """The force [N] or torque [N m], by the position and velocity that it measures."""
 
     def losses(self, velocity: Scalar) -> tuple[Term, Term]:
-        """The power that it loses in damping and in friction [W], by the coordinate's velocity. The energy balance
-        counts the rest of its power as work, by default all of it.
+        """The power lost in damping and in friction [W], for the coordinate's velocity. The energy balance counts the
+        rest of the actuator's power as work; by default all of it.
         """
         del velocity
         return 0.0, 0.0
@@ -48,7 +48,7 @@ class AbstractActuator(Module):
         return ()
 
     def sampling_period(self) -> float | None:
-        """The period [s] at whose multiples it measures, holding its force in between; `None`: it acts all the time."""
+        """The period [s] at whose multiples it measures, holding its force in between; `None`: it acts continuously."""
         return None
 
     def without_sampling(self) -> "AbstractActuator":

@@ -1,4 +1,4 @@
-"""Rigid bodies, points on them, springs between them, and the motion that a joint coordinate is given."""
+"""Rigid bodies, points on them, springs between them, and the motion of a joint coordinate."""
 
 import dataclasses
 
@@ -84,7 +84,7 @@ class Body(Module):
 
 
 def needs_six(body: Body) -> ClearanceError:
-    """Of a body that turns out of the plane and has one moment of inertia."""
+    """The error of a body that turns out of the plane and has only one moment of inertia."""
     return ClearanceError(
         f"Body `{body.name}` may turn out of the plane, but its inertia is one number (about z): give three or six, "
         "`Inertia(xx, yy, zz, xy, xz, yz)`."

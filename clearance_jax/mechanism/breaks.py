@@ -1,4 +1,4 @@
-"""Times at which something about a mechanism breaks off its smooth course, and periods of what is sampled."""
+"""Times at which a mechanism's motion is not smooth, and sampling periods."""
 
 from typing import Any
 
@@ -11,8 +11,8 @@ from clearance_jax.mechanism.sampling import instants
 
 
 def drive_breaks(mechanism: AbstractMechanism) -> Array:
-    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes; in
-    what a controller believes too.
+    """Times at which a drive, an actuator, a controller's reference or a load has a break, or a payload comes or goes
+    [s]; those of controllers' models included.
     """
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
     laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
@@ -26,13 +26,13 @@ def drive_breaks(mechanism: AbstractMechanism) -> Array:
 
 
 def sampling_periods(mechanism: AbstractMechanism) -> tuple[float, ...]:
-    """The periods at which something is sampled [s]."""
+    """The sampling periods [s]."""
     periods = [actuator.sampling_period() for c in mechanism.free_coordinates() for actuator in c.motion.actuators]
     periods += [controller.period for controller in mechanism.controllers]
     return tuple(sorted({period for period in periods if period is not None}))
 
 
 def breaks_near(mechanism: AbstractMechanism, time: Scalar) -> Array:
-    """`drive_breaks`, and what comes periodically as far as it lies about a time."""
+    """`drive_breaks`, and the sampling instants near a time."""
     sampled = [instants(period, time) for period in sampling_periods(mechanism)]
     return jnp.concatenate([drive_breaks(mechanism), *sampled])

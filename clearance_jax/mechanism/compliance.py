@@ -1,10 +1,10 @@
-"""Drives that give way: a motor turns its link through gears and shafts that are a spring and a damper.
+"""Elastic drives: a motor turns its link through gears and shafts, modelled as a spring and a damper.
 
-The joint then has two coordinates about its axis. `NAME_motor` is the motor's, which moves as the joint's drive or
-actuators say; `NAME` is the deflection of the spring, by which the link is ahead of it. The sleeve stands on the
-parent, and the pin turns in it with the link, by both together. A motor that actuators move has the inertia of its
-rotor as seen through its gears, `Motion.rotor_inertia`. (The flexible joint of Spong, Modeling and control of elastic
-joint robots, ASME Journal of Dynamic Systems, Measurement, and Control 109, 1987.)
+The joint then has two coordinates about its axis. `NAME_motor` is that of the motor, which moves as the joint's drive
+or actuators say; `NAME` is the deflection of the spring, by which the link is ahead of it. The sleeve is on the parent,
+and the pin turns in it with the link, by the sum of both. A motor moved by actuators has the inertia of its rotor as
+seen through its gears, `Motion.rotor_inertia`. (The flexible joint of Spong, Modeling and control of elastic joint
+robots, ASME Journal of Dynamic Systems, Measurement, and Control 109, 1987.)
 """
 
 import dataclasses

@@ -14,14 +14,7 @@ from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint
 from clearance_jax.mechanism.joint_keys import TURN_CHILD, TURN_PARENT, axis_key, orientation_key
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, present
-from clearance_jax.mechanism.tree import (
-    SLIDING,
-    TURNING,
-    AbstractJoint,
-    AbstractPlayed,
-    alignment,
-    along,
-)
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, alignment, along
 from clearance_jax.parameters import Parametrised, describe, flatten, physical
 from clearance_jax.spatial import UNIT, Vector, X, Y, Z, quaternion_of
 

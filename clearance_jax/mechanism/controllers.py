@@ -1,4 +1,4 @@
-"""Controllers: what commands several free coordinates at once, because it knows a model of the mechanism."""
+"""Controllers, which command several free coordinates at once by a model of the mechanism."""
 
 import abc
 import dataclasses
@@ -46,11 +46,11 @@ class AbstractController(Module):
 
     @abc.abstractmethod
     def accelerations(self, time: Scalar, positions: Sequence[Term], velocities: Sequence[Term]) -> list[Term]:
-        """The accelerations to be had, of what is measured, in the order of the references."""
+        """The wanted accelerations for measured positions and velocities, in the order of the references."""
 
     def prepare(self, model: Any) -> "AbstractController":
-        """The controller with what depends only on its numbers computed (once a solve); `model`: the one that it goes
-        by, prepared.
+        """The controller with everything computed that depends only on its numbers (once a solve); `model`: its
+        prepared model.
         """
         references = tuple(dataclasses.replace(r, target=r.target.prepare()) for r in self.references)
         return dataclasses.replace(self, references=references, model=model)

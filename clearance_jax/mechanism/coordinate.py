@@ -1,4 +1,4 @@
-"""What joints are made of: elementary coordinates where they are in the tree, conditions where they close loops."""
+"""Elements of joints: elementary coordinates in the tree, conditions in loops."""
 
 from typing import NamedTuple
 
@@ -8,9 +8,9 @@ from clearance_jax.spatial import Vector
 
 
 class Coordinate(NamedTuple):
-    """One elementary coordinate of a joint: its name, how it moves, the axis it slides along or turns about (neither:
-    it is a ball, an orientation by a quaternion with three rates), and of a play coordinate its magnitude, and whether
-    it is one of the two tilts of a swing.
+    """One elementary coordinate of a joint: its name, its motion, the axis that it slides along or turns about
+    (neither: a ball, with a quaternion and three rates); for a play coordinate its magnitude, and whether it is one of
+    the two tilts of a swing.
     """
 
     name: str
@@ -37,11 +37,11 @@ class Coordinate(NamedTuple):
 
 
 class JointConstraint(NamedTuple):
-    """What an ideal joint forbids, between the joint's frame A on the parent and its frame B on the child.
+    """The conditions of an ideal joint, between its frame A on the parent and its frame B on the child.
 
-    - `along`: the directions in A along which B's origin may not leave A's; `None`: none at all.
+    - `along`: the directions in A along which B's origin may not leave A's; `None`: all of them.
     - `square`: pairs of an axis of A and one of B that stay perpendicular.
-    - `parallel`: axes of A and of B that are one line, pointing the same way.
+    - `parallel`: axes of A and of B that are one line and point the same way.
     """
 
     along: tuple[Vector, ...] | None
@@ -50,5 +50,5 @@ class JointConstraint(NamedTuple):
 
     @property
     def count(self) -> int:
-        """How many conditions it makes in space."""
+        """The number of conditions in space."""
         return (3 if self.along is None else len(self.along)) + len(self.square)

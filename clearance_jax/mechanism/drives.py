@@ -1,13 +1,6 @@
 """Drives: the motion of a coordinate as a function of time."""
 
-from clearance_jax.mechanism.motion_laws import (
-    AbstractDrive,
-    ConstantSpeed,
-    Harmonic,
-    Spline,
-    Step5Sum,
-    StepSum,
-)
+from clearance_jax.mechanism.motion_laws import AbstractDrive, ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Coordinates of joints by their names, to be given other drives."""
+"""Changes of the drives of joint coordinates, by name."""
 
 import dataclasses
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -13,24 +13,22 @@ from clearance_jax.mechanism.tree import AbstractJoint
 
 
 def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
-    """The coordinates of joints of the tree that a drive may prescribe, by name: all but play, and what turns freely in
-    space.
-    """
+    """The coordinates of joints of the tree that a drive may prescribe, by name: all but play and balls."""
     return {c.name: c for joint in joints for c in joint.own_coordinates() if _field(joint, c) is not None}
 
 
 def motor_of(name: str) -> str:
-    """The coordinate of the motor of an elastic drive, whose link the coordinate `name` turns."""
+    """The name of the motor's coordinate in an elastic drive of the coordinate `name`."""
     return f"{name}_motor"
 
 
 def gives_way(motion: Motion | Ball) -> bool:
-    """Whether it is that of a drive's spring."""
+    """Whether it is the motion of a drive's spring."""
     return any(isinstance(actuator, DriveSpring) for actuator in motion.actuators)
 
 
 def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -> AbstractJoint:
-    """The joint with other motions of its coordinates (but of play, and of what turns freely in space)."""
+    """The joint with changed motions of its coordinates (except play and balls)."""
     fields = ((_field(joint, coordinate), coordinate) for coordinate in joint.own_coordinates())
     changed = {field: change(c) for field, c in fields if field is not None}
     changed = {field: motion for field, motion in changed.items() if motion is not getattr(joint, field)}
@@ -38,19 +36,19 @@ def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -
 
 
 def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw]) -> AbstractJoint:
-    """The joint with the drives of those of its coordinates that are named."""
+    """The joint with drives for its named coordinates."""
 
     def change(coordinate: Coordinate) -> Motion:
         if coordinate.name not in drives:
             return coordinate.motion
-        # Whatever else a motion has (what its motor can do) stays; actuators would act on nothing.
+        # The rest of the motion (limits, for example) stays; actuators would have no effect.
         return dataclasses.replace(coordinate.motion, drive=drives[coordinate.name], actuators=())
 
     return with_motions(joint, change)
 
 
 def without_sampling(joint: AbstractJoint) -> AbstractJoint:
-    """The joint with its sampled actuators acting all the time."""
+    """The joint whose sampled actuators act continuously."""
 
     def change(coordinate: Coordinate) -> Motion:
         actuators = tuple(actuator.without_sampling() for actuator in coordinate.motion.actuators)
@@ -60,7 +58,7 @@ def without_sampling(joint: AbstractJoint) -> AbstractJoint:
 
 
 def without_drives(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
-    """The joint with those of its coordinates that are named free, without drives and actuators."""
+    """The joint with its named coordinates free, without drives and actuators."""
 
     def change(coordinate: Coordinate) -> Motion:
         if coordinate.name not in names:
@@ -71,14 +69,14 @@ def without_drives(joint: AbstractJoint, names: Collection[str]) -> AbstractJoin
 
 
 def check_freed(joints: Iterable[AbstractJoint], names: Collection[str]) -> None:
-    """Raise for a coordinate that there is not, and for one whose drive gives way."""
+    """Raise for an unknown coordinate and for one whose drive gives way."""
     known = drivable(joints)
     for name in names:
         _check_driven(known, name, "be freed", "without drives its spring would be gone. Free")
 
 
 def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) -> None:
-    """Raise for a coordinate that cannot be driven, and for what is no drive."""
+    """Raise for a coordinate that cannot be driven, and for a value that is no drive."""
     known = drivable(joints)
     for name, drive in drives.items():
         _check_driven(known, name, "drive", "a drive of this coordinate would take its spring away. Drive")
@@ -89,8 +87,8 @@ def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) 
 
 
 def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: str) -> None:
-    """Raise for a coordinate that is not known, or whose drive gives way; `to`: what it was to; `instead`: what the
-    motor is for.
+    """Raise for an unknown coordinate, or one whose drive gives way; `to`: the intended use; `instead`: the advice for
+    its motor.
     """
     if name not in known:
         raise ClearanceError(f"There is no coordinate `{name}` to {to}. " + suggest(str(name), known))

@@ -1,4 +1,4 @@
-"""A reader of ADAMS drive expressions: sums of `step(time, t0, h0, t1, h1)` and `step5(...)`, `time * rate`, constants.
+"""Reader of ADAMS drive expressions: sums of `step(time, t0, h0, t1, h1)` and `step5(...)`, `time * rate`, constants.
 
 Numbers may carry the suffix `d` for degrees (`90d`, `90 d`). No part of the text is evaluated as a program.
 """
@@ -15,7 +15,7 @@ _TOKEN = re.compile(
 )
 
 
-# Characters that an expression may have, which are some 500 steps. A motion of more steps is a table of values.
+# Largest number of characters of an expression, some 500 steps. A motion of more steps should be a table of values.
 LONGEST = 20_000
 
 

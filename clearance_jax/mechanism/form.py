@@ -1,4 +1,4 @@
-"""Which form the equations of motion of a mechanism have: written out number by number, or a loop over a table."""
+"""The form of a mechanism's equations of motion: written out number by number, or a loop over a table."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,17 +7,14 @@ from clearance_jax._once import compute_once
 
 # A mechanism in space with more free velocities and conditions of ideal closures than these, without play and with it,
 # or with more coordinates in all than the third, becomes a table: the mass matrix grows with the square of the free
-# ones, the frames with all. Play makes so many steps that the time of an attempt decides; without it the time of
-# compiling does. (An arm of 12 free coordinates takes 15 us an attempt written out, as a table 109. With a sleeve in
-# each of six axes, 24 free ones, it takes 42 and 453 us, and its gradient over 3 ms 0.04 and 1.2 s; written out it
-# compiles in 24 s, as a table in 8, its gradient in 80 and 14. A Delta robot of 15, closed by 15 conditions, takes 33
-# and 255 us, but 27 attempts for a second, and compiles in 33 and 11 s.)
+# ones, the frames with all. Written out it runs several times faster, as a table it compiles several times faster. Play
+# makes so many steps that the time of an attempt decides; without play the time of compiling does.
 UNROLLED, PLAYED, FRAMED = 16, 24, 40
 
 
-class Form(NamedTuple):
-    """What decides the form: free velocities, conditions of ideal closures (in space), coordinates in all, whether it
-    has play, whether it stays in its plane.
+class EquationForm(NamedTuple):
+    """What decides the form: free velocities, conditions of ideal closures (in space), all coordinates, whether there
+    is play, and whether the mechanism stays in its plane.
     """
 
     free: int
@@ -28,7 +25,7 @@ class Form(NamedTuple):
 
     @property
     def most(self) -> int:
-        """So many free velocities and conditions are written out."""
+        """The largest number of free velocities and conditions that is written out."""
         return PLAYED if self.has_play else UNROLLED
 
     @property
@@ -38,8 +35,8 @@ class Form(NamedTuple):
         return many and not self.is_plane
 
     def once(self, program: Callable) -> Callable:
-        """A program of it that computes each number once. (A table is computed in products of arrays, which nothing
-        repeats: barriers would only keep them apart.)
+        """A program of the mechanism that computes each number once. (A table is products of arrays, in which nothing
+        is computed twice; barriers would only separate them.)
         """
         return program if self.is_table else compute_once(program)
 

@@ -1,4 +1,4 @@
-"""Frames that move: pose, spin, acceleration, and the columns that say which coordinates move them."""
+"""Moving frames: pose, spin, acceleration, and the columns of the coordinates that move them."""
 
 from typing import Any, NamedTuple
 
@@ -20,9 +20,9 @@ from clearance_jax.spatial import (
 )
 
 
-class Column(NamedTuple):
-    """What one coordinate moves: a unit slide along `axis`, or, where there is a `pivot`, a unit spin about `axis`
-    through it; `index`: of its velocity among the free ones (-1: it is prescribed).
+class JacobianColumn(NamedTuple):
+    """The motion by one coordinate: a unit slide along `axis`, or, with a `pivot`, a unit spin about `axis` through it;
+    `index` of its velocity among the free ones (-1: prescribed).
     """
 
     index: int
@@ -40,11 +40,11 @@ class Column(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Pose and motion of a body's frame; accelerations are those with every free coordinate's acceleration left out.
+    """Pose and motion of a body's frame; accelerations are those without the free coordinates' accelerations.
 
-    `pivot`: the place of the joint that carries the body, from which moments of what hangs on it are taken; `free` and
-    `prescribed`: the columns of the coordinates that move it, from the ground on (of the prescribed ones with their
-    rates); of a large mechanism the free ones as one array (`table.Columns`).
+    `pivot`: the place of the joint that carries the body, about which moments are taken; `free` and `prescribed`: the
+    columns of the coordinates that move it, from the ground on (prescribed ones with their rates); for a large
+    mechanism the free ones are one array (`table.ColumnArrays`).
     """
 
     rotation: Rotation = IDENTITY
@@ -55,11 +55,11 @@ class Frame(NamedTuple):
     acceleration: Vector = ZERO
     pivot: Vector = ZERO
     free: Any = ()
-    prescribed: tuple[tuple[Column, Term], ...] = ()
+    prescribed: tuple[tuple[JacobianColumn, Term], ...] = ()
 
     @property
     def angle(self) -> Term:
-        """By how much it is turned about z, of a frame that turns about z only."""
+        """The angle about z of a frame that turns about z only."""
         return self.rotation.angle
 
     def point(self, at: Vector) -> Vector:
@@ -120,7 +120,7 @@ class Frame(NamedTuple):
             acceleration=add(add(self.acceleration_at(point), coriolis), scale(acceleration, along)),
         )
 
-    def add_motion(self, column: Column, rate: Term) -> "Frame":
+    def add_motion(self, column: JacobianColumn, rate: Term) -> "Frame":
         """The frame with one more coordinate that moves it."""
         if column.index < 0:
             return self._replace(prescribed=(*self.prescribed, (column, rate)))

@@ -1,4 +1,4 @@
-"""The fields that kinds of joints have in common, as files know them."""
+"""Fields that several kinds of joints share, as scene files know them."""
 
 import equinox as eqx
 

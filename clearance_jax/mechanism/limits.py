@@ -1,4 +1,4 @@
-"""What a coordinate's drive can do, as a robot's data sheet says: inverse kinematics keeps within, motion does not."""
+"""Limits of a coordinate's drive from a robot's data sheet; inverse kinematics respects them, a motion does not."""
 
 from typing import NamedTuple
 

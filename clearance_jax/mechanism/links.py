@@ -1,8 +1,8 @@
 """A large mechanism in space as a table: its coordinates and bodies as rows of arrays.
 
-Unrolled into single numbers, a mechanism of thirty coordinates is a program that takes minutes to compile. As a table
-the sweep from the ground is a loop over its links, and all else is a handful of products of arrays, whatever its size.
-A link is one elementary coordinate: what is fixed before it, then its motion.
+Written out number by number, a mechanism of thirty coordinates takes minutes to compile. With a table the sweep from
+the ground is a loop over its links, and the rest a few products of arrays. A link is one elementary coordinate: what is
+fixed before it, then its motion.
 """
 
 from typing import NamedTuple
@@ -18,14 +18,14 @@ from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
 
-# More coordinates than this make a table of what is computed once in a solve, where only compiling counts.
+# With more coordinates than this, computations that occur once in a solve use a table: only their compiling counts.
 ONCE = 3
 
 
 class Links(Module):
-    """The numbers of a table: of each link the fixed rotation and offset before it, and its axis in its own frame; of
-    each body the fixed rotation and offset of its frame on the link that carries it, and in that link's axes mass,
-    centre and inertia.
+    """The numbers of a table: by link the fixed rotation and offset before it, and its axis in its own frame; by body
+    the fixed rotation and offset of its frame on the link that carries it, and its mass, centre and inertia in that
+    link's axes.
     """
 
     turned: Float[Array, "links 3 3"]
@@ -39,7 +39,7 @@ class Links(Module):
 
 
 class Order(NamedTuple):
-    """What is static of a table: the links' coordinates and parents, and which link carries each body (-1: the
+    """The static part of a table: the links' coordinates and parents, and the link that carries each body (-1: the
     ground).
     """
 
@@ -49,7 +49,7 @@ class Order(NamedTuple):
 
     @property
     def swings(self) -> np.ndarray:
-        """The first links of swings, whose second tilts are the next links: the first does the turning of both."""
+        """The first link of each swing; the next link is its second tilt. The first link does the turning of both."""
         return np.array([i for i, c in enumerate(self.coordinates) if c.swings][::2], int)
 
 
@@ -66,26 +66,26 @@ def order(joints: tuple[AbstractJoint, ...]) -> Order:
     return Order(tuple(coordinates), tuple(parents), carriers)
 
 
-class Fixed(NamedTuple):
-    """How a frame is fixed on a link."""
+class FixedFrame(NamedTuple):
+    """Rotation and offset of a frame that is fixed on a link."""
 
     rotation: Rotation = IDENTITY
     offset: Vector = ZERO
 
-    def move(self, offset: Vector, rotation: Rotation) -> "Fixed":
-        """The frame that is fixed on this one."""
-        return Fixed(self.rotation.compose(rotation.rows), add(self.offset, self.rotation.apply(offset)))
+    def move(self, offset: Vector, rotation: Rotation) -> "FixedFrame":
+        """A frame that is fixed on this one, relative to the link."""
+        return FixedFrame(self.rotation.compose(rotation.rows), add(self.offset, self.rotation.apply(offset)))
 
 
 def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Links:
-    """The table's numbers."""
-    before, axes, placed = [], [], {GROUND: Fixed()}
+    """The numbers of the table."""
+    before, axes, placed = [], [], {GROUND: FixedFrame()}
     for joint in joints:
         at = placed[joint.parent].move(joint.at_parent.vector, joint.turned)
         for coordinate in joint.coordinates():
             before.append(at)
             axes.append(coordinate.turns if coordinate.slides is None else coordinate.slides)
-            at = Fixed()
+            at = FixedFrame()
         if joint.child_orientation is not None:
             rows = transpose(joint.child_orientation.rotation.rows)
             at = at.move(ZERO, Rotation(rows, rows))
@@ -120,8 +120,8 @@ def _inertia(body: Body, rotation: Rotation) -> Array:
 
 
 class Masks(NamedTuple):
-    """Which columns move what, as zeros and ones: `bodies` (columns, bodies), `columns` (columns, columns: the second
-    is the first or between it and the ground), by the link of each column, free ones first.
+    """Which columns move what, as zeros and ones: `bodies` (columns, bodies); `columns` (columns, columns): whether the
+    second is the first or lies between it and the ground. `links`: the link of each column, free columns first.
     """
 
     links: tuple[int, ...]
@@ -133,7 +133,7 @@ class Masks(NamedTuple):
 
 
 def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
-    """Of the free columns in the order of the velocities, then of the prescribed ones."""
+    """The masks of the free columns in the order of the velocities, then of the prescribed ones."""
     count = len(plan.coordinates)
     beyond = np.zeros((count, count))  # beyond[i, j]: link j is link i or hangs on it
     for j in range(count):

@@ -125,7 +125,7 @@ class Mechanism(AbstractMechanism):
 
     def with_joint(self, joint: AbstractJoint) -> "Mechanism":
         """The same mechanism with another joint in place of the joint that has the same name."""
-        return self._with_joints(lambda own: joint if own.name == joint.name else own)
+        return self._with_joints(lambda old: joint if old.name == joint.name else old)
 
     def without_drives(self, names: Collection[str]) -> "Mechanism":
         """The same mechanism with the named coordinates free: without their drives and actuators.
@@ -155,6 +155,6 @@ class Mechanism(AbstractMechanism):
         return ready.as_table() if self.form.is_table else ready
 
     def _model_of(self, controller: AbstractController) -> "Mechanism":
-        """What a controller goes by, which is itself controlled by nobody."""
+        """The model of a controller, which itself has no controllers."""
         model = self.ideal() if controller.model is None else controller.model.ideal()
         return dataclasses.replace(check_model(controller, model), controllers=())

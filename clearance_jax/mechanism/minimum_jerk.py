@@ -1,8 +1,8 @@
-"""The speeds and accelerations at given points in time that make the least of the integral of q'''^2 between them.
+"""Speeds and accelerations at given times that minimise the integral of q'''^2.
 
-Between two points with values, speeds and accelerations the curve of least jerk is the quintic through them, and its
-integral of q'''^2 is a quadratic form of these numbers. Added up over all intervals this is a beam of finite elements:
-what is not given follows from a positive definite system with one small block for each inner point.
+Between two points with values, speeds and accelerations the curve of least jerk is a quintic, whose integral of q'''^2
+is a quadratic form of these numbers. The sum over all intervals is like a beam of finite elements: the unknown numbers
+follow from a positive definite system with one small block for each inner point.
 """
 
 import jax
@@ -39,14 +39,14 @@ def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Va
         return known[:, 0], known[:, 1]
     sought = slice(0 if speeds is None else 1, 2)
     diagonal, beside, slope = _assemble(times, values, known)
-    found = _solve(diagonal[1:-1, sought, sought], beside[1:-1, sought, sought], -slope[1:-1, sought])
-    full = known.at[1:-1, sought].add(found)
+    correction = _solve(diagonal[1:-1, sought, sought], beside[1:-1, sought, sought], -slope[1:-1, sought])
+    full = known.at[1:-1, sought].add(correction)
     return full[:, 0], full[:, 1]
 
 
 def _assemble(times: Values, values: Values, known: Blocks) -> tuple[Blocks, Blocks, Blocks]:
     """Half the integral's second derivatives, blocks (n, 2, 2) at each point and (n - 1, 2, 2) between neighbours, and
-    its slope (n, 2), where speeds and accelerations are the `known` ones.
+    its slope (n, 2) at the `known` speeds and accelerations.
     """
     h = jnp.diff(times)
     unit = jnp.stack([h, h * h], axis=-1)  # a speed and an acceleration on an interval of length one

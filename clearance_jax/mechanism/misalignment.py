@@ -1,8 +1,8 @@
-"""Joints that are not where they are meant to be: link lengths, axes and zeros of their coordinates that are off.
+"""Misaligned joints: errors of link lengths, axes and zeros of coordinates.
 
-A joint is moved onto two frames without mass: `NAME_frame` is where it is meant to be, and the joint
-`NAME_misalignment` places `NAME_axis` on it, on which the joint then is. The ideal mechanism has no misalignment, so
-errors of position and orientation count what it makes.
+Each joint gets two frames without mass: `NAME_frame` is where it is meant to be, the joint `NAME_misalignment` places
+`NAME_axis` on it, and the joint itself is on `NAME_axis`. The ideal mechanism has no misalignment, so errors of
+position and orientation include its effect.
 """
 
 import dataclasses
@@ -48,7 +48,7 @@ def with_misalignment(mechanism: Mechanism, names: Iterable[str] | None = None) 
 
 
 def _misaligned(joint: AbstractJoint, plane: bool) -> list[AbstractJoint]:
-    """The joint's meant frame, its misalignment, and the joint on it."""
+    """The joint's nominal frame, its misalignment, and the joint on it."""
     meant, axis, name = f"{joint.name}_frame", f"{joint.name}_axis", f"{joint.name}_misalignment"
     place = Fixed(f"{joint.name}_place", joint.parent, meant, joint.at_parent, ORIGIN, joint.angle, joint.orientation)
     none = None if plane else 0.0

@@ -214,9 +214,9 @@ class HeldSpline(AbstractMotionLaw):
 
     @whole
     def prepare(self):
-        own = self.table
-        curvature = spline_curvature(own.times, own.values, own.ends, self.end_speed)
-        return PreparedHeldSpline(PreparedSpline(own.times, own.values, curvature), self.end_speed)
+        table = self.table
+        curvature = spline_curvature(table.times, table.values, table.ends, self.end_speed)
+        return PreparedHeldSpline(PreparedSpline(table.times, table.values, curvature), self.end_speed)
 
 
 class PreparedHeldSpline(AbstractMotionLaw):
@@ -227,7 +227,7 @@ class PreparedHeldSpline(AbstractMotionLaw):
 
     def __call__(self, time):
         last = self.table.times[-1]
-        # A table that does not come to rest ends with the motion: at its last instant, or round-off after it, it moves.
+        # A table that does not end at rest ends with the motion: it still moves at its last instant.
         moves = self.end_speed != 0
         q, v, a = self.table(jnp.where(moves, time, jnp.minimum(time, last)))
         before = (time < last) | moves

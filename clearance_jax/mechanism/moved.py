@@ -1,11 +1,11 @@
-"""How coordinates move what hangs on them: frames along the tree, one elementary coordinate after the other."""
+"""Frames along the tree, moved by one elementary coordinate after the other."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.coordinate import Coordinate
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import (
     UNIT,
@@ -25,8 +25,8 @@ from clearance_jax.spatial import (
 
 
 class Moved(NamedTuple):
-    """Where a coordinate is and how it moves: its positions, its velocities, and the accelerations that are given to it
-    (0.0 where nothing moves); `index`: of its first velocity among the free ones (-1: it is prescribed).
+    """Positions, velocities and given accelerations of a coordinate (0.0 where nothing moves); `index` of its first
+    velocity among the free ones (-1: prescribed).
     """
 
     index: int
@@ -36,20 +36,20 @@ class Moved(NamedTuple):
 
 
 Values = dict[str, Moved]
-"""Every free coordinate's by its name."""
+"""The motion of every free coordinate, by name."""
 
 
 def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
-    """How a coordinate moves: as its drive says, or as the state does."""
+    """The motion of a coordinate, from its drive or the state."""
     if coordinate.motion.drive is None:
         return values[coordinate.name]
     q, v, a = coordinate.motion.drive(time)  # a tuple, any of which may be the constant 0.0
     return Moved(-1, (q,), (v,), (a,))
 
 
-class Step(NamedTuple):
-    """What moves a frame at once, and how: an elementary coordinate, which slides along, or turns about, an axis
-    (neither: it is a ball), or the two `tilts` of a swing about perpendicular axes.
+class FrameStep(NamedTuple):
+    """One motion of a frame: an elementary coordinate, which slides along or turns about an axis (neither: a ball), or
+    the two `tilts` of a swing about perpendicular axes.
     """
 
     by: Moved
@@ -58,23 +58,23 @@ class Step(NamedTuple):
     tilts: tuple[Vector, Vector] | None = None
 
 
-def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> Iterator[Step]:
+def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> Iterator[FrameStep]:
     """The steps of a joint."""
     tilt = None
     for coordinate in coordinates:
-        step = Step(motion_of(coordinate, time, values), coordinate.slides, coordinate.turns)
+        step = FrameStep(motion_of(coordinate, time, values), coordinate.slides, coordinate.turns)
         if not coordinate.swings:
             yield step
         elif tilt is None:
             tilt = step
         else:
-            one, other = tilt.by, step.by
-            by = Moved(one.index, one.q + other.q, one.v + other.v, one.a + other.a)
-            yield Step(by, tilts=(tilt.turns or ZERO, step.turns or ZERO))
+            first, second = tilt.by, step.by
+            by = Moved(first.index, first.q + second.q, first.v + second.v, first.a + second.a)
+            yield FrameStep(by, tilts=(tilt.turns or ZERO, step.turns or ZERO))
 
 
-def carry(frame: Frame, step: Step) -> Frame:
-    """The frame after a step, without a word of what moves it."""
+def carry(frame: Frame, step: FrameStep) -> Frame:
+    """The frame after a step, without the columns of what moves it."""
     by, slides, turns, tilts = step
     if tilts is not None:
         return _swing(frame, swing(*tilts, *by.q), by)
@@ -103,30 +103,30 @@ def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
     return spin, subtract(faster, scale(times(at.part, growth), spin))
 
 
-def beyond(frame: Frame, step: Step) -> Frame:
-    """The frame after a step of a joint."""
+def beyond(frame: Frame, step: FrameStep) -> Frame:
+    """The frame after a step of a joint, with the columns of its coordinates."""
     by, slides, turns, tilts = step
     if tilts is not None:
         at = swing(*tilts, *by.q)
         after = _swing(frame, at, by)
         for k, axis in enumerate(at.outside):
-            after = after.add_motion(Column(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
+            after = after.add_motion(JacobianColumn(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
         return after
     after = carry(frame, step)
     if slides is None and turns is None:
         for k, axis in enumerate(UNIT):
-            after = after.add_motion(Column(by.index + k, after.rotation.apply(axis), after.position), 0.0)
+            after = after.add_motion(JacobianColumn(by.index + k, after.rotation.apply(axis), after.position), 0.0)
         return after
     if turns is not None:
-        column = Column(by.index, frame.rotation.apply(turns), frame.position)
+        column = JacobianColumn(by.index, frame.rotation.apply(turns), frame.position)
     else:
         assert slides is not None
-        column = Column(by.index, frame.rotation.apply(slides), None)
+        column = JacobianColumn(by.index, frame.rotation.apply(slides), None)
     return after.add_motion(column, by.v[0])
 
 
 def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
-    """The child's frame."""
+    """The frame of a joint's child."""
     frame = joint.on_parent(parent)
     for step in steps(joint.coordinates(), time, values):
         frame = beyond(frame, step)

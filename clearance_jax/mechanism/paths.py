@@ -1,4 +1,4 @@
-"""Paths of a frame in space: segment after segment, and how fast they are run through (see `segments`)."""
+"""Paths of a frame in space: segments, and the speed along them (see `segments`)."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from clearance_jax.spatial import as_array, hamilton, of_quaternion
 
 __all__ = ["AbstractSegment", "Arc", "CartesianPath", "Curve", "Line", "Waypoint"]
 
-# Halvings of a path's duration by which the instants of its via points are found: to the last digit.
+# Bisections of a path's duration for the instants of its via points: enough for the last digit.
 HALVINGS = 60
 
 
@@ -68,7 +68,7 @@ class CartesianPath(Module):
     begin: Scalar = physical("s", default=0.0)
 
     def __check_init__(self):
-        if not self.segments or not all(isinstance(one, AbstractSegment) for one in self.segments):
+        if not self.segments or not all(isinstance(segment, AbstractSegment) for segment in self.segments):
             raise ClearanceError("`segments` of a path must be one or more of `Line`, `Arc` and `Curve`.")
         given = [x is not None for x in (self.speed, self.acceleration)]
         if any(given) != all(given) or all(given) == (self.durations is not None):
@@ -78,7 +78,8 @@ class CartesianPath(Module):
                 f"`durations` of a path must have one number for each of its {len(self.segments)} segments, but their "
                 f"shape is {self.durations.shape}."
             )
-        if not self.oriented and any(pose.orientation is not None for one in self.segments for pose in one.poses):
+        later = [pose for segment in self.segments for pose in segment.poses]
+        if not self.oriented and any(pose.orientation is not None for pose in later):
             raise ClearanceError("A pose of the path has an orientation, but its `start` has none: give it one too.")
         if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
             self._check_numbers()
@@ -101,26 +102,26 @@ class CartesianPath(Module):
 
     @property
     def oriented(self) -> bool:
-        """Whether it says how the frame is turned."""
+        """Whether it prescribes the orientation."""
         return self.start.orientation is not None
 
     def corners(self) -> list[list[Corner]]:
-        """Of each segment where it begins and the poses that it leads to."""
+        """By segment: its start and the poses that it leads to."""
         at, out = Corner(self.start.place, self.start.quaternion), []
         for segment in self.segments:
-            own = [at]
+            ends = [at]
             for pose in segment.poses:
-                turned = own[-1].quaternion if pose.orientation is None else pose.quaternion
-                own.append(Corner(pose.place, turned))
-            out.append(own)
-            at = own[-1]
+                turned = ends[-1].quaternion if pose.orientation is None else pose.quaternion
+                ends.append(Corner(pose.place, turned))
+            out.append(ends)
+            at = ends[-1]
         return out
 
     @whole
     def prepare(self) -> "PreparedPath":
         """The path with what depends only on its numbers computed."""
-        made = [one.stretches(own) for one, own in zip(self.segments, self.corners(), strict=True)]
-        lengths = jnp.stack([jnp.sum(jnp.stack([stretch.length for stretch in own])) for own in made])
+        made = [segment.stretches(ends) for segment, ends in zip(self.segments, self.corners(), strict=True)]
+        lengths = jnp.stack([jnp.sum(jnp.stack([stretch.length for stretch in stretches])) for stretches in made])
         if self.durations is not None:
             times = self.begin + jnp.concatenate([jnp.zeros(1), jnp.cumsum(self.durations)])
             still = jnp.zeros_like(times)
@@ -128,9 +129,9 @@ class CartesianPath(Module):
         else:
             begin = jnp.broadcast_to(self.begin, lengths.shape)
             law = Trapezoid(begin, lengths, self.speed, self.acceleration).prepare()
-        every = [stretch for own in made for stretch in own]
+        every = [stretch for stretches in made for stretch in stretches]
         stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *every)
-        lasts = np.cumsum([len(own) for own in made]) - 1
+        lasts = np.cumsum([len(stretches) for stretches in made]) - 1
         inner = tuple(i for i in range(len(every)) if i not in lasts)
         return PreparedPath(stacked, jnp.cumsum(stacked.length), law, self.oriented, inner)
 
@@ -149,8 +150,8 @@ class CartesianPath(Module):
 
 
 class PreparedPath(Module):
-    """A path as a program evaluates it: its stretches, the parameter at the `ends` of these, and its law of time;
-    `inner`: which of the ends are inside segments.
+    """A path as a program evaluates it: its stretches, the parameter at their `ends`, and its law of time; `inner`:
+    which of the ends are inside segments.
     """
 
     stretches: Stretch
@@ -160,14 +161,14 @@ class PreparedPath(Module):
     inner: tuple[int, ...] = eqx.field(static=True)
 
     def pose(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple]:
-        """Place and quaternion at a time, by what the path is like at the time `beside`."""
+        """Place and quaternion at a time, on the smooth piece that holds at the time `beside`."""
         here, _, _ = self.law.within(time, beside)
         index = jnp.sum(self.law.within(beside, beside)[0] >= self.ends[:-1])
-        own = jax.tree.map(lambda leaf: leaf[index], self.stretches)
-        return own.at((here - self.ends[index] + own.length) / own.length)
+        stretch = jax.tree.map(lambda leaf: leaf[index], self.stretches)
+        return stretch.at((here - self.ends[index] + stretch.length) / stretch.length)
 
     def motion(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple, Triple, Triple]:
-        """The same, and velocity and spin."""
+        """Place, quaternion, velocity and spin at a time, on the piece at the time `beside`."""
         (place, q), (velocity, change) = jax.jvp(lambda t: self.pose(t, beside), (time,), (jnp.ones_like(time),))
         _, x, y, z = hamilton(tuple(change), (q[0], -q[1], -q[2], -q[3]))
         return place, q, velocity, 2 * as_array((x, y, z)) / jnp.sum(q**2)
@@ -194,7 +195,7 @@ class PreparedPath(Module):
             past = jax.vmap(lambda t: self.law(t)[0])(middle) >= ends
             return jnp.where(past, low, middle), jnp.where(past, middle, high)
 
-        # Where the parameter passes them: it grows all the time.
+        # The parameter grows monotonically: where it passes them.
         whole = jnp.full_like(ends, self.law.times[0]), jnp.full_like(ends, self.law.times[-1])
         return jnp.sort(jnp.concatenate([self.law.times, jax.lax.fori_loop(0, HALVINGS, halve, whole)[1]]))
 

@@ -1,4 +1,4 @@
-"""Polynomials of time one after another: what drives that are made of such are prepared to."""
+"""Piecewise polynomials of time, the prepared form of several drives."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -10,7 +10,7 @@ from clearance_jax.parameters import physical
 
 
 class Pieces(AbstractMotionLaw):
-    """Polynomials one after another: a drive as a solve evaluates it.
+    """Piecewise polynomials: a drive as a solve evaluates it.
 
     **Arguments:** `coefficients` (n + 1, powers), lowest power first, of the time since a piece began (of the first,
     which has no begin: since it ended); `times` (n,) [s] at which a piece ends and the next begins.
@@ -24,7 +24,7 @@ class Pieces(AbstractMotionLaw):
         return self.within(time, time)
 
     def within(self, time: Scalar, beside: Scalar) -> Motion3:
-        """As the piece at the time `beside` has it: at a time that two pieces share, what either says."""
+        """The value on the piece at the time `beside`; at a time that two pieces share it decides between them."""
         # Two of these times may be one (a move that never reaches its speed): the last piece that begins there counts.
         index = jnp.sum(beside >= self.times)
         u = time - self.times[jnp.maximum(index - 1, 0)]

@@ -1,5 +1,5 @@
-"""Where things are on a body: places, axes, orientations, and how mass is spread. What is left out is absent from the
-compiled program, so that a plane mechanism is one whose z components nobody gave.
+"""Placement on a body: positions, axes, orientations, and inertia. A number that is left out is absent from the
+compiled program, so a plane mechanism is one without z components.
 """
 
 from typing import Any
@@ -83,7 +83,7 @@ class Orientation(Module):
 
 
 class PreparedOrientation(Module):
-    """An orientation by its matrix, of which the entries that are constants of the program stay so."""
+    """An orientation by its matrix; entries that are constants of the program stay so."""
 
     numbers: tuple[Scalar, ...]
     constants: tuple[float | None, ...] = eqx.field(static=True)
@@ -148,7 +148,7 @@ class Axis(Module):
 
 
 def as_axis(value: Any) -> Any:
-    """An `Axis` from a letter, three numbers, or an axis. **Raises** `ClearanceError` for what is none."""
+    """An `Axis` from a letter, three numbers, or an axis. **Raises** `ClearanceError` for other values."""
     if isinstance(value, Axis) or not isinstance(value, (str, tuple, list, np.ndarray, Position)):
         return value
     if isinstance(value, str):
@@ -200,24 +200,24 @@ class Inertia(Module):
         return Symmetric(lambda i, j: present(entries[i, j]))
 
 
-# Files print inertias with three digits or more: by so much the moments of a flat body may not add up.
+# Files print inertias with three digits or more: the moments of a flat body may miss their sum by this part.
 PRINTED = 1e-3
 
 
 def check_inertia(tensor: np.ndarray, what: str) -> None:
-    """Raise `ClearanceError` for a tensor (3, 3) that no body has: principal moments that are negative, or of which one
-    is larger than the other two together (by more than what a file may have rounded).
+    """Raise `ClearanceError` for a tensor (3, 3) that no body has: a negative principal moment, or one larger than the
+    sum of the other two (beyond the rounding of a file).
     """
     if not np.all(np.isfinite(tensor)):
         raise ClearanceError(f"{what} must be finite.")
     least, middle, most = np.linalg.eigvalsh(tensor)
     size = max(abs(most), abs(least))
-    found = f"its principal moments are {least:g}, {middle:g}, {most:g} kg m^2"
+    moments = f"its principal moments are {least:g}, {middle:g}, {most:g} kg m^2"
     if least < -1e-6 * size or most <= 0:
-        raise ClearanceError(f"{what} must be positive, but {found}.")
+        raise ClearanceError(f"{what} must be positive, but {moments}.")
     if least + middle < most * (1 - PRINTED):
         raise ClearanceError(
-            f"{what} belongs to no body: {found}, of which the largest is more than the other two together. Give it "
+            f"{what} belongs to no body: {moments}, of which the largest is more than the other two together. Give it "
             "about the centre of mass, in the body's axes."
         )
 

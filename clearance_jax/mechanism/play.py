@@ -1,4 +1,4 @@
-"""Play given to a joint, whole or by a designer's numbers (each kind of joint takes its own), and taken away."""
+"""Joints with play added, from a whole clearance or a designer's numbers, and joints with play taken away."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from clearance_jax.parameters import check_demands, replace
 from clearance_jax.spatial import IDENTITY, UNIT, Term, add, is_zero, product, transpose
 
 PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUIDE, Spherical: BALL, Cylindrical: SHAFT}
-"""How play is made, by the kind of joint."""
+"""Presets of play, by the kind of joint."""
 
 
 def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) -> AbstractPlayed:
@@ -45,7 +45,7 @@ def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) 
 
 
 def no_play_reason(joint: AbstractJoint) -> ClearanceError:
-    """What is wrong with play in a joint of a kind that has none."""
+    """The error for play in a joint of a kind that has none."""
     kinds = ", ".join(kind.__name__.lower() for kind in PRESETS)
     return ClearanceError(
         f"Joint `{joint.name}` is of a kind that has no play ({type(joint).__name__.lower()}). These have: {kinds}."
@@ -70,27 +70,27 @@ def _make(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
 
 def _change(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -> Any:
     """The joint's own clearance with other numbers."""
-    own: Any = joint.clearance
+    clearance: Any = joint.clearance
     sizes = {name: value for name, value in numbers.items() if name in preset.fields}
     check_sizes(**sizes)
-    kind = own.kind or type(own).__name__
+    kind = clearance.kind or type(clearance).__name__
     if numbers.get("kind", kind) != kind:
         raise ClearanceError(f"Joint `{joint.name}` has play of another kind, `{kind}`. Give it a whole clearance.")
     if any(word in numbers for word in FIT):
-        if not isinstance(own, AbstractPin):
+        if not isinstance(clearance, AbstractPin):
             raise ClearanceError(f"The clearance of joint `{joint.name}` is of a kind that has no `fit`.")
         fit = numbers.get("fit"), numbers.get("temperature")
-        radius = sizes.get("pin_radius", own.pin_radius)
+        radius = sizes.get("pin_radius", clearance.pin_radius)
         sizes["radial_clearance"], tolerance = radial_clearance_of(sizes.get("radial_clearance"), radius, *fit)
-        own = _with_tolerance(own, tolerance)
-    elif {"radial_clearance", "pin_radius"} & sizes.keys() and getattr(own, "tolerance", None) is not None:
-        own = _with_tolerance(own, None)  # of a fit that these numbers are not of any more
+        clearance = _with_tolerance(clearance, tolerance)
+    elif {"radial_clearance", "pin_radius"} & sizes.keys() and getattr(clearance, "tolerance", None) is not None:
+        clearance = _with_tolerance(clearance, None)  # of a fit that these numbers are not of any more
     for name in sizes:
-        if getattr(own, name, None) is None:
+        if getattr(clearance, name, None) is None:
             raise ClearanceError(
                 f"The clearance of joint `{joint.name}` has no `{name}` to be replaced. Give it a whole clearance."
             )
-    return replace(own, sizes)
+    return replace(clearance, sizes)
 
 
 def _with_tolerance(clearance: Any, tolerance: Tolerance | None) -> Any:
@@ -113,8 +113,8 @@ def without_play(joint: AbstractJoint, values: Sequence[Term] | None) -> Abstrac
     if pose.rotation.rows is not UNIT:
         tilt = product(joint.sleeve, product(pose.rotation.rows, transpose(joint.sleeve)))
         if joint.own_coordinates()[0].play is None:  # it slides before it has play
-            own = IDENTITY if joint.child_orientation is None else joint.child_orientation.rotation
-            changed["child_orientation"] = as_prepared(product(own.rows, transpose(tilt)))
+            child = IDENTITY if joint.child_orientation is None else joint.child_orientation.rotation
+            changed["child_orientation"] = as_prepared(product(child.rows, transpose(tilt)))
         else:
             changed |= {"angle": None, "orientation": as_prepared(product(joint.turned.rows, tilt))}
     return dataclasses.replace(ideal, **changed)
@@ -123,6 +123,6 @@ def without_play(joint: AbstractJoint, values: Sequence[Term] | None) -> Abstrac
 def change_each_play(mechanism: Any, change: Callable[[Any], Any]) -> Any:
     """The mechanism with `change(clearance)` in the place of every clearance."""
     for joint in mechanism.clearance_joints():
-        own = mechanism.joint(joint.name)
-        mechanism = mechanism.with_joint(dataclasses.replace(own, clearance=change(joint.clearance)))
+        old = mechanism.joint(joint.name)
+        mechanism = mechanism.with_joint(dataclasses.replace(old, clearance=change(joint.clearance)))
     return mechanism

@@ -1,4 +1,4 @@
-"""What a solve makes of a mechanism, once."""
+"""The mechanism as a solve uses it."""
 
 import dataclasses
 
@@ -19,13 +19,13 @@ from clearance_jax.mechanism.tree import AbstractJoint
 
 
 class PreparedMechanism(AbstractMechanism):
-    """A mechanism with everything that depends only on its numbers computed (once a solve, not once a step): its
-    drives, actuators, loads, controllers and clearances are of the types that a step evaluates.
+    """A mechanism with everything computed that depends only on its numbers (once a solve, not once a step): its
+    drives, actuators, loads, controllers and clearances have the types that a step evaluates.
 
-    It is made by `Mechanism.prepare`, whose parts it has under the same names, and is what all dynamics is of.
+    `Mechanism.prepare` makes it, with parts of the same names. All dynamics use it.
 
-    - `chosen`: while it is being solved, which conditions of its closures a step asks for (`constraint.choice`).
-    - `links`: of a large one its table.
+    - `chosen`: in a solve, the conditions of its closures that a step asks for (`constraint.choice`).
+    - `links`: the table of a large mechanism.
     """
 
     bodies: tuple[Body, ...]
@@ -60,7 +60,7 @@ class PreparedMechanism(AbstractMechanism):
         return dataclasses.replace(self, bodies=tuple(body.at(time) for body in self.bodies), links=links)
 
     def without_sampling(self) -> "PreparedMechanism":
-        """The same mechanism with everything digital acting all the time."""
+        """The same mechanism, with everything digital acting continuously."""
         if not sampling_periods(self):
             return self
         controllers = tuple(dataclasses.replace(controller, period=None) for controller in self.controllers)
@@ -68,13 +68,13 @@ class PreparedMechanism(AbstractMechanism):
         return dataclasses.replace(self, joints=joints, loops=loops, controllers=controllers)
 
     def as_table(self) -> "PreparedMechanism":
-        """The same mechanism as a table, however small; in the plane as it is."""
+        """The same mechanism as a table, however small; a plane mechanism stays as it is."""
         if self.is_plane:
             return self
         return dataclasses.replace(self, links=self.links or links_of(self.bodies, self.joints))
 
     def as_small_program(self) -> "PreparedMechanism":
-        """The same mechanism for what is computed once: in space, unless small, a table compiles sooner."""
-        # A body that stays in its plane may have one moment of inertia: a table asks for six.
+        """The same mechanism for a single evaluation: in space, unless small, a table, which compiles sooner."""
+        # A body that stays in its plane may have one moment of inertia, but a table needs six.
         whole = all(body.inertia is None or isinstance(body.inertia, Inertia) for body in self.bodies)
         return self.as_table() if whole and len(list(self.coordinates())) > ONCE else self

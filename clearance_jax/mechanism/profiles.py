@@ -1,6 +1,6 @@
-"""Drives that a robot's controller knows: held, moved from point to point, led through via points.
+"""Drives of robot controllers: held, from point to point, through via points.
 
-All but the first are polynomials one after another, and are prepared to those.
+All but the first are prepared to piecewise polynomials.
 """
 
 from typing import NamedTuple
@@ -18,8 +18,7 @@ from clearance_jax.mechanism.motion_laws import AbstractDrive, Values, begin_key
 from clearance_jax.mechanism.pieces import Pieces
 from clearance_jax.parameters import physical
 
-# The part of a move's duration at constant speed where none is given: of all trapezoids the one that needs the least
-# of the integral of q''^2.
+# Default part of a move's duration at constant speed: it minimises the integral of q''^2 over all trapezoids.
 THIRD = 1 / 3
 
 
@@ -33,7 +32,7 @@ class Constant(AbstractDrive):
 
 
 class Ramps(NamedTuple):
-    """Of each move of a `Trapezoid`: how long it speeds up, and slows down (`ramp`), how long it keeps its `speed`."""
+    """By move of a `Trapezoid`: the time of speeding up, and of slowing down (`ramp`), and that at its `speed`."""
 
     ramp: Values
     cruise: Values
@@ -115,7 +114,7 @@ class Trapezoid(AbstractDrive):
                 raise ClearanceError(f"`{name}` of a trapezoid drive must be greater than zero.")
 
     def ramps(self) -> Ramps:
-        """How each move goes."""
+        """The ramps of all moves."""
         if self.duration is not None:
             return _ramps_of_duration(self.rise, self.duration, THIRD if self.cruise is None else self.cruise)
         assert self.speed is not None
@@ -123,10 +122,10 @@ class Trapezoid(AbstractDrive):
         return _ramps_of_limits(self.rise, self.speed, self.acceleration)
 
     def begins(self, ramps: Ramps) -> Values:
-        """When each move begins [s], having waited for those before it."""
+        """When each move begins [s], after waiting for those before it."""
         span = 2 * ramps.ramp + ramps.cruise
         past = jnp.cumsum(span) - span
-        # Without the time that the moves before take, all that is left of waiting is: none begins before another.
+        # With the time of the moves before subtracted, waiting means that no move begins before another.
         latest = jax.lax.cummax(self.begin - past)
         return jnp.where(self.begin - past >= latest, self.begin, past + latest)
 
@@ -162,7 +161,7 @@ def _ramps_of_duration(rise: Values, duration: Values, part: Scalar | float) -> 
 
 
 def _ramps_of_limits(rise: Values, speed: Scalar, acceleration: Scalar) -> Ramps:
-    # A move by nothing would be 0 / 0: it is computed as one by one, and counts for nothing.
+    # A move by zero would be 0 / 0: it is computed as a move by one, and its times are set to zero.
     still = rise == 0
     size = jnp.where(still, 1.0, jnp.abs(rise))
     reached = size * acceleration > speed**2

@@ -1,4 +1,4 @@
-"""Digital control: what measures at whole multiples of a period and holds what it commands in between."""
+"""Digital control: measurement at whole multiples of a period, with commands held in between."""
 
 import math
 from typing import Any
@@ -33,7 +33,7 @@ def names_key(help: str, absent: str):
 
 
 def check_period(period: Any, what: str) -> None:
-    """Raise for what is no period: a number [s] that is known while a program is traced, greater than zero."""
+    """Raise unless a period [s] is a plain number greater than zero."""
     if period is not None and not (isinstance(period, (int, float)) and 0 < period < math.inf):
         raise ClearanceError(
             f"{what} must have a `period` greater than zero, a number in s that nothing is differentiated by, but it "
@@ -42,10 +42,10 @@ def check_period(period: Any, what: str) -> None:
 
 
 def instants(period: float, time: Scalar) -> Array:
-    """The times of measuring about a time: the last one, and the next two (of which it may be at the first)."""
+    """The sampling times around a time: the last one and the next two."""
     return (jnp.floor(time / period) + np.arange(3.0)) * period
 
 
 def is_instant(period: float, time: Scalar) -> Flag:
-    """Whether a step that starts at a time starts where it is measured."""
+    """Whether a step that starts at a time starts at a sampling instant."""
     return jnp.abs(time - period * jnp.round(time / period)) <= _HAIR * jnp.abs(time)

@@ -1,7 +1,7 @@
 """Segments of a path: lines, arcs and curves through poses.
 
-Every segment is made of stretches of one form, so that a path of any number of segments is one small program: of the
-stretch's parameter 0 <= s <= 1 the place is a cubic and a turn of an arm about an axis, the orientation a turn that
+All segments consist of stretches of one form, so that a path of any number of segments is one small program. For the
+stretch's parameter 0 <= s <= 1 the place is a cubic and a turn of an arm about an axis; the orientation is a turn that
 grows evenly after a cubic of quaternions.
 """
 
@@ -23,7 +23,7 @@ from clearance_jax.spatial import about, as_array, hamilton, quaternion_of_matri
 
 Triple = Float[Array, "3"]
 Quadruple = Float[Array, "4"]
-# Places whose distance is less than this part of the path's size are one place.
+# Places closer than this part of the path's size are the same.
 SAME = 1e-9
 
 
@@ -48,7 +48,7 @@ class Pose(Module):
 
     @property
     def quaternion(self) -> Quadruple:
-        """The orientation, where there is none that of the ground."""
+        """The orientation; without one that of the ground."""
         if self.orientation is None:
             return jnp.asarray([1.0, 0.0, 0.0, 0.0])
         q = as_array(quaternion_of_matrix(self.orientation.rotation.rows))
@@ -56,8 +56,8 @@ class Pose(Module):
 
 
 class Stretch(Module):
-    """Numbers of a stretch (see the module), by the first axis of many: `length`, by which the path's parameter grows
-    along it; powers of `place` and `quaternion`, lowest first; the turn of `arm` about `axis` by `sweep`; the rotation
+    """The numbers of stretches (see the module), many along the first axis: `length`, the growth of the path's
+    parameter; powers of `place` and `quaternion`, lowest first; the turn of `arm` about `axis` by `sweep`; the rotation
     vector `turn`.
     """
 
@@ -82,7 +82,7 @@ class Stretch(Module):
 
 
 class Corner(NamedTuple):
-    """Where a segment begins or ends."""
+    """Place and quaternion where a segment begins or ends."""
 
     place: Triple
     quaternion: Quadruple
@@ -95,7 +95,7 @@ def _turning(a: Quadruple, b: Quadruple) -> Triple:
 
 
 def _even(begin: Corner, end: Corner, length: Scalar) -> Stretch:
-    """Straight on, with a turn that grows evenly; whatever has no length (a turn on the spot) has that of its angle."""
+    """A straight stretch with a turn that grows evenly. A turn on the spot has its angle as length."""
     turn = _turning(begin.quaternion, end.quaternion)
     angle, none = safe_sqrt(jnp.sum(turn**2)), jnp.zeros(3)
     length = jnp.where(length > 0, length, jnp.where(angle > 0, angle, 1.0))
@@ -114,10 +114,10 @@ class AbstractSegment(Module):
 
     @abc.abstractmethod
     def stretches(self, corners: list[Corner]) -> list[Stretch]:
-        """What it is made of, of the corner where it begins and those of its poses."""
+        """Its stretches, from the corner where it begins and those of its poses."""
 
     def refusal(self, corners: list[Corner]) -> str:
-        """Why there is no such segment, in words; empty where there is."""
+        """Why there is no such segment, in words; empty if there is one."""
         del corners
         return ""
 
@@ -161,7 +161,7 @@ class Arc(AbstractSegment):
         centre = jnp.cross((p @ p) * q - (q @ q) * p, normal) / (2 * square)
         axis, arm = normal / jnp.sqrt(square), -centre
         x, y = arm / jnp.linalg.norm(arm), jnp.cross(axis, arm) / jnp.linalg.norm(arm)
-        # Seen along the axis of p x q the via point comes before the end, on the way round in the positive sense.
+        # Seen along p x q, the via point comes before the end in the positive sense of rotation.
         sweep = jnp.arctan2((q - centre) @ y, (q - centre) @ x) % (2 * jnp.pi)
         even = _even(begin, end, sweep * jnp.linalg.norm(arm))
         place = jnp.zeros((4, 3)).at[0].set(begin.place + centre)
@@ -195,7 +195,7 @@ class Curve(AbstractSegment):
     def stretches(self, corners):
         places, turned = jnp.stack([c.place for c in corners]), [corners[0].quaternion]
         for corner in corners[1:]:
-            # Of the two quaternions of an orientation the nearer one.
+            # The nearer of the two quaternions of an orientation.
             turned.append(jnp.where(turned[-1] @ corner.quaternion < 0, -1.0, 1.0) * corner.quaternion)
         values = jnp.concatenate([places, jnp.stack(turned)], axis=1)
         chords = jnp.linalg.norm(jnp.diff(places, axis=0), axis=1)

@@ -1,4 +1,4 @@
-"""What a flat state vector means: `[q, v, memory]`, which quadratures (energy balance, integrals) may follow.
+"""Layout of a flat state vector `[q, v, memory]`; quadratures (energy balance, integrals) may follow.
 
 Positions and velocities are counted apart: an orientation in space has four numbers and three rates.
 """
@@ -18,8 +18,8 @@ from clearance_jax.spatial import Term, add, dot, plus, quaternion_rate, scale
 
 
 class State(NamedTuple):
-    """One state by its parts: positions, velocities, and by their names the memory of each clearance joint and
-    the efforts that each sampled actuator or controller holds.
+    """A state by its parts: positions, velocities, and by name the memory of each clearance joint and the efforts that
+    each sampled actuator or controller holds.
     """
 
     q: Rows
@@ -51,15 +51,15 @@ def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
     return (*out, *controlled)
 
 
-def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[Part, ...]":
+def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ...]":
     """The free coordinates on which something exerts efforts."""
-    names = {name for one in effort_sources(mechanism) for name in one.coordinates}
+    names = {name for source in effort_sources(mechanism) for name in source.coordinates}
     return tuple(part for part in parts(mechanism) if part.coordinate.name in names)
 
 
 class Layout(NamedTuple):
-    """Where each quantity lives in a state (static): names of the positions, of the velocities, of the memory of each
-    clearance joint, and of the efforts that each sampled actuator or controller holds.
+    """Places in a state (static): names of the positions, of the velocities, of the memory of each clearance joint, and
+    of the efforts that each sampled actuator or controller holds.
     """
 
     positions: tuple[str, ...]
@@ -74,27 +74,27 @@ class Layout(NamedTuple):
 
     @property
     def q(self) -> slice:
-        """The positions."""
+        """The slice of the positions."""
         return slice(0, len(self.positions))
 
     @property
     def v(self) -> slice:
-        """The velocities."""
+        """The slice of the velocities."""
         return slice(len(self.positions), len(self.positions) + len(self.velocities))
 
     @property
     def memory(self) -> slice:
-        """The laws' memory, and efforts that are held."""
+        """The slice of the laws' memory and the held efforts."""
         return slice(self.v.stop, self.size)
 
     @property
     def remembered(self) -> int:
-        """Number of memory variables, efforts that are held among them."""
+        """Number of memory variables, held efforts included."""
         return sum(len(names) for _, names in (*self.memories, *self.efforts))
 
     @property
     def held(self) -> int:
-        """Number of efforts that are held."""
+        """Number of held efforts."""
         return sum(len(names) for _, names in self.efforts)
 
     @property
@@ -126,7 +126,7 @@ def layout(mechanism: AbstractMechanism) -> Layout:
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
     free = mechanism.free_coordinates()
     positions = tuple(name for c in free for name in c.positions)
-    efforts = tuple((one.name, one.coordinates) for one in effort_sources(mechanism) if one.period is not None)
+    efforts = tuple((s.name, s.coordinates) for s in effort_sources(mechanism) if s.period is not None)
     return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts)
 
 
@@ -137,31 +137,31 @@ def initial_values(mechanism: AbstractMechanism) -> Array:
     return vector((*places, *(jnp.asarray(x, float) for _, v in starts for x in v)))
 
 
-class Part(NamedTuple):
-    """Where a free coordinate is among the positions, and among the velocities, by their first and last index."""
+class StateSlices(NamedTuple):
+    """The slices of a free coordinate among the positions and among the velocities."""
 
     coordinate: Coordinate
     q: slice
     v: slice
 
 
-def parts(mechanism: AbstractMechanism) -> tuple[Part, ...]:
-    """Every free coordinate with its place in a state."""
+def parts(mechanism: AbstractMechanism) -> tuple[StateSlices, ...]:
+    """Every free coordinate with its slices."""
     out, q, v = [], 0, 0
     for c in mechanism.free_coordinates():
-        out.append(Part(c, slice(q, q + len(c.positions)), slice(v, v + len(c.velocities))))
+        out.append(StateSlices(c, slice(q, q + len(c.positions)), slice(v, v + len(c.velocities))))
         q, v = out[-1].q.stop, out[-1].v.stop
     return tuple(out)
 
 
 def position_rates(mechanism: AbstractMechanism, q: Rows, v: Rows) -> Rows:
-    """Rates of the positions: the velocities, but for an orientation."""
+    """Rates of the positions: the velocities, except for an orientation."""
     if len(q) == len(v):
         return tuple(v)
     rates = []
     for part in parts(mechanism):
-        own = v[part.v]
-        rates += quaternion_rate(q[part.q], (own[0], own[1], own[2])) if part.coordinate.is_ball else own
+        speeds = v[part.v]
+        rates += quaternion_rate(q[part.q], (speeds[0], speeds[1], speeds[2])) if part.coordinate.is_ball else speeds
     return tuple(jnp.asarray(rate, float) for rate in rates)
 
 

@@ -1,4 +1,4 @@
-"""Whether the parts of a mechanism fit together: names, the tree, what hangs on it, what controls it."""
+"""Checks that the parts of a mechanism fit together: names, the tree, attached parts, control."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -15,7 +15,7 @@ from clearance_jax.mechanism.placement import Inertia, Position
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic
 
 RESERVED = (GROUND, "gravity", "drive", "target")
-# Directions in which two frames may part.
+# Degrees of freedom between two frames.
 SPACE = 6
 
 
@@ -47,8 +47,8 @@ def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: S
 
 
 def check_loose(loops: Sequence[AbstractJoint]) -> None:
-    """Raise for a joint that closes a loop in space with clearance and would hold something beside its contacts: what
-    is neither its play nor its own motion is held in the tree, where it is no coordinate, and by nothing in a loop.
+    """Raise for a loop joint in space with clearance that would have to hold a direction without contact. In the tree a
+    direction that is neither play nor motion is held, because it is no coordinate; in a loop nothing holds it.
     """
     for loop in loops:
         if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
@@ -65,8 +65,8 @@ def check_loose(loops: Sequence[AbstractJoint]) -> None:
 
 
 def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
-    """Raise where play takes bodies out of the plane that are given for the plane only, by one moment of inertia: in
-    their joint it is one number too many that does it.
+    """Raise if play takes bodies out of the plane that have only one moment of inertia; the message names the number of
+    the play that does it.
     """
     tilted: dict[str, AbstractJoint] = {}  # what a body hangs on, by the body
     for joint in joints:
@@ -86,7 +86,7 @@ def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> No
 
 
 def _tilting(joint: AbstractJoint) -> str | None:
-    """The number of a joint's play by which it leaves the plane, where it stays there without play."""
+    """The number of a joint's play that takes it out of the plane, if it stays there without play."""
     if not isinstance(joint, AbstractPlayed) or joint.clearance is None or joint.is_plane:
         return None
     key = "width" if isinstance(joint, Prismatic) else "kind"
@@ -95,7 +95,7 @@ def _tilting(joint: AbstractJoint) -> str | None:
 
 
 def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: Iterable[Any]) -> None:
-    """Raise where a spring, a point or a load is on a body that there is not."""
+    """Raise where a spring, a point or a load refers to an unknown body."""
     placed = {GROUND, *(body.name for body in bodies)}
     for spring in springs:
         _check_known(spring.name, "body_a", spring.body_a, placed)
@@ -106,7 +106,7 @@ def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: It
 
 
 def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
-    """Raise for a payload that moves on what carries it, or carries something itself, or is gone before it comes."""
+    """Raise for a payload that moves on its carrier, carries something itself, or is put down before it is there."""
     for body in bodies:
         if body.is_always_there:
             continue
@@ -152,26 +152,26 @@ def check_control(controllers: Sequence[AbstractController], coordinates: Sequen
             _check_encoder(what, reference.encoder, every[name], every)
 
 
-def _check_encoder(what: str, encoder: Sequence[str], own: Coordinate, every: dict[str, Coordinate]) -> None:
+def _check_encoder(what: str, encoder: Sequence[str], coordinate: Coordinate, every: dict[str, Coordinate]) -> None:
     for name in encoder:
         if name not in every:
             raise ClearanceError(f"{what} measures `{name}`, but there is no such coordinate. " + suggest(name, every))
-        if (every[name].slides is None) != (own.slides is None):
+        if (every[name].slides is None) != (coordinate.slides is None):
             raise ClearanceError(f"{what} measures `{name}`: an angle and a length cannot stand for each other.")
 
 
 def check_model(controller: AbstractController, model: Any) -> Any:
-    """The model of a controller. **Raises** `ClearanceError` where it is not commanded as a whole."""
+    """The model of a controller. **Raises** `ClearanceError` for loops, and if references miss free coordinates."""
     what = f"The model of controller `{controller.name}`"
     if model.loops:
         raise ClearanceError(
             f"{what} has the loop `{model.loops[0].name}`, but inverse dynamics is of trees only. Give it a `model` "
             "without loops."
         )
-    free, own = {c.name for c in model.free_coordinates()}, {reference.name for reference in controller.references}
-    for name in sorted(free ^ own):
-        said = "and its references do not name it" if name in free else "but its references name it"
-        raise ClearanceError(f"{what} has {'the' if name in free else 'no'} free coordinate `{name}`, {said}.")
+    free, named = ({c.name for c in model.free_coordinates()}, {reference.name for reference in controller.references})
+    for name in sorted(free ^ named):
+        reason = "and its references do not name it" if name in free else "but its references name it"
+        raise ClearanceError(f"{what} has {'the' if name in free else 'no'} free coordinate `{name}`, {reason}.")
     return model
 
 
@@ -182,8 +182,8 @@ def _check_known(owner: str, key: str, word: str, allowed: set[str]) -> None:
         )
 
 
-def _distinct(owner: str, one: str, other: str, first: str, second: str) -> None:
+def _distinct(owner: str, key: str, other_key: str, first: str, second: str) -> None:
     if first == second:
         raise ClearanceError(
-            f"`{owner}.{one}` and `{owner}.{other}` must name two bodies, but both name `{first}`. Change one."
+            f"`{owner}.{key}` and `{owner}.{other_key}` must name two bodies, but both name `{first}`. Change one."
         )

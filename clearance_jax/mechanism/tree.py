@@ -1,11 +1,11 @@
-"""Joints of the tree and its kinematics: one forward sweep from the ground gives every body's pose and motion.
+"""Joints of the tree and their kinematics: one sweep from the ground gives every body's pose and motion.
 
 Each joint is a short list of elementary coordinates: slides along and turns about axes of its frame, and balls. A
-prescribed coordinate contributes motion only; a free one also contributes columns, the velocity of the points beyond it
+prescribed coordinate contributes motion only. A free one also contributes columns, the velocity of the points beyond it
 per unit of its rates, from which mass matrix, forces and constraints are built.
 
-Where a joint joins two bodies that are placed already it closes a loop: it has no coordinates then, and what it holds
-(`JointConstraint`) is a constraint.
+A joint between two bodies that are placed already closes a loop: it has no coordinates, and its `JointConstraint` is a
+constraint.
 """
 
 import abc
@@ -59,7 +59,7 @@ SLIDING = {"coordinate": "m", "effort": "N"}
 
 
 class AbstractJoint(Parametrised):
-    """A joint: places the child's frame on the parent's, or holds two bodies that are placed."""
+    """A joint: it places the child's frame on the parent's, or closes a loop between two placed bodies."""
 
     name: str = eqx.field(static=True)
     """The joint's name."""
@@ -80,12 +80,12 @@ class AbstractJoint(Parametrised):
         """The joint's elementary coordinates, in the order in which they act."""
 
     def own_coordinates(self) -> tuple[Coordinate, ...]:
-        """The same with axes of the joint's own: known by its structure, whatever numbers tell where it points."""
+        """The same coordinates with axes in the joint's own, which are structural constants."""
         return self.coordinates()
 
     @abc.abstractmethod
     def joint_constraint(self) -> JointConstraint:
-        """What it forbids where it closes a loop."""
+        """Its conditions where it closes a loop."""
 
     def prepare(self) -> "AbstractJoint":
         """The joint with what depends only on its numbers computed (once a solve)."""
@@ -100,7 +100,7 @@ class AbstractJoint(Parametrised):
 
     @structural_property
     def is_plane(self) -> bool:
-        """Whether it keeps what it carries in the plane z = 0, by its structure."""
+        """Whether its structure keeps what it carries in the plane z = 0."""
         turned = (self.orientation, self.child_orientation)
         slides = [c.slides for c in self.coordinates() if c.slides is not None]
         return (
@@ -110,17 +110,17 @@ class AbstractJoint(Parametrised):
         )
 
     def on_parent(self, frame: Frame) -> Frame:
-        """The joint's frame on the parent, of the parent's frame."""
+        """The joint's frame on the parent, from the parent's frame."""
         frame = frame.move_origin(self.at_parent.vector)
         return frame.rotate(self.turned)
 
     def on_child(self, frame: Frame) -> Rotation:
-        """The axes of the joint's frame on the child, of the child's frame."""
+        """The axes of the joint's frame on the child, from the child's frame."""
         return frame.rotate(_turn(self.child_orientation)).rotation
 
     @property
     def turned(self) -> Rotation:
-        """How the joint's frame is turned in the parent's."""
+        """The rotation of the joint's frame in the parent's."""
         return _turn(self.orientation) if self.angle is None else IDENTITY.turn(Z, self.angle)
 
 
@@ -129,13 +129,13 @@ def _turn(orientation: Orientation | PreparedOrientation | None) -> Rotation:
 
 
 def rigid(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
-    """What keeps two frames from turning at all."""
+    """Pairs of axes that keep two frames from turning against each other."""
     p, q = axis.across
     return (axis.vector, p), (axis.vector, q), (p, q)
 
 
 def alignment(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
-    """What keeps an axis of two frames parallel."""
+    """Pairs of axes that keep an axis of two frames parallel."""
     return tuple((axis.vector, across) for across in axis.across)
 
 
@@ -155,11 +155,11 @@ class AbstractPlayed(AbstractJoint):
     def __check_init__(self):
         if not isinstance(self.clearance, AbstractClearance):
             return
-        own = dataclasses.replace(self, clearance=None).own_coordinates()
+        moving = dataclasses.replace(self, clearance=None).own_coordinates()
         plays = outside(self.clearance).play()
         for play in plays:
-            slides = play.slides is not None and any(play.slides == c.slides for c in own)
-            turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in own)
+            slides = play.slides is not None and any(play.slides == c.slides for c in moving)
+            turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in moving)
             if slides or turns:
                 raise ClearanceError(
                     f"The clearance of joint `{self.name}`, a {type(self.clearance).__name__}, has the play "
@@ -170,12 +170,12 @@ class AbstractPlayed(AbstractJoint):
 
     @property
     def sleeve(self) -> Matrix:
-        """The rotation from the sleeve's axes, of which z is the joint's own, to those of the joint's frame."""
+        """The rotation from the sleeve's axes (z is the joint's) to those of the joint's frame."""
         return UNIT
 
     @abc.abstractmethod
     def own_coordinates(self) -> tuple[Coordinate, ...]:
-        """The joint's elementary coordinates, their axes in those of the sleeve."""
+        """The joint's elementary coordinates, with axes in those of the sleeve."""
 
     def coordinates(self):
         sleeve = self.sleeve
@@ -191,11 +191,11 @@ class AbstractPlayed(AbstractJoint):
         )
 
     def play(self) -> tuple[PlayCoordinate, ...]:
-        """What its clearance adds to the tree."""
+        """The play coordinates that its clearance adds to the tree."""
         return () if self.clearance is None else self.clearance.play()
 
     def play_coordinates(self) -> tuple[Coordinate, ...]:
-        """The same as coordinates. Play starts where `eccentricity` says, tilts at zero."""
+        """The play as coordinates. Slides start at `eccentricity`, tilts at zero."""
         start = self.eccentricity.vector
         return tuple(
             Coordinate(
@@ -230,13 +230,13 @@ class Revolute(AbstractPlayed):
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("z")
     motor: Motor | None = None
-    """Of an elastic drive its motor: the joint turns by the sum of its angle and the spring's, `motion`."""
+    """The motor of an elastic drive: the joint turns by the sum of the motor's angle and the spring's, `motion`."""
 
     def units(self):
         return TURNING
 
     def own_coordinates(self):
-        return (*self.play_coordinates(), *(Coordinate(*one, turns=Z) for one in _moving(self)))
+        return (*self.play_coordinates(), *(Coordinate(name, motion, turns=Z) for name, motion in _moving(self)))
 
     @property
     def sleeve(self):
@@ -248,13 +248,13 @@ class Revolute(AbstractPlayed):
 
 
 def _moving(joint: "Revolute | Prismatic") -> tuple[tuple[str, Motion], ...]:
-    """Names and motions of what moves along or about a joint's axis: an elastic drive's motor, and the spring."""
-    own = joint.name, joint.motion
-    return (own,) if joint.motor is None else ((joint.motor.name, joint.motor), own)
+    """Names and motions along or about a joint's axis: that of an elastic drive's motor, and the joint's own."""
+    link = joint.name, joint.motion
+    return (link,) if joint.motor is None else ((joint.motor.name, joint.motor), link)
 
 
 def along(axis: Axis) -> Matrix:
-    """The rotation from axes of which z is the given axis."""
+    """The rotation from axes whose z is the given axis."""
     return UNIT if axis.letter == "z" else transpose((*axis.across, axis.vector))
 
 
@@ -277,21 +277,21 @@ class Prismatic(AbstractPlayed):
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
     motor: Motor | None = None
-    """The same as of a `Revolute`."""
+    """As of a `Revolute`."""
 
     def units(self):
         return SLIDING
 
     def own_coordinates(self):
-        # The block's play is where the block is: it slides first.
-        return (*(Coordinate(*one, slides=Z) for one in _moving(self)), *self.play_coordinates())
+        # The play acts at the block's place, so the slide comes first.
+        return (*(Coordinate(name, motion, slides=Z) for name, motion in _moving(self)), *self.play_coordinates())
 
     @property
     def sleeve(self):
         x, y, z = self.axis.vector
         if not is_zero(z):
             return along(self.axis)
-        # Along an axis of the plane z = 0 a guide's walls stand across it in this plane, and it tilts about z.
+        # With the axis in the plane z = 0 the walls stand across it in this plane, and the block tilts about z.
         return transpose(((minus(0.0, y), x, 0.0), Z, (x, y, 0.0)))
 
     def joint_constraint(self):
@@ -319,7 +319,7 @@ class Misalignment(Fixed):
 
 
 def without_misalignment(joint: AbstractJoint) -> AbstractJoint:
-    """The joint where it is meant to be."""
+    """The joint without misalignment."""
     if not isinstance(joint, Misalignment):
         return joint
     return Fixed(joint.name, joint.parent, joint.child)

@@ -1,1 +1,1 @@
-"""The solve: a motion and its variations, error control that contact cannot fool, events, samples."""
+"""The solve: a motion and its variations, error control with contacts, events, samples."""

@@ -1,7 +1,7 @@
-"""ONE attempt at a step: tried, judged, decided, recorded. Whatever drives a solve drives this.
+"""One attempt at a step: try it, judge it, decide, record. Every driver of a solve uses it.
 
-Single solves are driven by diffrax, which calls its two halves one after the other (`driver`); blocks that keep every
-step end drive it themselves (`trace`).
+Diffrax drives single solves and calls the two halves one after the other (`driver`). Blocks that keep every step end
+drive attempts themselves (`trace`).
 """
 
 from typing import Any, NamedTuple
@@ -19,13 +19,13 @@ from clearance_jax.solve.refusal import has_left, leaves_walls
 from clearance_jax.solve.step import Trial, try_step
 from clearance_jax.solve.tableau import tableau_of
 
-# Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall that they are pressed to.
+# Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall where a load presses them.
 STARTS = CENTRE, SETTLED = "centre", "settled"
 
 
 class Options(NamedTuple):
-    """What a solve is compiled for: `simulate`'s choices. `solver`: a diffrax Runge-Kutta solver; `observers`: see
-    every accepted step, see `observers.AbstractObserver`; `start`: one of `STARTS`.
+    """The choices of `simulate` for which a solve is compiled. `solver`: a diffrax Runge-Kutta solver; `observers`: see
+    every accepted step (`observers.AbstractObserver`); `start`: one of `STARTS`.
     """
 
     solver: Any
@@ -38,10 +38,10 @@ class Options(NamedTuple):
 
 
 def means_of(options: Options, allowed) -> Means:
-    """What a solve is judged by."""
+    """The criteria by which the attempts of a solve are judged."""
     longest = None
     for observer in options.observers:
-        # A plain number is every lane's; as an array it would have no axis of lanes.
+        # A plain number holds for every lane; an array would lack the axis of lanes.
         both = isinstance(longest, float) and isinstance(observer.longest, float)
         least = min if both else jnp.minimum
         longest = observer.longest if longest is None else least(longest, observer.longest)
@@ -57,8 +57,8 @@ def start_records(options: Options, t0: Scalar, y0: Array, problem: Problem) -> 
 def decide(
     problem: Problem, trial: Trial, times: tuple, means: Means, control: Control, observers: tuple, record: tuple
 ) -> tuple[Decision, tuple]:
-    """The second half: what follows from a try, and what the observers have seen by then. (A function of its own to
-    JAX: diffrax traces its loop three times.)
+    """The second half of an attempt: the decision after a try, and the observers' records. (A jitted function, because
+    diffrax traces its loop three times.)
     """
     with sharing_lanes(times[0]):
         decision = next_step(problem, judge(problem, trial, times, means, control), times, means, control)
@@ -68,15 +68,15 @@ def decide(
     ends = trial.start, trial.end, trial.slope0, trial.slope1
 
     def see(observers, record, times, ends, problem):
-        return tuple(observer(own, times, ends, problem) for observer, own in zip(observers, record, strict=True))
+        return tuple(observer(entry, times, ends, problem) for observer, entry in zip(observers, record, strict=True))
 
     seen = each_lane(see, times[0])(observers, record, times, ends, problem)
     return decision, jax.tree.map(lambda new, old: jnp.where(decision.keep, new, old), seen, record)
 
 
 class Carry(NamedTuple):
-    """A solve on its way: where it is, the end of the next try, the slope at the state (unless `fresh`), what the
-    control remembers and the observers have seen; counts of kept and rejected tries, and whether it has failed.
+    """State of a solve under way: time and state, end of the next try, slope at the state (unless `fresh`), memory of
+    the control, records of the observers, counts of kept and rejected tries, and whether it has failed.
     """
 
     time: Array
@@ -95,13 +95,13 @@ class Carry(NamedTuple):
 def attempt(
     carry: Carry, problem: Problem, options: Options, means: Means, last: Each
 ) -> tuple[Carry, Trial, EachFlag]:
-    """One attempt on the way to `last`; the try, and whether it was kept."""
+    """One attempt on the way to `last`: the new carry, the try, and whether it was kept."""
     times = carry.time, carry.end
     trial = try_step(problem, options.solver, times, carry.y, carry.slope, carry.fresh)
     decision, record = decide(problem, trial, times, means, carry.control, options.observers, carry.record)
     keep = decision.keep
     time = jnp.minimum(decision.start, last)
-    # As diffrax does: a solve that would end within a round-off of its end ends there, or goes halfway and sees.
+    # As diffrax does: a try that ends within a round-off of the last time ends there, or after a rejection halfway.
     near = decision.end > last - 100 * jnp.spacing(last)
     end = jnp.where(near, jnp.where(keep, last, time + 0.5 * (last - time)), decision.end)
     moved = Carry(
@@ -121,7 +121,7 @@ def attempt(
 
 
 def start_carry(problem: Problem, options: Options, means: Means, t0: Each, t1: Each, y0: Array) -> Carry:
-    """Before the first attempt."""
+    """The carry before the first attempt."""
     end = jnp.minimum(each_lane(first_end, t0)(problem, t0, t1, y0, means), t1)
     yes, no, none = (jnp.full(jnp.shape(t0), value) for value in (True, False, 0))
     record = each_lane(start_records, t0)(options, t0, y0, problem)
@@ -129,7 +129,7 @@ def start_carry(problem: Problem, options: Options, means: Means, t0: Each, t1: 
 
 
 def dense_info(options: Options, trial: Trial, times: tuple) -> dict[str, Array]:
-    """What the solver's own interpolation of a step is made of."""
+    """The data of the solver's own interpolation of a step."""
     count = tableau_of(options.solver).stages
     return {"y0": trial.start, "y1": trial.end, "k": (times[1] - times[0]) * trial.slopes[:count]}
 

@@ -1,4 +1,4 @@
-"""Observers that find when a signal comes below a bound: for the last time, or for the first."""
+"""Observers that find the last or the first time at which a signal falls below a bound."""
 
 from typing import Any, NamedTuple
 
@@ -12,14 +12,13 @@ from clearance_jax.solve.interpolate import between, tops
 from clearance_jax.solve.observers import PIECES, STEPS, AbstractObserver, Picked, without_derivatives
 from clearance_jax.solve.problem import motion
 
-# Halvings that find the entry in a part of a step: it is then known to the last digit.
+# Bisections for the entry in a part of a step: enough for the last digit.
 HALVINGS = 50
 
 
 class Entry(NamedTuple):
-    """The entry that counts so far: whether there is one (`entered`), its `time` [s] and state `y`, and the signal's
-    `slope` there [1/s] (infinite where it jumps); `inside`: whether the signal is below the bound at the end of the
-    last step.
+    """The entry found so far: whether there is one (`entered`), its `time` [s] and state `y`, and the signal's `slope`
+    there [1/s] (infinite at a jump); `inside`: whether the signal is below the bound at the end of the last step.
     """
 
     entered: Array
@@ -30,10 +29,10 @@ class Entry(NamedTuple):
 
 
 class EntryFinder(AbstractObserver):
-    """Finds the last time at which a signal comes from above `bound` to below it, or the `first` after `since`. On
-    each part of a step the signal is the cubic through values and slopes at the part's ends: its top says where the
-    signal may be above. In the part that has the entry halvings of the signal itself find its time. Between two steps
-    a signal may jump: a drive's acceleration does, or a force at an event.
+    """Finds the last time at which a signal falls below `bound`, or the `first` one after `since`. On each part of a
+    step the signal is approximated by the cubic through values and slopes at the part's ends; its top shows whether the
+    signal may be above the bound. Bisection of the signal itself then finds the time of the entry. Between two steps a
+    signal may jump, as a drive's acceleration or a force at an event does.
     """
 
     signal: Any
@@ -49,17 +48,17 @@ class EntryFinder(AbstractObserver):
         return self.span / STEPS
 
     def start(self, t0, y0, problem):
-        # The first step begins as if the signal came from outside: an entry at the start is a settling time of zero. A
-        # first entry is one of a signal that has been outside.
+        # The first step begins as if the signal came from outside: an entry at the start is a settling time of zero.
+        # But a first entry needs a signal that has been outside.
         return Entry(jnp.asarray(False), t0, y0, jnp.asarray(-jnp.inf), jnp.asarray(self.first))
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), plan = times, layout(problem.mechanism)
         start, width, whole, bound = without_derivatives((t0, t1 - t0, problem, self.bound))
-        own = tuple(motion(whole, end) for end in without_derivatives(ends))
+        ends_now = tuple(motion(whole, end) for end in without_derivatives(ends))
 
         def along(x):
-            y = between(own, width, x, plan)
+            y = between(ends_now, width, x, plan)
             return jnp.asarray(self.signal(start + x * width, y, whole.mechanism), float) - bound
 
         def at(x):
@@ -74,16 +73,16 @@ class EntryFinder(AbstractObserver):
         top, _, _ = tops(value, slope, part)
         tallest = places[:-1] + part * top
         over = jax.lax.map(along, tallest) > 0
-        # Each part that ends below and is above somewhere: at its top or where it begins.
+        # Parts that end below and are above somewhere: at the top or at the begin.
         enters = (over | (value[:-1] > 0)) & (value[1:] <= 0)
         here = jnp.argmax(enters) if self.first else PIECES - 1 - jnp.argmax(enters[::-1])
-        # A jump to where the step begins is a first entry before all that it has inside, and a last one after none.
+        # A jump at the start of the step precedes all entries inside it.
         jumps = ~record.inside & (value[0] <= 0)
-        found = jnp.any(enters) & ~(jumps & self.first)
+        crosses = jnp.any(enters) & ~(jumps & self.first)
         low = jnp.where(over[here], tallest[here], places[here])
 
         def goes_on(now):
-            return found & (now[0] < HALVINGS)
+            return crosses & (now[0] < HALVINGS)
 
         def halve(now):
             k, low, high = now
@@ -93,15 +92,15 @@ class EntryFinder(AbstractObserver):
 
         _, _, x = jax.lax.while_loop(goes_on, halve, (jnp.asarray(0), low, places[here + 1]))
         _, rate = at(x)
-        x = jnp.where(found, x, 0.0)
-        new = found | jumps
+        x = jnp.where(crosses, x, 0.0)
+        new = crosses | jumps
         if self.first:
             new &= ~record.entered
         return Entry(
             record.entered | new,
             jnp.where(new, t0 + x * (t1 - t0), record.time),
             jnp.where(new, between(ends, t1 - t0, x, plan), record.y),
-            jnp.where(new, jnp.where(found, rate / width, -jnp.inf), record.slope),
+            jnp.where(new, jnp.where(crosses, rate / width, -jnp.inf), record.slope),
             (value[-1] <= 0) if self.since is None else (value[-1] <= 0) | (t1 <= self.since),
         )
 

@@ -1,9 +1,9 @@
-"""`batch`: a function of one lane over any number of lanes, on every core, in bounded memory.
+"""`batch`: a function of one lane applied to any number of lanes, on every core, in bounded memory.
 
-The unit of work is a chunk of lanes (`chunk_on`), one call of one compiled program: threads call it side by side (JAX
-lets go of Python while a program runs, and runs programs of different threads at once), so nothing is pickled, compiled
-twice, or configured before JAX starts, and a core that is done takes the next chunk. On a CPU larger calls are no
-faster, and would have to be filled up to their size or compiled anew for every number of lanes.
+The unit of work is a chunk of lanes (`chunk_on`), one call of one compiled program. Threads call it side by side: JAX
+releases Python's lock while a program runs. So nothing is pickled, compiled twice, or configured before JAX starts, and
+an idle core takes the next chunk. On a CPU larger calls are no faster, and would need filling or a new compilation for
+every number of lanes.
 """
 
 import os
@@ -26,9 +26,9 @@ from clearance_jax.solve.lanes import chunk_on
 
 
 class BatchReport(NamedTuple):
-    """What a batch tells of itself at its end. It prints itself.
+    """Report of a batch. It prints itself.
 
-    - `lanes`, `chunks`, `cores`: how many there were.
+    - `lanes`, `chunks`, `cores`: their numbers.
     - `order`: the order of the lanes: "given", "learned", or by "cost".
     - `efficiency`: step attempts of the lanes over step attempts of their chunks, between 0 and 1. The rest was spent
       waiting for the slowest lane of each chunk. `None`: the attempts are not known.
@@ -115,21 +115,21 @@ def batch(
 
 
 def _each(function: Callable, lanes: Any) -> Any:
-    """Of every lane its value, and the attempts of its solves (`None`: not known)."""
+    """The value of every lane, and the step attempts of its solves (`None`: not known)."""
 
-    def one(lane):
+    def counted(lane):
         with effort() as seen:
             value = function(lane)
         return value, seen.known
 
-    return jax.vmap(one)(lanes)
+    return jax.vmap(counted)(lanes)
 
 
 _program: Any = eqx.filter_jit(_each)
 
 
 class _Work:
-    """The program of a batch, and what has become of its lanes so far."""
+    """The compiled program of a batch, and the results so far."""
 
     def __init__(
         self, function: Callable, leaves: list[np.ndarray], structure: Any, width: int, ready: Callable | None
@@ -140,12 +140,12 @@ class _Work:
         self.values: Any = None
         self.attempts = np.zeros(self.count)
         self._own, self._ran = 0.0, 0.0
-        # Compiled here and not in a thread: whoever calls may have set JAX up for this thread alone. The second time
-        # that a function comes JAX still has its program.
+        # Compiled here and not in a thread: the caller may have configured JAX for this thread only. JAX keeps the
+        # program of a function for the next batch.
         self.program = _program.lower(function, self._inputs(np.arange(width))).compile()
 
     def run(self, chunks: list[Lanes], cores: int, progress: Callable | None) -> None:
-        """These chunks, each on the next core that is free."""
+        """Run chunks, each on the next free core."""
         waiting = iter(chunks)
         with ThreadPoolExecutor(cores) as pool:
 
@@ -167,7 +167,7 @@ class _Work:
                 raise
 
     def sort(self, tried: list[Lanes], others: list[Lanes]) -> Lanes | None:
-        """The other lanes by what was learned from those tried; `None`: as they are."""
+        """The other lanes sorted by what the tried ones took; `None`: keep the order."""
         if self.efficiency is None or not others:
             return None
         numbers = as_numbers(self.leaves, self.count)
@@ -180,7 +180,7 @@ class _Work:
         return self._own / self._ran if self._ran else None
 
     def _inputs(self, chunk: Lanes) -> Any:
-        """The lanes of a chunk, filled up with its last one: another shape would be another program."""
+        """The lanes of a chunk, filled up with its last one because another shape would be another program."""
         full = np.pad(chunk, (0, self.width - len(chunk)), mode="edge")
         return jax.tree.unflatten(self.structure, [jnp.asarray(leaf[full]) for leaf in self.leaves])
 
@@ -204,7 +204,7 @@ def _put(whole: np.ndarray, chunk: Lanes, values: np.ndarray) -> None:
     whole[chunk] = values[: len(chunk)]
 
 
-# What is given -------------------------------------------------------------------------------------------------------
+# Input checks -------------------------------------------------------------------------------------------------------
 
 
 def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:
@@ -244,26 +244,26 @@ def _array(leaf: Any) -> np.ndarray:
 
 
 def cores_here() -> int:
-    """How many cores the process may use for programs side by side: of a machine that is shared often not all."""
+    """How many cores the process may use; on a shared machine often not all."""
     here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(here, side_by_side())
 
 
 def side_by_side() -> int:
-    """How many programs may run side by side on the CPU: fewer than XLA has threads, or kernels that share their work
-    among them wait for ever (see `configure`, which gives it more threads than there are cores).
+    """How many programs may run side by side on the CPU: fewer than XLA has threads, or kernels that share work among
+    threads wait for ever (`configure` gives XLA more threads than there are cores).
     """
     threads = os.environ.get("PJRT_NPROC") or os.environ.get("NPROC") or os.cpu_count() or 1
     return max(1, int(threads) - 1)
 
 
 def usual_cores() -> int:
-    """How many chunks run side by side: one a core; on a GPU one, which has the memory of no more and fills it."""
+    """How many chunks run side by side: one for each core; on a GPU one, which fills its memory."""
     return cores_here() if jax.default_backend() == "cpu" else 1
 
 
 def _whole(name: str, given: Any, usual: int) -> int:
-    """A number of things, as it is given or as `usual`."""
+    """A whole number as given, or `usual`."""
     if given is None:
         return usual
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 1:
@@ -272,7 +272,7 @@ def _whole(name: str, given: Any, usual: int) -> int:
 
 
 def _costs(cost: Any, count: int) -> np.ndarray | None:
-    """The expected cost of each lane, where it is given."""
+    """The expected cost of each lane, if given."""
     if cost is None or (isinstance(cost, str) and cost == "learned"):
         return None
     costs = None if isinstance(cost, str) else np.asarray(cost)

@@ -1,7 +1,7 @@
-"""`solver="auto"`: the solver that a tolerance calls for, in a kind of scene.
+"""`solver="auto"`: the solver for a tolerance and a kind of scene.
 
-The rule follows what docs/benchmarks/work_precision.md measures: the solver of order eight takes longer steps, and wins
-below a tolerance that depends on what limits the steps of a scene.
+The rule follows docs/benchmarks/work_precision.md: the solver of order eight takes longer steps, and is faster below a
+tolerance that depends on what limits the steps of a scene.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ time for the same error. The page found the same limit in the plane and in space
 
 
 def kind_of(model: Any) -> str:
-    """What a mechanism, or the one that a model has, is to the choice of a solver: without play, or with play in the
+    """The kind of a mechanism, or of a model's mechanism, for the choice of a solver: without play, or with play in the
     plane or in space.
     """
     mechanism = model if isinstance(model, Mechanism) else model.mechanism

@@ -1,4 +1,4 @@
-"""How a solve ends: codes of our own, and their words."""
+"""Result codes of a solve, and their meaning in words."""
 
 import enum
 
@@ -42,7 +42,7 @@ def words(code: int | Array) -> str:
 
 
 def code_of(result: diffrax.RESULTS) -> Code:
-    """Diffrax's result as a code of ours."""
+    """Diffrax's result as a `Result`."""
     known = ((diffrax.RESULTS.successful, Result.REACHED_END), (diffrax.RESULTS.max_steps_reached, Result.MAX_STEPS))
     code = jnp.asarray(int(Result.STEP_COLLAPSED))
     for theirs, ours in known:

@@ -1,10 +1,9 @@
-"""What follows from a try of a step: whether it is good enough, where it must be cut, how long the next one is.
+"""Decision after a try of a step: whether it is good enough, where it must be cut, how long the next one is.
 
 Why steps are cut: an error estimate samples the force at a few points of a step. A contact that begins and ends between
-them is not sampled, so the step is accepted and the contact is lost; no tolerance repairs it. Here the relative motion
-of each clearance joint is interpolated along each candidate step, the laws' event functions are read along it, and a
-step across a change is cut there. So every touch, separation and change of formula, and every break of a drive, is a
-step's end.
+them is missed, whatever the tolerance. Here the relative motion of each clearance joint is interpolated along the step,
+the laws' event functions are evaluated along it, and a step across a change is cut there. So every touch, separation
+and change of formula, and every break of a drive, is the end of a step.
 """
 
 from typing import Any, NamedTuple
@@ -24,26 +23,23 @@ from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 
 _EPS = float(np.finfo(np.float64).eps)
-# The motion's errors are amplified by the impacts to come, and so are kept at a tenth of rtol in each step; a
-# derivative grows through the same impacts, and its relative error does not: it may be 1 / LENIENCE times larger. A
-# solve has the error of a few such steps, and which ones is chance: over tolerances that differ by parts, the Jacobian
-# of the slider-crank scatters by a factor of ten. At 0.02 Dopri8 gave 3 to 27 rtol. A method of high order takes few
-# more steps for a smaller error, and so its leave is smaller, by REFINED for each order above PLAIN_ORDER: Dopri8's is
-# a fifth of Tsit5's, which costs it a fifth more steps (and would cost Tsit5 a third), and gives 1 to 6 rtol.
+# The impacts to come amplify the motion's errors, so these are kept at a tenth of rtol in each step. A derivative grows
+# through the same impacts, but its relative error does not: it may be 1 / LENIENCE times larger. A method of high order
+# takes few more steps for a smaller error, so REFINED reduces that factor for each order above PLAIN_ORDER.
 LENIENCE, PLAIN_ORDER, REFINED = 0.02, 5.0, 5.0 ** (1 / 3)
-# The step size aimed at, over the one at which the error would be what is allowed; how much it may change at once.
+# The target step size, over the one at which the error would just be allowed; how much it may change at once.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
-# Wherever a cut has not been enough to get clear of its event, the next goes so many times further past it; at most.
+# If a cut step has not left its event behind, the next goes FURTHER times as far past it, up to FURTHEST.
 FURTHER, FURTHEST = 4.0, 4.0**24
-# Cut within this part of a step from its start, right after a step that was cut, is not clear of that event: the
-# round-off of a place may hide one for longer than that of the time.
+# A cut within this part of a step from its start, right after a cut step, is at the same event: the round-off of a
+# place may hide an event for longer than that of the time.
 NEAR = 0.1
 
 
 class Control(NamedTuple):
-    """What is remembered from try to try: the step size that would have been taken had it not been cut (0: not cut),
-    how much further than usual past an event a cut step ends, because cuts have failed to get clear of it, and whether
-    the last step that was kept had been cut.
+    """Memory from try to try: the step size without the cut (`natural`; 0: not cut), a factor on how far past an event
+    a cut step ends (`reach`), because shorter cuts have not left the event behind, and whether the last kept step had
+    been cut.
     """
 
     natural: Array
@@ -58,8 +54,8 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """On one try: its error over what is allowed; whether it crosses an event, and the time just past it, to which the
-    next try goes; how far past an event that is [s].
+    """Verdict on a try: its error over the allowed one; whether it crosses an event, the time just past the event, to
+    which the next try goes, and how far past that is [s].
     """
 
     error: Each
@@ -69,8 +65,8 @@ class Verdict(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """Whether a try is kept; start and end of the next one; whether that starts just past a break; what to remember;
-    whether the solve ends here: the step size has collapsed, or a part has left its walls.
+    """Whether to keep a try; start and end of the next one; whether that starts just past a break; the new memory;
+    whether the solve ends here, because the step size has collapsed or a part has left its walls.
     """
 
     keep: EachFlag
@@ -82,8 +78,8 @@ class Decision(NamedTuple):
 
 
 class Means(NamedTuple):
-    """What a solve is judged by: tolerances, whether to locate events, order of the error estimate, and the
-    longest step that an observer can see through [s].
+    """Criteria for tries: tolerances, whether to locate events, order of the error estimate, and the longest step that
+    the observers allow [s].
     """
 
     allowed: Tolerances
@@ -99,7 +95,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     if not (means.locate_events and problem.mechanism.clearance_joints()):
         return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
-    found, misfit = curves(times, ends, problem.mechanism)
+    joint_curves, misfit = curves(times, ends, problem.mechanism)
     # Round-off is no misfit: in free flight, where it would be all the error there is, it would choose the next step.
     off = jnp.maximum(misfit - means.allowed.noise, 0.0) / means.allowed.fit
     off = jnp.where(jnp.isfinite(off), off, jnp.inf)
@@ -108,24 +104,23 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     h = t1 - t0
     pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * jnp.maximum(h, control.natural))
     pad = pad * control.reach
-    crossed, s = first_event(found, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
+    crossed, s = first_event(joint_curves, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
-    # Where the motion is accurate the event is located, also where the derivatives, whose slope jumps there, are not:
+    # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
     # shrinking the step towards the jump would end at a step of a round-off.
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
 def lenience(order: float) -> float:
-    """The weight of the derivatives' errors beside the motion's, by a method whose error has this order."""
+    """The weight of the derivatives' errors beside the motion's, for a method whose error has this order."""
     return LENIENCE * REFINED ** max(order - PLAIN_ORDER, 0.0)
 
 
 def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each]:
-    """The error of a step over what is allowed, of motion and derivatives, and of the motion alone.
+    """The error of a step over the allowed one: of motion and derivatives, and of the motion alone.
 
-    A derivative is an error once it is wrong by a fraction of itself (impacts make it grow by orders of magnitude), not
-    of the motion; `floor` says from which size on. What laws remember is a kind of its own: it is measured by itself
-    and all else, and nothing else is measured by it.
+    A derivative's error counts relative to the derivative itself (impacts make it grow by orders of magnitude) from the
+    size `floor` on. The laws' memory is compared separately: its derivatives would hide the others.
     """
     y0, y1, error, axis = trial.start, trial.end, trial.error, component_axis(time)
     allowed = means.allowed
@@ -159,7 +154,7 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
 
 
 def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, control: Control) -> Decision:
-    """What to do after a verdict."""
+    """The decision after a verdict."""
     t0, t1 = times
     h, cut, error = t1 - t0, verdict.cut, verdict.error
     accurate = error < 1
@@ -186,14 +181,14 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
 
 
 def factor(error: Each, accurate: EachFlag, order: float) -> Each:
-    """By how much the step size changes after an error (an integrating controller)."""
+    """Factor on the step size after an error (an integrating controller)."""
     wanted = SAFETY * jnp.exp(-jnp.log(jnp.maximum(error, 1e-30)) / order)
     return jnp.clip(wanted, jnp.where(accurate, 1.0, SHRINK), GROW)
 
 
 def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means) -> Scalar:
-    """Where the first try ends: a ten thousandth of the time in which the state moves by its own scale. The error
-    control grows it tenfold a step, so a small start costs little and an impact just after t0 is not jumped over.
+    """End of the first try: a ten thousandth of the time in which the state moves by its own scale. The control then
+    grows the step, so a small start costs little and no impact just after t0 is missed.
     """
     first, unit = motion(problem, y0), means.allowed.unit
     places = first[problem.places]
@@ -206,7 +201,7 @@ def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means)
 
 
 def before_break(breaks: Array, t0: Each, t1: Each) -> Each:
-    """`t1`, or just before the next break where that comes first."""
+    """`t1`, or the time just before the next break if that comes first."""
     if breaks.shape[0] == 0:
         return t1
     margin = 4 * _EPS * jnp.abs(breaks)
@@ -215,21 +210,21 @@ def before_break(breaks: Array, t0: Each, t1: Each) -> Each:
 
 
 def past_break(breaks: Array, keep: EachFlag, t0: Each) -> tuple[Each, EachFlag]:
-    """`t0`, or just past the break that it stands before, and whether it stood before one."""
+    """`t0`, or the time just past the break right ahead of it, and whether there is such a break."""
     if breaks.shape[0] == 0:
         return t0, jnp.zeros(jnp.shape(t0), bool)
     margin = 4 * _EPS * jnp.abs(breaks)
     here = keep & (jnp.abs(breaks - t0) <= 2 * margin) & (breaks > t0)
-    found = jnp.any(here, axis=0)
-    return jnp.where(found, jnp.max(jnp.where(here, breaks + margin, -jnp.inf), axis=0), t0), found
+    at_break = jnp.any(here, axis=0)
+    return jnp.where(at_break, jnp.max(jnp.where(here, breaks + margin, -jnp.inf), axis=0), t0), at_break
 
 
 def on_grid(step: Each) -> Each:
     """The step size rounded down to a power of 2^(1/8).
 
-    A step size computed from an error estimate carries rounding errors magnified by 1/rtol, and choosing the next step
-    magnifies them again: two programs for the same solve (alone, or in a batch) would drift to different steps, and
-    through the impacts to results that differ by the whole error of the solve. On a grid they take the same steps.
+    A step size from an error estimate has rounding errors magnified by 1/rtol, and the next choice magnifies them
+    again. So two programs for one solve (alone, or in a batch) would take different steps, and through the impacts
+    their results would differ by the whole error of the solve. On a grid they take the same steps.
     """
-    # Off the grid's own points by a hair: a step that is on the grid stays there whatever its last digits.
+    # A little off the grid's own points: a step on the grid stays there whatever its last digits.
     return jnp.exp2(jnp.floor(8 * jnp.log2(step) + 1e-4) / 8)

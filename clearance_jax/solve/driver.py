@@ -1,9 +1,9 @@
-"""diffrax drives a single solve: our solver is the first half of an attempt, our controller the second.
+"""Single solves driven by diffrax: its solver is the first half of an attempt, its controller the second.
 
-The try goes from one to the other in the place of a bare error estimate, diffrax's only channel between them.
+The try passes from one to the other in place of a bare error estimate, diffrax's only channel between them.
 
-A motion is sampled by the controller, which has the try: diffrax checks sample times by calling Python from within the
-program, and such a program cannot be kept between processes. (They are checked where a solve is asked for.)
+The controller samples the motion, because it has the try. Diffrax would check sample times by calling Python from
+within the program, and such a program cannot be kept between processes. (They are checked before the solve.)
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -18,7 +18,7 @@ from clearance_jax._types import Flag, Scalar
 from clearance_jax.solve.attempt import Options, decide, dense, dense_info, means_of, start_records
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.control import Control, Means, first_end
-from clearance_jax.solve.outcome import Outcome, Task
+from clearance_jax.solve.outcome import Outcome, SolveTask
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
 
@@ -60,36 +60,36 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
         )
 
 
-class Samples(NamedTuple):
-    """The states at sample times so far, the first `count` of them; infinite for those to come."""
+class StepSamples(NamedTuple):
+    """The states at sample times so far: the first `count` of them, infinite for the others."""
 
     count: Array
     y: Array
 
     @classmethod
-    def none(cls, at: Array, t0: Scalar, t1: Scalar, y0: Array) -> "Samples":
-        """Before the first step. What ends where it begins has no step, and its start as all samples."""
+    def none(cls, at: Array, t0: Scalar, t1: Scalar, y0: Array) -> "StepSamples":
+        """Before the first step. A motion of no duration has no step, and its start as all samples."""
         y = jnp.broadcast_to(jnp.where(t0 == t1, y0, jnp.inf), (at.size, *y0.shape))
         return cls(jnp.where(t0 == t1, at.size, 0), y)
 
-    def more(self, at: Array, step: Any, keep: Flag) -> "Samples":
-        """With those of a step (its interpolation), if it is kept."""
+    def more(self, at: Array, step: Any, keep: Flag) -> "StepSamples":
+        """With the samples in a step (its interpolation), if it is kept."""
 
         def goes_on(now):
             return keep & (now.count < at.size) & (at[jnp.minimum(now.count, at.size - 1)] <= step.t1)
 
         def once(now):
-            return Samples(now.count + 1, now.y.at[now.count].set(step.evaluate(at[now.count])))
+            return StepSamples(now.count + 1, now.y.at[now.count].set(step.evaluate(at[now.count])))
 
         return jax.lax.while_loop(goes_on, once, self)
 
 
 class DriverState(NamedTuple):
-    """State of the controller: what the control remembers, what the observer has recorded, samples if any."""
+    """State of the controller: memory of the control, records of the observers, samples if any."""
 
     control: Control
     record: tuple
-    samples: Samples | None
+    samples: StepSamples | None
 
 
 class Controller(diffrax.AbstractAdaptiveStepSizeController):
@@ -117,7 +117,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         return self
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        samples = None if self.at is None else Samples.none(self.at, t0, t1, y0)
+        samples = None if self.at is None else StepSamples.none(self.at, t0, t1, y0)
         state = DriverState(Control.begin(t0), start_records(self.options, t0, y0, args), samples)
         return first_end(args, t0, t1, y0, self.means), state
 
@@ -134,13 +134,13 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
 
 
 def _own_field(t, y, args):
-    """Never called: `try_step` evaluates the field; diffrax asks for its shape."""
+    """Never called: `try_step` evaluates the field, and diffrax only asks for its shape."""
     return y
 
 
-def integrate(task: Task, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
-    """One motion (or stack) to its end. `mapped`: `jax.vmap` may make many of it. Then diffrax samples, since our loop
-    over samples would copy all of them for each.
+def integrate(task: SolveTask, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
+    """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it. Then diffrax samples, because our loop over
+    samples would copy all of them for each lane.
     """
     at = task.save_at
     by_diffrax = mapped and at is not None
@@ -156,15 +156,15 @@ def integrate(task: Task, options: Options, moving_breaks: bool = False, mapped:
     return Outcome(out.ys[0][-1], out.ts[0][-1], sampled, record, code_of(out.result), *counts)
 
 
-def step_ends(task: Task, options: Options) -> tuple[Array, Array]:
-    """Every step's end, the start first, then infinite; and the code with which the solve ends."""
+def step_ends(task: SolveTask, options: Options) -> tuple[Array, Array]:
+    """The start and the end of every step, then infinite; and the code with which the solve ends."""
     out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)], False)
     assert out.ts is not None
     return out.ts[1], code_of(out.result)
 
 
-def _by_diffrax(task: Task, options: Options, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
-    """Diffrax's solution: the end, and whatever else is to be saved; `samples`: the controller takes the task's."""
+def _by_diffrax(task: SolveTask, options: Options, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
+    """Diffrax's solution: the end, and what `subs` save; `samples`: the controller takes the task's samples."""
     at = task.save_at if samples else None
     # To pyright the abstract rtol, atol and norm are fields, not properties.
     controller = Controller(options, means_of(options, task.allowed), at)  # pyright: ignore[reportCallIssue]

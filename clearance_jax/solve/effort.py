@@ -1,8 +1,7 @@
-"""How many attempts each solve of a function takes, for a caller who cannot see them in what the function returns.
+"""Counts of the step attempts of all solves in a function, for a caller who cannot see them in its result.
 
-While a function is traced, its solves leave their counts in the list that is open. A count is good only where the list
-was opened: a number of an inner jit, vmap or derivative cannot leave it, so a function with solves in there has no
-known effort.
+While a function is traced, its solves append their counts to the open list. A count in an inner jit, vmap or derivative
+cannot leave it, so a function with such solves has no known effort.
 """
 
 import contextlib
@@ -20,7 +19,7 @@ except ImportError:  # where it was before JAX 0.8
 
 
 @dataclasses.dataclass
-class Effort:
+class AttemptCounts:
     """The attempts of the solves seen so far, and whether one could not be counted."""
 
     place: Any
@@ -33,13 +32,13 @@ class Effort:
         return None if self.hidden else self.attempts or None
 
 
-_open: ContextVar[Effort | None] = ContextVar("effort", default=None)
+_open: ContextVar[AttemptCounts | None] = ContextVar("effort", default=None)
 
 
 @contextlib.contextmanager
-def effort() -> Iterator[Effort]:
-    """Within, every solve is counted."""
-    counts = Effort(get_opaque_trace_state(convention="clearance_jax"), [])
+def effort() -> Iterator[AttemptCounts]:
+    """Counts every solve in its context."""
+    counts = AttemptCounts(get_opaque_trace_state(convention="clearance_jax"), [])
     token = _open.set(counts)
     try:
         yield counts
@@ -48,7 +47,7 @@ def effort() -> Iterator[Effort]:
 
 
 def count(accepted: Int[Array, ""], rejected: Int[Array, ""]) -> None:
-    """A solve has taken so many steps, and rejected so many: told to whoever counts."""
+    """Report the steps and rejections of a solve to the open count, if any."""
     counts = _open.get()
     if counts is None:
         return

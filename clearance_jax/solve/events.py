@@ -1,8 +1,8 @@
-"""Where a step crosses an event of the contact laws: the joints' relative motion along the step, and the first change
-of a sign.
+"""Location of events of the contact laws in a step: the joints' relative motion along the step, and the first change of
+sign.
 
-The relative motion is interpolated, not the gap: so each joint's own geometry and laws say what is an event, along one
-curve. The place of a change is found by bisection.
+The relative motion is interpolated, not the gap, so that each joint's own geometry and laws define the events along one
+curve. Bisection finds the place of a change.
 """
 
 import functools
@@ -30,18 +30,17 @@ from clearance_jax.spatial import add, dot, subtract, three
 
 # Samples of a step.
 SAMPLES = 4
-# Where along a step its curves are checked: not the middle, where the error of an odd motion is zero. (At two places,
-# 0.3 and 0.6, solves were no better.)
+# Where along a step its curves are checked: not in the middle, where the error of an odd motion is zero.
 CHECKED = 0.4
 
 
-# Of a polynomial over the fraction of a step, by power: (place, angle) or their rates; in space (place, rows of the
-# pin's rotation).
+# Coefficients of a polynomial over the fraction of a step, by power: of (place, angle) or their rates; in space of
+# (place, rows of the pin's rotation).
 Coefficients: TypeAlias = tuple[Float[Array, "numbers *lanes"], ...]  # noqa: F821
 PLANE = 3
 
 
-class Curve(NamedTuple):
+class StepCurve(NamedTuple):
     """The relative motion of one joint along a step of size `h`: its pose and its twist."""
 
     pose: Coefficients
@@ -49,14 +48,14 @@ class Curve(NamedTuple):
     h: Each
 
     @staticmethod
-    def of(pose: Sequence[Array], h: Each) -> "Curve":
-        """The curve by the coefficients of its pose, the constant first."""
-        # The twist by coefficients of its own: by those of the pose a compiler would make them anew wherever it is.
+    def of(pose: Sequence[Array], h: Each) -> "StepCurve":
+        """The curve from the coefficients of its pose, the constant first."""
+        # The twist has its own coefficients: from those of the pose a compiler would compute them anew at every use.
         pose = share(tuple(pose))
-        return Curve(pose, share(tuple(slope_coefficients(pose, h))), h)
+        return StepCurve(pose, share(tuple(slope_coefficients(pose, h))), h)
 
     def at(self, s: Each | float) -> Relative:
-        """The relative motion at a fraction of the step; of several joints at one of each its own."""
+        """The relative motion at a fraction of the step; for several joints a fraction each."""
         s = jnp.asarray(s)
         s = s.reshape((1,) * (self.pose[0].ndim - s.ndim) + s.shape)
         return relative_of(*share((polynomial(self.pose, s), polynomial(self.twist, s))))
@@ -72,12 +71,12 @@ def relative_of(pose: Array, twist: Array) -> Relative:
 
 
 def pose_of(at: Relative) -> tuple[Any, ...]:
-    """What a curve goes through."""
+    """The pose of a relative motion, as the numbers that a curve interpolates."""
     return (*at.place[:2], at.angle) if at.rows is None else (*at.place, *itertools.chain(*at.rows))
 
 
 def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """First and second rate of that."""
+    """First and second rate of the pose."""
     if at.rows is None or rate.rows is None:
         return (*at.velocity[:2], at.spin[2]), (*rate.velocity[:2], rate.spin[2])
     bend = zip(turning_rows(rate.spin, at.rows), turning_rows(at.spin, rate.rows), strict=True)
@@ -87,62 +86,62 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
     )
 
 
-def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[Curve], Each]:
-    """The relative motion of every clearance joint along a step, and how far it is inside the step from where the
-    surfaces truly are, over the clearance: the largest. `ends` (y0, y1, slope0, slope1).
+def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], Each]:
+    """The relative motion of every clearance joint along a step, and the largest misfit of the curves inside the step,
+    over the clearance. `ends` (y0, y1, slope0, slope1).
 
-    The error estimate sees only the state. What a drive prescribes, or a body that turns freely, moves the surfaces of
-    a loop without any error in the state: a step could swing past a contact and not know. (Where play is a coordinate
-    of the tree its curve is the state's own.)
+    The error estimate sees only the state. A drive, or a body that turns freely, moves the surfaces of a loop without
+    any error in the state, so a step could swing past a contact. (In the tree, play is a coordinate: the curve is the
+    state's own.)
     """
     t0, h = times[0], times[1] - times[0]
     plan, joints = layout(mechanism), mechanism.clearance_joints()
     y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
 
     begin, finish = at_both_ends(times, y0, y1, slope0, slope1, mechanism)
-    found = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
+    joint_curves = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
     loops = [i for i, joint in enumerate(joints) if not joint.in_tree]
     if not loops:
-        return found, jnp.zeros_like(h)
+        return joint_curves, jnp.zeros_like(h)
     sizes = each_lane(lambda mechanism: [joint.size for joint in mechanism.clearance_joints()], h)(mechanism)
 
     inside = between((y0, y1, slope0, slope1), h, CHECKED, plan)
     true = each_lane(relative_motions, h)(t0 + CHECKED * h, inside, mechanism)
     worst = jnp.zeros_like(h)
     for i in loops:
-        off = subtract(found[i].at(CHECKED).place, true[i].place)
+        off = subtract(joint_curves[i].at(CHECKED).place, true[i].place)
         worst = jnp.maximum(worst, jnp.asarray(dot(off, off)) / sizes[i] ** 2)
-    return found, jnp.sqrt(worst)
+    return joint_curves, jnp.sqrt(worst)
 
 
 def at_both_ends(times, y0, y1, slope0, slope1, mechanism: PreparedMechanism) -> tuple[list, list]:
-    """The relative motions and their rates where a step starts and where it ends."""
+    """The relative motions and their rates at the start and at the end of a step."""
     if mechanism.is_plane:
         motions = each_lane(relative_accelerations, times[0])
         return motions(times[0], y0, slope0, mechanism), motions(times[1], y1, slope1, mechanism)
-    # In space they are no small part of a program: one copy of them for both ends.
+    # In space they are a large part of a program: one copy serves both ends.
     both = each_lane(jax.vmap(relative_accelerations, (0, 0, 0, None)), times[0])
-    found = both(jnp.stack(times), jnp.stack([y0, y1]), jnp.stack([slope0, slope1]), mechanism)
-    begin, finish = (jax.tree.map(lambda x, k=k: x[k], found) for k in (0, 1))
+    both_ends = both(jnp.stack(times), jnp.stack([y0, y1]), jnp.stack([slope0, slope1]), mechanism)
+    begin, finish = (jax.tree.map(lambda x, k=k: x[k], both_ends) for k in (0, 1))
     return begin, finish
 
 
-def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> Curve:
+def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> StepCurve:
     """The quintic through relative motions, each with its rate, at both ends of a step."""
     ends = []
     for at, rate in (begin, end):
         first, second = pose_rates(at, rate)
         ends.append((together(pose_of(at), h), h * together(first, h), h * h * together(second, h)))
-    return Curve.of(quintic_coefficients(*ends), h)
+    return StepCurve.of(quintic_coefficients(*ends), h)
 
 
 class EventJoints(NamedTuple):
-    """A joint whose events are located, or several joints of several points that are alike, together: then every number
-    of them is an array, of a curve's coefficients along the second axis.
+    """A joint whose events are located, or several alike joints with several points together: then every number has an
+    axis of joints, the second one in a curve's coefficients.
     """
 
     clearance: PreparedClearance
-    curve: Curve
+    curve: StepCurve
     memory: Rows
 
     @property
@@ -151,27 +150,29 @@ class EventJoints(NamedTuple):
         return self.clearance.joint.count > 1
 
 
-def event_joints(curve_of: list[Curve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[EventJoints]:
-    """The joints, grouped by which events are located together."""
+def event_joints(curve_of: list[StepCurve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[EventJoints]:
+    """The joints in groups whose events are located together."""
     joints = mechanism.clearance_joints()
     each = [EventJoints(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
-    alone = [one for one in each if not one.is_several]
-    several = [one for one in each if one.is_several]
+    alone = [member for member in each if not member.is_several]
+    several = [member for member in each if member.is_several]
     for members in alike(several):
         group = [several[i] for i in members]
         poses, twists = (
-            stack_trees([part(one.curve) for one in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
+            stack_trees([part(member.curve) for member in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
         )
-        clearances, memories = stack_trees([(one.clearance, one.memory) for one in group])
-        alone.append(EventJoints(clearances, Curve(poses, twists, group[0].curve.h), memories))
+        clearances, memories = stack_trees([(member.clearance, member.memory) for member in group])
+        alone.append(EventJoints(clearances, StepCurve(poses, twists, group[0].curve.h), memories))
     return alone
 
 
-def first_event(curve_of: list[Curve], y: Array, mechanism: PreparedMechanism, begin: Each) -> tuple[EachFlag, Each]:
-    """Whether any law changes regime inside a step, and the fraction of the step at which the first one just has.
+def first_event(
+    curve_of: list[StepCurve], y: Array, mechanism: PreparedMechanism, begin: Each
+) -> tuple[EachFlag, Each]:
+    """Whether any law changes regime inside a step, and the fraction of the step just past the first change.
 
-    **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start, at which the
-    regime is read that the step starts in (the start itself is the last event), and to which a place is sought.
+    **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start. There the
+    starting regime is read (the start itself is the last event); it is also the precision of the place.
     """
     memory = layout(mechanism).split(y).memory
     first = jnp.full_like(begin, jnp.inf)
@@ -181,27 +182,27 @@ def first_event(curve_of: list[Curve], y: Array, mechanism: PreparedMechanism, b
 
 
 def first_of(joints: EventJoints, begin: Each) -> Each:
-    """The fraction at which a first change of regime just has been; infinite where there is none."""
+    """The fraction just past a first change of regime; infinite if there is none."""
     clearance, curve, memory = joints
     several = joints.is_several
 
     def each_joint(function):
         return each_lane(eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if several else function, begin)
 
-    points_at = each_joint(lambda own, at: own.points(at).law_view)
+    points_at = each_joint(lambda joint, at: joint.points(at).law_view)
     functions_at = each_joint(PreparedClearance.event_functions)
 
     def points(s):
         return share(points_at(clearance, curve.at(s)))
 
-    # The first place is where the regime is read that the step starts in.
+    # The starting regime is read at the first place.
     places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
     sampled = jax.vmap(points)(places)
     before = jax.tree.map(lambda x: x[0], sampled)
     started = share(tuple(_sign(f) for f in functions_at(clearance, before, memory, before)))
 
     def changes(points):
-        """Of several: which joints have changed."""
+        """Which joints have changed (for several), or whether the joint has."""
         now = functions_at(clearance, points, memory, before)
         crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
         return jnp.any(crossed, axis=(0, 2) if several else 0)
@@ -211,15 +212,15 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
 
     any_changed = jax.vmap(changes)(sampled)
     high = earliest((jnp.any(any_changed, axis=1) if several else any_changed) & (places > begin), places)
-    found = most_likely_graze(places, sampled, curve.h) if several else graze(places, sampled, curve.h)[None]
+    grazes = most_likely_graze(places, sampled, curve.h) if several else graze(places, sampled, curve.h)[None]
 
     def graze_fraction():
-        turns = jnp.isfinite(found)
-        at = jnp.where(turns, found, 1.0)
-        # Of several joints each at a place of its own.
-        return earliest((changes(points(at)) if several else jax.vmap(beyond)(at)) & turns, found)
+        turns = jnp.isfinite(grazes)
+        at = jnp.where(turns, grazes, 1.0)
+        # Several joints have a place each.
+        return earliest((changes(points(at)) if several else jax.vmap(beyond)(at)) & turns, grazes)
 
-    high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(found)), graze_fraction, lambda: found[0]))
+    high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(grazes)), graze_fraction, lambda: grazes[0]))
     low = share(-least(-jnp.where(places < high, places, begin[None])))
     # Most steps cross nothing.
     return jax.lax.cond(jnp.any(high <= 1), lambda: locate(beyond, (low, high), begin), lambda: high)
@@ -237,7 +238,7 @@ def earliest(wanted: Array, places: Array) -> Each:
 
 def graze(places: Array, point: ContactPoint, h: Each) -> Each:
     """The place between two samples at which a penetration comes closest to a change of sign (a graze would begin and
-    end there); infinite where it does not turn.
+    end there); infinite if it has no extremum.
 
     **Arguments:** one contact point at all places (first axis).
     """
@@ -246,8 +247,8 @@ def graze(places: Array, point: ContactPoint, h: Each) -> Each:
 
 
 def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
-    """The same of each of several joints (joints, *lanes), at that one of its points that comes closest of all, or
-    beyond furthest. Should another graze before that, it is found when the step has been cut there.
+    """`graze` of each of several joints (joints, *lanes), at the point that comes closest to contact, or goes furthest
+    beyond. An earlier graze of another point is found once the step has been cut there.
 
     **Arguments:** contact points at all places, (places, joints, points, *lanes).
     """
@@ -263,7 +264,7 @@ def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
 
 def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Each]:
     """Where a penetration comes closest to a change of sign between two samples, and how far beyond (negative: not
-    quite; minus infinity: it does not turn).
+    quite; minus infinity: no extremum).
     """
     towards = jnp.where(depth[:1] <= 0, 1.0, -1.0)
     widths = jnp.diff(places, axis=0)
@@ -273,14 +274,14 @@ def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Ea
     return at(places, best) + at(x * widths, best), at(height, best)
 
 
-# Of lanes entry by entry: over the first axis a reduction, a gather or an argmax are loops of their own for every lane.
+# With lanes entry by entry: a reduction, a gather or an argmax over the first axis would be a loop for every lane.
 def least(values: Array) -> Each:
     """The smallest along the first axis."""
     return jnp.min(values) if values.ndim == 1 else functools.reduce(jnp.minimum, share(values))
 
 
 def first_highest(values: Array) -> Array:
-    """The first place, along the first axis, of each lane's largest value."""
+    """The index of the first largest value along the first axis, by lane."""
     if values.ndim == 1:
         return jnp.argmax(values)
     best, place = values[0], jnp.zeros(values.shape[1:], int)
@@ -291,7 +292,7 @@ def first_highest(values: Array) -> Array:
 
 
 def at(values: Array, place: Array) -> Each:
-    """The value, along the first axis, at a place of each lane's own."""
+    """The value at an index along the first axis, by lane."""
     if values.ndim == 1:
         return values[place]
     out = values[0]
@@ -303,8 +304,8 @@ def at(values: Array, place: Array) -> Each:
 def locate(beyond, bracket: tuple, precision: Each) -> Each:
     """The fraction just past the first change of regime in a bracket, by bisection.
 
-    Not by secants on the functions that change: just before a pin leaves, a clipped force may act once more for a
-    microsecond, and the functions at the bracket's ends do not know of it (tried: solves 30 times worse, now and then).
+    Secants on the event functions are unsafe: just before a pin leaves, a clipped force may act once more for a
+    microsecond, and the functions at the bracket's ends do not show it.
     """
     low, high = bracket
 
@@ -312,15 +313,15 @@ def locate(beyond, bracket: tuple, precision: Each) -> Each:
         return jnp.any(bracket[1] > precision)
 
     def halve(bracket):
-        # The width halves whatever is found, and one selection moves the bracket: a compiler may compute a comparison
-        # twice, round the two otherwise, and so move neither of two ends that are chosen apart, for ever.
+        # The width halves in every case, and one selection moves the bracket. With two selections a compiler may
+        # compute the comparison twice, round it differently, and never move either end.
         low, width = bracket
-        # A lane is halved as often as alone, however long the others take.
+        # A lane is halved as often as it would be alone.
         going, half = width > precision, 0.5 * width
         moved = low + jnp.where(going & ~beyond(low + half), half, 0.0)
         return moved, jnp.where(going, half, width)
 
-    # A lane without an event (an infinite end) comes along.
+    # A lane without an event (an infinite end) takes part without effect.
     width = jnp.where(high <= 1, high - low, 0.0)
     low, width = jax.lax.while_loop(wide, halve, (low, width))
     return jnp.where(high <= 1, low + width, high)

@@ -1,8 +1,7 @@
-"""In which order lanes make full chunks: those that take as many attempts belong together.
+"""Order of lanes in a batch: lanes with equally many step attempts fill a chunk best.
 
-Nothing is solved to find out. The first chunks of a batch, taken here and there in the order that is given, say how
-full the given order makes them, and from their attempts a line over the lanes' numbers is fitted, by which the others
-can be sorted. They are, where fuller chunks are to be expected of it.
+No solve is spent on it. The first chunks, spread over the given order, show how full that order makes them. A linear
+fit of their attempts over the lanes' numbers then sorts the other lanes, if this promises fuller chunks.
 """
 
 import numpy as np
@@ -10,11 +9,11 @@ from jaxtyping import Float, Int
 
 Lanes = Int[np.ndarray, " _"]
 
-# Chunks from which is learned: where four numbers vary, two of them sort as well as eight.
+# Number of the first chunks, from which the order is learned.
 PILOTS = 8
-# The part of a batch that these are at most.
+# They are at most this part (1 / SHARE) of a batch.
 SHARE = 4
-# Lanes that must be seen for each number that is fitted: of fewer the line would follow their scatter.
+# Lanes that must be seen for each fitted number: with fewer the line would follow their scatter.
 SEEN = 4
 
 
@@ -24,14 +23,14 @@ def cut(lanes: Lanes, width: int) -> list[Lanes]:
 
 
 def pilots(chunks: list[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
-    """The chunks to begin with, evenly spread, and the others."""
+    """The chunks to run first, evenly spread, and the others."""
     first = min(PILOTS, len(chunks) // SHARE)
     chosen = set(np.linspace(0, len(chunks) - 2, first).astype(int).tolist()) if first else set()
     return [chunks[i] for i in sorted(chosen)], [c for i, c in enumerate(chunks) if i not in chosen]
 
 
 def as_numbers(leaves: list[np.ndarray], count: int) -> Float[np.ndarray, "lanes numbers"]:
-    """What the lanes differ in, a column for each number, scaled; a lane with an impossible number is all NaN."""
+    """The numbers in which the lanes differ, a scaled column each; a lane with an impossible number is all NaN."""
     columns = [np.real(leaf).reshape(count, -1).astype(float) for leaf in leaves]
     table = np.concatenate([*columns, np.zeros((count, 0))], axis=1)
     fine = np.all(np.isfinite(table), axis=1)
@@ -51,15 +50,15 @@ def sorted_lanes(
     given: float,
     width: int,
 ) -> Lanes | None:
-    """The lanes that are still to be run, the longest first; `None` where they are better left in the order given.
+    """The lanes still to be run, the longest first; `None` if the given order is better.
 
-    **Arguments:** `attempts`, known of those `tried`; `given`: how full chunks are in the order given.
+    **Arguments:** `attempts`: of the lanes `tried`; `given`: how full chunks are in the given order.
     """
     tried = tried[np.all(np.isfinite(numbers[tried]), axis=1)]
     seen, terms = len(tried), numbers.shape[1] + 1
     if terms == 1 or seen < SEEN * terms:
         return None
-    # About the middle of those tried: what is the same in all of them then has no slope.
+    # About the mean of those tried: a number that is the same in all of them then has no slope.
     mean, moved = attempts[tried].mean(), numbers - numbers[tried].mean(axis=0)
     slope, *_ = np.linalg.lstsq(moved[tried], attempts[tried] - mean, rcond=None)
     left = (attempts[tried] - mean - moved[tried] @ slope) * np.sqrt(seen / (seen - terms))
@@ -70,6 +69,6 @@ def sorted_lanes(
 
 
 def largest_of(draws: Float[np.ndarray, " draws"], count: int) -> float:
-    """The largest of `count` of these, on average."""
+    """Mean of the largest of `count` draws."""
     share = np.arange(len(draws) + 1) / len(draws)
     return float(np.sort(draws) @ np.diff(share**count))

@@ -1,4 +1,4 @@
-"""The state with which a solve begins: given values, loops assembled, pins settled where that is asked for."""
+"""The initial state of a solve: given values, loops assembled, pins settled if asked for."""
 
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -16,7 +16,7 @@ from clearance_jax.solve.problem import Problem, widths
 
 
 def initial(problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE) -> tuple[Array, StartErrors]:
-    """The state at t0 with its quadratures, and how far it is from what it is to be."""
+    """The state at t0 with its quadratures, and the errors of the start."""
     size, mechanism = problem.size, problem.mechanism
     errors = StartErrors.nothing()
     if y0 is None:
@@ -34,12 +34,12 @@ def initial_state(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE)
 
 
 def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) -> tuple[Array, StartErrors]:
-    """The state at t0: the given initial values, then the nearest ones at which every loop is assembled; and how far
-    it is from what it is to be (of a mechanism that is not to be assembled, no loop is).
+    """The state at t0: the given initial values, then the nearest ones at which every loop is assembled; and the errors
+    of the start (of a mechanism that is not to be assembled, none of loops).
 
-    Every joint with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is,
-    with the positions and velocities of the ideal mechanism; or, where the `start` is to be settled, pressed at the
-    wall (see `settle_start`).
+    Every joint with clearance starts with its pin at `eccentricity` in the sleeve and at relative rest, with the
+    positions and velocities of the ideal mechanism; or, with a settled `start`, pressed at the wall (see
+    `settle_start`).
     """
     if start == SETTLED and mechanism.clearance_joints():
         y, errors = settle_start(t0, mechanism)
@@ -53,7 +53,7 @@ def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) 
 
 
 def measure_first(t0: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """The state with what everything that is sampled commands at the start."""
+    """The state with the first commands of everything that is sampled."""
     plan = layout(mechanism)
     if not plan.held:
         return y

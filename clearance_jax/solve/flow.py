@@ -1,9 +1,8 @@
 """The solve itself: a mechanism's flow from t0 to t1, with its rule of differentiation.
 
-`flow` is what jit, vmap and differentiation see. Its derivative is not that of the program (whose steps are chosen for
-the motion alone): it is a second solve of motion and variations together, whose steps are chosen for both. That solve
-gives the whole Jacobian S; a tangent is then S times the numbers' tangents, which JAX can also transpose: so the one
-rule serves jvp, grad and jacobians.
+JAX transforms see `flow`. Its derivative is not that of the program, whose steps are chosen for the motion alone, but a
+second solve of motion and variations together, whose steps are chosen for both. That solve gives the whole Jacobian S.
+A tangent is S times the numbers' tangents, which JAX can also transpose, so one rule serves jvp, grad and jacobians.
 """
 
 import dataclasses
@@ -27,7 +26,7 @@ from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.first_state import initial
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
 from clearance_jax.solve.lanes import batch_by
-from clearance_jax.solve.outcome import Outcome, Task
+from clearance_jax.solve.outcome import Outcome, SolveTask
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, sparsity
 from clearance_jax.solve.refusal import refusal_of, unresolved, why_stopped
 from clearance_jax.solve.solution import Solution
@@ -35,8 +34,8 @@ from clearance_jax.solve.tolerances import Tolerances, floors, tolerances
 
 
 class Inputs(NamedTuple):
-    """What a solve depends on: `simulate`'s numbers, with sample times in increasing order; `integrands`: functions of
-    (time, state, mechanism), of any shape, to be integrated along with the motion.
+    """Inputs of a solve: `simulate`'s numbers, with sample times in increasing order; `integrands`: functions of (time,
+    state, mechanism), of any shape, to be integrated along with the motion.
     """
 
     mechanism: Mechanism
@@ -50,7 +49,7 @@ class Inputs(NamedTuple):
 
     @property
     def varied(self) -> tuple:
-        """What a solve is differentiated by, beside its times."""
+        """The inputs other than times by which a solve can be differentiated."""
         return self.mechanism, self.y0, self.integrands
 
 
@@ -67,7 +66,7 @@ def flow(inputs: Inputs, *, options: Options) -> Solution:
 
 
 def plain_flow(inputs: Inputs, options: Options) -> Solution:
-    """As `flow`, differentiated as the program it is: cheaper, and of unknown accuracy."""
+    """As `flow`, but JAX differentiates the program as it stands: cheaper, and of unknown accuracy."""
     refuse_jumps(inputs.mechanism)
     return _plain(inputs, options)
 
@@ -94,8 +93,8 @@ def _flow_jvp(primals, tangents, *, options: Options):
     if inputs.save_at is None and rates.t1 is not None:
         time = rates.t1[None]
     start, final, y, *picks = moved
-    chosen = [i for i, one in enumerate(value.picked) if one is not None]
-    at = [None if rates.t1 is None else jnp.where(one.time == inputs.t1, rates.t1, 0.0) for one in value.found]
+    chosen = [i for i, pick in enumerate(value.picked) if pick is not None]
+    at = [None if rates.t1 is None else jnp.where(pick.time == inputs.t1, rates.t1, 0.0) for pick in value.found]
 
     def varied(s):
         picks = [s.picked[i] for i in chosen]
@@ -107,20 +106,20 @@ def _flow_jvp(primals, tangents, *, options: Options):
 
 
 def states_of(solution: Solution) -> list[Array]:
-    """Its states, which have derivatives."""
-    return [solution.initial, solution.final, solution.y, *(one.y for one in solution.found)]
+    """The states of a solution, which have derivatives."""
+    return [solution.initial, solution.final, solution.y, *(pick.y for pick in solution.found)]
 
 
 def with_states(solution: Solution, states: list[Array]) -> Solution:
     """The same solution with other states, in the order of `states_of`."""
     start, final, y, *picks = states
     rest = iter(picks)
-    picked = tuple(None if one is None else one._replace(y=next(rest)) for one in solution.picked)
+    picked = tuple(None if pick is None else pick._replace(y=next(rest)) for pick in solution.picked)
     return dataclasses.replace(solution, initial=start, final=final, y=y, picked=picked)
 
 
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
-    """The tangents with what moving the end or the sample times adds: the rate of the motion there."""
+    """The tangents plus the effect of moving the end or the sample times: the rate of the motion there."""
     problem = Problem(inputs.mechanism.prepare(), inputs.integrands, energy_balance=options.energy_balance)
     start, final, y, *picks = moved
 
@@ -131,8 +130,8 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
         last = rate(inputs.t1, value.final) * rates.t1
         final = final + last
         picks = [
-            pick + jnp.where((one.time == inputs.t1)[:, None], last[None], 0.0)
-            for pick, one in zip(picks, value.found, strict=True)
+            state + jnp.where((pick.time == inputs.t1)[:, None], last[None], 0.0)
+            for state, pick in zip(picks, value.found, strict=True)
         ]
     shift = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
@@ -143,7 +142,7 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
 
 
 def variations(inputs: Inputs, which: Which, options: Options) -> tuple[Solution, list[Array]]:
-    """The solution, and the derivatives of its states by each number that varies (leading axis)."""
+    """The solution, and the derivatives of its states by each varied number (leading axis)."""
     stacked = _stack(inputs, which, options=options)
     stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
     value = with_states(stacked, [stack[0] for stack in stacks])
@@ -157,7 +156,7 @@ def _stack(inputs, which, *, options):
 
 @_stack.def_jvp
 def _stack_jvp(primals, tangents, *, options):
-    # A second derivative of the program would miss what moving an event adds to it, and nothing would bound its error.
+    # A second derivative of the program would miss the motion of events, and nothing would bound its error.
     raise ClearanceError("`simulate` has first derivatives only. For second ones use `clearance_jax.hessian`.")
 
 
@@ -175,10 +174,10 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 # The solve -----------------------------------------------------------------------------------------------------------
 
 
-def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
-    """What is to be solved: with directions (a tree like `inputs.varied`), states are stacks.
+def task_of(inputs: Inputs, options: Options, directions: Any = None) -> SolveTask:
+    """The task of a solve; with directions (a tree like `inputs.varied`) its states are stacks.
 
-    What cannot be begun (see `refusal_of`) ends where it begins, with a code of its own.
+    A motion that cannot begin (see `refusal_of`) ends where it begins, with a code of its own.
     """
     t0, t1, save_at = inputs.t0, inputs.t1, inputs.save_at
     problem, start, allowed, errors = problem_of(inputs, options, directions)
@@ -186,11 +185,11 @@ def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
     refused = unresolved(refused, inputs.rtol, inputs.atol, allowed)
     possible = refused == 0
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, refused, errors.seated)
+    return SolveTask(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, refused, errors.seated)
 
 
-def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Solution:
-    """What became of a task that was to end at `t1`."""
+def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Options) -> Solution:
+    """The solution of a task that was to end at `t1`, from its outcome."""
     problem, start, final = task.problem, task.start, out.final
     time, y = out.end_time[None], final[None]
     if out.samples is not None:
@@ -202,7 +201,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     seen = [observer.finish(record) for observer, record in zip(options.observers, out.record, strict=True)]
     records = tuple(record for record, _ in seen)
     picked = tuple(
-        None if one is None else one._replace(y=project_samples(problem, one.time, one.y)) for _, one in seen
+        None if pick is None else pick._replace(y=project_samples(problem, pick.time, pick.y)) for _, pick in seen
     )
     code = why_stopped(out.code, problem.mechanism, out.end_time, motion(problem, final))
     code = jnp.where(task.refused > 0, task.refused, code)
@@ -225,7 +224,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
 
 
 def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
-    """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may make many of it."""
+    """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may batch it."""
     task = task_of(inputs, options, _directions(inputs, which))
     return solution_of(task, integrate(task, options, _breaks_move(task), mapped), inputs.t1, options)
 
@@ -241,13 +240,13 @@ def _varying_numbers(inputs: Inputs, which: tuple[bool, ...]) -> Any:
     return jax.tree.unflatten(tree, [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)])
 
 
-def _breaks_move(task: Task) -> bool:
+def _breaks_move(task: SolveTask) -> bool:
     """Whether a direction moves a time at which a drive breaks."""
     return task.problem.varies and moves(drive_breaks, task.problem)
 
 
 def solve_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solution:
-    """A batch of motions (or stacks), along the first axis of every array, as lanes."""
+    """A batch of motions (or stacks) along the first axis of every array, solved as lanes."""
 
     def begin(inputs, options):
         return task_of(inputs, options, _directions(inputs, which))
@@ -257,13 +256,13 @@ def solve_lanes(inputs: Inputs, options: Options, which: Which = None) -> Soluti
     return eqx.filter_vmap(solution_of, out_axes=eqx.if_array(0))(task, out, inputs.t1, options)
 
 
-# Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing, and a rule
-# of batching has no derivative in reverse.
+# Inside the rule of differentiation: outside, a derivative would trace the motion's own solve in vain, and a rule of
+# batching has no reverse derivative.
 @kept_jit
 def _compiled_solve(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
-    def one(numbers):
+    def single(numbers):
         inputs, options = eqx.combine(numbers, rest)
         return solve(inputs, options, which, mapped=False)
 
@@ -278,17 +277,17 @@ def _compiled_solve(inputs: Inputs, options: Options, which: Which = None) -> So
         inputs, options = eqx.combine(batch, rest)
         return solve_lanes(inputs, options, which)
 
-    return batch_by(inputs.mechanism.form.once(one), together)(numbers)
+    return batch_by(inputs.mechanism.form.once(single), together)(numbers)
 
 
-# Differentiated as it stands, and so without a rule of batching.
+# JAX differentiates this one, so it has no rule of batching.
 _plain = solo_jit(solve)
 
 
 def problem_of(
     inputs: Inputs, options: Options, directions: Any = None
 ) -> tuple[Problem, Array, Tolerances, StartErrors]:
-    """What to integrate, from which state (or stack), how accurately, and how far that is from what it is to be."""
+    """The problem, its initial state (or stack), its tolerances, and the errors of the start."""
 
     def begin(varied):
         mechanism, y0, integrands = varied
@@ -313,14 +312,14 @@ def problem_of(
 
 
 def _numbers(varied: tuple) -> tuple[tuple, Any]:
-    """What is varied, as parameters and initial state."""
+    """The varied inputs as parameters and initial state."""
     mechanism, y0, integrands = varied
     return (mechanism, integrands), y0
 
 
 def project_samples(problem: Problem, time: Array, y: Array) -> Array:
-    """Dense output interpolates between projected states: project the samples of a mechanism with closures too."""
+    """Samples projected on closed loops: dense output interpolates between projected states, and leaves loops open."""
     if not problem.mechanism.has_manifold:
         return y
-    # A sample is further from closed than a step end: its velocity wants the Jacobian of the place that it comes to.
+    # A sample's loops are further open than a step end's: its velocity needs the Jacobian at the projected place.
     return jax.vmap(lambda t, y: lift(lambda m, y: project(t, y, m[0], 2), problem, y))(time, y)

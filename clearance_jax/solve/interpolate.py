@@ -1,4 +1,4 @@
-"""A step in between its ends: Hermite polynomials, and the states of a motion by them."""
+"""Interpolation inside a step by Hermite polynomials."""
 
 from typing import Any
 
@@ -61,8 +61,8 @@ def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -
 
 
 def tops(value: Array, slope: Array, width: Any = 1.0) -> tuple[Array, Array, Array]:
-    """Place in [0, 1], height (minus infinity: none) and second derivative of the top of the cubic on each part between
-    places (first axis), for values and slopes there; the parts' `width`.
+    """Place in [0, 1], height (minus infinity: none) and second derivative of the maximum of the cubic on each part
+    between places (first axis), from values and slopes there; `width` of the parts.
 
     A part that rises though its slopes at both ends fall holds a jump: its top is its end, without a second derivative.
     """

@@ -1,8 +1,8 @@
-"""Lanes: motions solved side by side, as the LAST axis of every array of a solve.
+"""Lanes: motions solved side by side, as the last axis of every array of a solve.
 
-So a number that is one for each lane meets an array of a state's components by numpy's own rule, a component of all
-lanes lies in one piece, and the code of an attempt is the same with lanes and without. What is written for one motion
-(the physics) is mapped over them.
+So a number for each lane broadcasts with an array of state components, one component of all lanes is contiguous in
+memory, and the code of an attempt is the same with and without lanes. The physics, written for one motion, is mapped
+over them.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ LAST = eqx.if_array(-1)
 
 
 def each_lane(function: Callable, time: Each) -> Callable:
-    """`function` of one motion, of as many as the `time` has."""
+    """`function` of one motion, mapped over the lanes of `time`, if any."""
     if not jnp.ndim(time):
         return function
 
@@ -34,17 +34,17 @@ def each_lane(function: Callable, time: Each) -> Callable:
 
 
 def sharing_lanes(time: Each) -> contextlib.AbstractContextManager:
-    """Within, `share` is what it is within `each_lane`; for arrays of lanes."""
+    """A context in which `share` works on arrays of lanes as it does within `each_lane`."""
     return sharing() if jnp.ndim(time) else contextlib.nullcontext()
 
 
 def components(y: Any, part: slice, time: Each) -> Any:
-    """Components of a state, or of a stack of states: their axis is the last but the lanes'."""
+    """Components of a state or a stack of states (their axis is the last before the lanes')."""
     return y[..., part, :] if jnp.ndim(time) else y[..., part]
 
 
 def by_component(rows: Rows, time: Each) -> Array:
-    """Stacks of one component each, as a stack of states."""
+    """A stack of states from one stack for each component."""
     return together(rows, time, 1)
 
 
@@ -52,8 +52,7 @@ def together(rows: Sequence[Array], time: Each, axis: int = 0) -> Array:
     """Arrays along a new axis, before the lanes'."""
     if not jnp.ndim(time):
         return jnp.stack(rows, axis)
-    # Of lanes by selecting: a compiled concatenation asks at every number which of its parts this is, or copies them
-    # number by number.
+    # With lanes by selection: a compiled concatenation tests the part of every number, or copies number by number.
     first = jnp.expand_dims(share(rows[0]), axis)
     place = jnp.arange(len(rows)).reshape(-1, *[1] * (first.ndim - axis - 1))
     out = jnp.broadcast_to(first, (*first.shape[:axis], len(rows), *first.shape[axis + 1 :]))
@@ -68,8 +67,8 @@ def component_axis(time: Each) -> int:
 
 
 def sum_components(y: Array, time: Each) -> Array:
-    """The sum of a state's, or of each of a stack's, components."""
-    # Of lanes one by one: a compiled reduction over another axis than the last is done lane by lane.
+    """The sum over the components of a state, or of each state of a stack."""
+    # With lanes one by one: a compiled reduction over another axis than the last goes lane by lane.
     axis = component_axis(time)
     return functools.reduce(jnp.add, [jnp.take(y, i, axis) for i in range(y.shape[axis])])
 

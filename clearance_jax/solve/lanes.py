@@ -1,7 +1,7 @@
-"""Drives lanes: many motions side by side, in chunks of which each goes on until its own slowest lane ends.
+"""Driver of lanes: many motions side by side, in chunks; each chunk runs until its slowest lane ends.
 
 A batch of a thousand lanes in one loop runs operation by operation through memory, and waits for its slowest lane. A
-chunk stays in the cache and compiles to one function; `over_chunks` is what `jax.vmap` of a solve becomes. On a GPU an
+chunk stays in the cache and compiles to one function; `jax.vmap` of a solve becomes `over_chunks`. On a GPU an
 operation costs the same for one lane and for thousands, so a batch is one loop there (`LANES_ON_GPU`).
 """
 
@@ -17,36 +17,35 @@ from clearance_jax._types import Each, EachFlag
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.lane_axis import each_lane, sharing_lanes
-from clearance_jax.solve.outcome import Outcome, Task
+from clearance_jax.solve.outcome import Outcome, SolveTask
 from clearance_jax.solve.platforms import by_platform
 
-# Numbers that one instruction holds (512 bits): a chunk of whole vectors has no lanes left over to do one by one.
+# Numbers in one instruction (512 bits): a chunk of whole vectors leaves no lanes to do one by one.
 VECTOR = 8
-# Lanes of a chunk: the fastest of 16 to 128 on one core, and with up to 33 rows of a stack too. (Fewer would lie better
-# in the cache; but a compiler unrolls their short loops, in a multiple of the time, and leaves them scalar in part.)
+# Lanes of a chunk: the fastest number on one core. (Fewer fit the cache better, but the compiler unrolls their short
+# loops, takes much longer, and leaves them scalar in part.)
 LANES = 64
-# On a GPU a chunk only bounds the memory: compiled for one, a solve of a few coordinates keeps 1 to 3 kB a lane. (Not
-# chosen by a measurement: no GPU was at hand.)
+# On a GPU a chunk only bounds the memory.
 LANES_ON_GPU = 65536
 
 
 def chunk_on(platform: str | None = None) -> int:
-    """How many lanes a chunk has on a platform, by JAX's name of it ("cpu", "gpu"); by default on its own."""
+    """The number of lanes of a chunk on a platform, by JAX's name of it ("cpu", "gpu"); by default the current one."""
     return LANES_ON_GPU if (platform or jax.default_backend()) == "gpu" else LANES
 
 
-def integrate(task: Task, options: Options) -> Outcome:
-    """Every lane of a task to its end. States of samples that a lane does not reach are infinite."""
-    # That a number a lane meets an array of components by numpy's rule is what `lane_axis` is about.
+def integrate(task: SolveTask, options: Options) -> Outcome:
+    """Every lane of a task to its end. States at samples that a lane does not reach are infinite."""
+    # A number for each lane broadcasts with an array of components, see `lane_axis`.
     with jax.numpy_rank_promotion("allow"):
         return _integrate(task, options)
 
 
-def _integrate(task: Task, options: Options) -> Outcome:
+def _integrate(task: SolveTask, options: Options) -> Outcome:
     problem, start, last = task.problem, task.start, task.t1
     means = means_of(options, task.allowed)
     times = jnp.zeros((0, *jnp.shape(last))) if task.save_at is None else task.save_at
-    # A last row beyond the end: a time that never comes, and room for what nobody asked for.
+    # A last row beyond the end takes the writes of lanes that have no sample now.
     times = jnp.concatenate([times, jnp.full((1, *jnp.shape(last)), jnp.inf)])
     known = times <= task.t0
     samples = jnp.where(jnp.expand_dims(known, range(1, start.ndim)), start[None], jnp.inf)
@@ -67,8 +66,8 @@ def _integrate(task: Task, options: Options) -> Outcome:
             saved = _sample(saved, times, ends, now & keep, options, trial)
         return jax.tree.map(lambda new, old: jnp.where(now, new, old), moved, carry), saved
 
-    # An impossible lane is to end where it begins. That its two times are equal would not see to that: what computes
-    # them may be compiled twice, with other last digits, and a lane without numbers never gets across an ulp.
+    # An impossible lane must end where it begins. Equal times do not ensure it: their computation may be compiled
+    # twice, with other last digits, and a lane of NaN never crosses an ulp.
     carry = start_carry(problem, options, means, task.t0, last, start)._replace(collapsed=task.refused > 0)
     state = carry, (samples, place, due)
     carry, (samples, *_) = jax.lax.while_loop(lambda s: jnp.any(goes_on(s[0])), once, state)
@@ -79,7 +78,7 @@ def _integrate(task: Task, options: Options) -> Outcome:
 
 
 def _sample(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
-    """The samples with those that lie in the steps just kept, and the place and the time of each lane's next one."""
+    """The samples including those in the steps just kept, and the index and time of each lane's next sample."""
     inside = each_lane(lambda time, trial, ends: dense(options, trial, ends).evaluate(time), ends[0])
 
     def now(due):
@@ -94,30 +93,28 @@ def _sample(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, E
 
 
 def _put(samples: Array, times: Array, states: Array, here: Array, place: Array) -> tuple[Array, Array, Array]:
-    """The state of each lane at its place `here`, and the time at its next `place`."""
+    """Samples with the state of each lane put at its place `here`, and the time at its next `place`."""
     lane = jnp.arange(place.shape[0])
     return samples.at[here, ..., lane].set(jnp.moveaxis(states, -1, 0)), place, times[place, lane]
 
 
 def _put_one_by_one(samples: Array, times: Array, states: Array, here: Array, place: Array):
-    """As `_put`, without scatter and gather, which a CPU's compiled loop cannot hold: it would come apart into kernels
-    that are called one by one.
-    """
+    """`_put` without scatter and gather, which would split a CPU's compiled loop into separate kernels."""
 
-    def one(lane, state):
+    def put(lane, state):
         samples, due = state
         new = jax.lax.dynamic_slice_in_dim(states, lane, 1, -1)[None]
         samples = jax.lax.dynamic_update_slice(samples, new, (here[lane], *[0] * (states.ndim - 1), lane))
         time = jax.lax.dynamic_slice(times, (place[lane], lane), (1, 1))[0]
         return samples, jax.lax.dynamic_update_slice_in_dim(due, time, lane, 0)
 
-    samples, due = jax.lax.fori_loop(0, place.shape[0], one, (samples, jnp.zeros_like(times[0])))
+    samples, due = jax.lax.fori_loop(0, place.shape[0], put, (samples, jnp.zeros_like(times[0])))
     return samples, place, due
 
 
 def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
-    """`solve` of a batch of `count` (the first axis of every array), chunk by chunk; the last chunk is filled with
-    copies of the last lane.
+    """`solve` of a batch of `count` (first axis of every array) chunk by chunk; copies of the last lane fill the last
+    chunk.
     """
     chunks = -(-count // lanes)
     width = min(lanes, VECTOR * -(-count // (chunks * VECTOR)))
@@ -134,9 +131,9 @@ def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
     return jax.tree.map(lambda x: x.reshape(chunks * width, *x.shape[2:])[:count], out)
 
 
-def batch_by(one: Callable, together: Callable) -> Callable:
-    """`one` of a tree of arrays, which under `jax.vmap` becomes `together`, in chunks (of a tree of arrays that have
-    the batch as their first axis); a batch of batches is one batch.
+def batch_by(single: Callable, together: Callable) -> Callable:
+    """`single` of a tree of arrays; under `jax.vmap` it becomes `together`, in chunks (of arrays that have the batch as
+    first axis). A batch of batches is one batch.
     """
 
     def rule(count, in_batched, numbers):
@@ -172,6 +169,6 @@ def batch_by(one: Callable, together: Callable) -> Callable:
         out = jax.tree.map(lambda x: x.reshape(outer, inner, *x.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
-    alone = jax.custom_batching.custom_vmap(one)
+    alone = jax.custom_batching.custom_vmap(single)
     alone.def_vmap(rule)
     return alone

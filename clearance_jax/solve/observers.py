@@ -1,4 +1,4 @@
-"""Observers: what watches a motion step by step as it is solved: where a signal peaks, how often surfaces meet."""
+"""Observers, which watch a motion step by step while it is solved: peaks of signals, counts of impacts."""
 
 import abc
 from typing import Any, NamedTuple
@@ -19,8 +19,8 @@ from clearance_jax.solve.problem import Problem, motion
 
 
 class Picked(NamedTuple):
-    """States that an observer has picked: at `time` [s], shape (k,); `y`, shape (k, n); `value`, shape (k,), without
-    derivatives: what it saw there, before states of a mechanism with closures are projected.
+    """States that an observer has picked: at `time` [s], shape (k,); `y`, shape (k, n); `value`, shape (k,): the signal
+    there, without derivatives, before states of a mechanism with closures are projected.
     """
 
     time: Float[Array, " k"]
@@ -29,14 +29,14 @@ class Picked(NamedTuple):
 
 
 class AbstractObserver(Module):
-    """Watches a solve step by step. Its record starts with `start`, and every accepted step makes a new one of it.
+    """Watches a solve step by step. Its record begins with `start`; every accepted step makes a new record.
 
-    States are stacks where the problem varies (see `variation`): what an observer picks it picks with its derivatives.
+    States are stacks where the problem varies (see `variation`), so picked states have their derivatives.
     """
 
     @property
     def longest(self) -> Any:
-        """The longest step that it can see through [s]."""
+        """The longest step in which the observer misses nothing [s]."""
         return jnp.inf
 
     @abc.abstractmethod
@@ -48,13 +48,13 @@ class AbstractObserver(Module):
         """The record after a step; `times` (t0, t1), `ends` (y0, y1, slope0, slope1)."""
 
     def finish(self, record: Any) -> tuple[Any, Picked | None]:
-        """What the solution reports of it: no states in the record itself."""
+        """The record for the solution, without states, and the picked states."""
         return record, None
 
     def among(self, times: Array, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Array]:
-        """Of states at times, no motion between them, the places of those that it picks, and what it sees there.
+        """The indices of the states that it picks among states at separate times, and its values there.
 
-        **Raises:** `ClearanceError` where it looks for what happens between them.
+        **Raises:** `ClearanceError` if it needs the motion between them.
         """
         raise ClearanceError(
             f"{type(self).__name__} follows a motion step by step, and quasi-static poses have none: use "
@@ -62,24 +62,24 @@ class AbstractObserver(Module):
         )
 
 
-class Peaks(NamedTuple):
+class SignalPeaks(NamedTuple):
     """The highest peaks so far, the highest first: time [s], value (minus infinity: none yet), state."""
 
     time: Array
     value: Array
     y: Array
 
-    def highest(self, time, value, y) -> "Peaks":
-        """Of these and more of them (leading axis), as many as there were of these."""
+    def highest(self, time, value, y) -> "SignalPeaks":
+        """The highest of these and more peaks (leading axis); their number stays."""
         time, value, y = (jnp.concatenate([a, b]) for a, b in zip(self, (time, value, y), strict=True))
         count, value = self.value.shape[0], jnp.where(jnp.isnan(value), -jnp.inf, value)
         top = jnp.argmax(value)[None] if count == 1 else _largest(value, count)
-        return Peaks(time[top], value[top], y[top])
+        return SignalPeaks(time[top], value[top], y[top])
 
 
 def _largest(value: Array, count: int) -> Array:
-    """Places of the `count` largest numbers, the largest first; of equals the first. For so few numbers comparing each
-    with each is far cheaper than a sort, which is a call of its own in every step.
+    """Indices of the `count` largest numbers, the largest first; of equals the first. For few numbers, comparing each
+    with each is cheaper than a sort, which is a separate call in every step.
     """
     i = jnp.arange(value.shape[0])
     before = (value[None] > value[:, None]) | ((value[None] == value[:, None]) & (i[None] < i[:, None]))
@@ -87,11 +87,11 @@ def _largest(value: Array, count: int) -> Array:
 
 
 class PeakRecord(NamedTuple):
-    """Peaks so far; and time, value, slope and state at the last step's end, a peak if the next step does not begin
-    higher or rising.
+    """Peaks so far; and time, value, slope and state at the last step's end, which is a peak if the next step begins
+    neither higher nor rising.
     """
 
-    peaks: Peaks
+    peaks: SignalPeaks
     time: Array
     value: Array
     slope: Array
@@ -109,10 +109,10 @@ def without_derivatives(tree):
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
-class Search(NamedTuple):
-    """A signal over a step, looked at place after place: how often it was; value and slope where it was looked at
-    first, and last; tops of its parts, as `tops` has them (the highest alone where one peak is wanted): their places
-    over the whole, heights and second derivatives, how often they were looked at, and values, once they are known.
+class SignalSearch(NamedTuple):
+    """Search for the tops of a signal in a step: number of evaluations (`turn`); value and slope at the first and the
+    last place; tops of its parts as in `tops` (only the highest if one peak is wanted): their places in the step,
+    heights and second derivatives, the number of evaluations there (`looks`), and their values once known.
     """
 
     turn: Array
@@ -125,19 +125,19 @@ class Search(NamedTuple):
     value: Array
 
 
-def _search(at: Any, count: int, lowest: Any) -> Search:
-    """Looks at values and slopes (`at`) at the ends of a step's parts, and, where a top is higher than the `lowest`
-    that counts, at each top that is kept, twice: one Newton step on the signal's own slope, and the value there.
+def _search(at: Any, count: int, lowest: Any) -> SignalSearch:
+    """Evaluates values and slopes (`at`) at the ends of a step's parts. Where a top is higher than the `lowest` that
+    counts, it evaluates the kept tops twice: one Newton step on the signal's own slope, and the value there.
 
-    One loop, so that the signal stands in the program once: a robot's reaction takes XLA 20 s to compile.
+    It is one loop, so that the signal stands in the program once: signals may take long to compile.
     """
     width = 1 if count == 1 else PIECES
     slots, none = jnp.arange(width), jnp.full(width, -jnp.inf)
     zero, zeros = jnp.asarray(0.0), jnp.zeros(width)
-    begin = Search(jnp.asarray(0), (zero, zero), (zero, zero), zeros, none, zeros, jnp.zeros(width, int), none)
+    begin = SignalSearch(jnp.asarray(0), (zero, zero), (zero, zero), zeros, none, zeros, jnp.zeros(width, int), none)
 
     def tops_left(now):
-        """Tops that are to be looked at."""
+        """Tops that are still to be evaluated."""
         return (now.looks < 2) & (now.height > lowest(*now.first))
 
     def goes_on(now):
@@ -160,7 +160,7 @@ def _search(at: Any, count: int, lowest: Any) -> Search:
         moved = jnp.where(here & ~again & (now.bend < 0), moved, now.place)
         ends = tuple(jnp.where(looks, a, b) for a, b in zip((value, slope), now.last, strict=True))
         first = tuple(jnp.where(k == 0, a, b) for a, b in zip((value, slope), now.first, strict=True))
-        return Search(
+        return SignalSearch(
             k + 1,
             first,
             ends,
@@ -175,12 +175,12 @@ def _search(at: Any, count: int, lowest: Any) -> Search:
 
 
 class PeakFinder(AbstractObserver):
-    """Finds where a signal peaks: within a step, or between two (a kink, a jump at a drive's break), or at either end.
+    """Finds the peaks of a signal: inside a step, between two steps (a kink, or a jump at a drive's break), or at an
+    end.
 
-    Contact begins and ends with a step, so within one the signal is smooth: on each part of a step it is the cubic
-    through values and slopes at the part's ends (states in between by interpolation), and at the top of the highest the
-    signal itself says what is left to go. At a top, that matters: a derivative at a fixed time is off by how far the
-    time is from the top, over the duration of an impact.
+    Contact begins and ends with a step, so within one the signal is smooth. On each part of a step the cubic through
+    values and slopes at its ends approximates it; a Newton step on the signal itself improves the highest tops. The
+    place matters for derivatives: at a fixed time their error is its distance from the top over the impact's duration.
     """
 
     signal: Any
@@ -198,25 +198,26 @@ class PeakFinder(AbstractObserver):
     def start(self, t0, y0, problem):
         none = jnp.full(self.count, -jnp.inf)
         times, states = jnp.broadcast_to(t0, none.shape), jnp.broadcast_to(y0, (self.count, *y0.shape))
-        # As if it had risen from nothing until t0: then a signal that falls from the start peaks there, and the signal
-        # need not stand in the program once more.
-        return PeakRecord(Peaks(times, none, states), t0, none[0], jnp.asarray(jnp.inf), y0)
+        # As if it had risen until t0: then a signal that falls from the start peaks there, and the program needs no
+        # further copy of the signal.
+        return PeakRecord(SignalPeaks(times, none, states), t0, none[0], jnp.asarray(jnp.inf), y0)
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
         skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
-        # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
+        # The place of a peak needs no derivative: that of the signal at a fixed time is the peak's.
         start, width, part, whole = without_derivatives((t0, h, skipped, problem))
-        own = tuple(motion(whole, end) for end in without_derivatives(ends))
+        ends_now = tuple(motion(whole, end) for end in without_derivatives(ends))
 
         def inside(s, skipped):
-            """Place in the step of a place in the part of it that counts."""
+            """Place in the step for a place in the part of it that counts."""
             return s if self.since is None else skipped + (1 - skipped) * s
 
         def at(s):
             def along(s):
                 x = inside(s, part)
-                return jnp.asarray(self.signal(start + x * width, between(own, width, x, plan), whole.mechanism), float)
+                y = between(ends_now, width, x, plan)
+                return jnp.asarray(self.signal(start + x * width, y, whole.mechanism), float)
 
             return jax.jvp(along, (s,), (jnp.ones_like(s),))
 
@@ -225,13 +226,13 @@ class PeakFinder(AbstractObserver):
             opens, counts = (self.since >= t0) & (self.since < t1), t1 > self.since
 
         def before(first):
-            """The last step's end; at the opening, as at the start: a signal that falls from here peaks here."""
+            """The last step's end. At the opening, as at the start, a signal that falls from here peaks here."""
             if opens is None:
                 return record.value, record.slope
             return jnp.where(opens, first, record.value), jnp.where(opens, jnp.inf, record.slope)
 
         def meeting(first, slope):
-            """The height of a peak between the steps (minus infinity: none), and whether it is this step's begin."""
+            """The height of a peak between the steps (minus infinity: none), and whether it is at this step's start."""
             last, rate = before(first)
             rising, falls, jump = rate > 0, slope <= 0, 1e-9 * (jnp.abs(last) + jnp.abs(first))
             left = rising & (last >= first) & (falls | (last - first > jump))
@@ -240,7 +241,7 @@ class PeakFinder(AbstractObserver):
             return jnp.where(here, jnp.maximum(last, first), -jnp.inf), right
 
         def lowest(first, slope):
-            """What a top must be higher than: most steps hold none that is, by far more than the cubic's error."""
+            """The bound that a top must exceed. Most steps have none, by far more than the error of the cubic."""
             best = record.peaks.value
             height, _ = meeting(first, slope)
             bound = jnp.maximum(best[-1], height if self.count == 1 else jnp.minimum(height, best[-2]))
@@ -256,8 +257,8 @@ class PeakFinder(AbstractObserver):
         time, y = jnp.where(right, t0, last_time), jnp.where(right, ends[0], last_y)
         x = inside(seen.place, skipped)
         states = jax.vmap(lambda x: between(ends, h, x, plan))(x)
-        found = record.peaks.highest(time[None], peak[None], y[None]).highest(t0 + x * h, seen.value, states)
-        return PeakRecord(found, t1, *seen.last, ends[1])
+        peaks = record.peaks.highest(time[None], peak[None], y[None]).highest(t0 + x * h, seen.value, states)
+        return PeakRecord(peaks, t1, *seen.last, ends[1])
 
     def among(self, times, y, mechanism):
         value = jax.vmap(lambda t, y: jnp.asarray(self.signal(t, y, mechanism), float))(times, y)
@@ -273,16 +274,16 @@ class PeakFinder(AbstractObserver):
         # The end of the motion is a peak where the signal is rising there.
         value = jnp.where(record.slope > 0, record.value, -jnp.inf)
         time, value, y = record.peaks.highest(record.time[None], value[None], record.y[None])
-        found = jnp.isfinite(value)
-        time = jnp.where(found, time, time[0])
-        y = jnp.where(found.reshape(-1, *[1] * (y.ndim - 1)), y, y[:1])
-        value = jnp.where(found, value, jnp.where(found[0], value[0], jnp.nan))
+        is_peak = jnp.isfinite(value)
+        time = jnp.where(is_peak, time, time[0])
+        y = jnp.where(is_peak.reshape(-1, *[1] * (y.ndim - 1)), y, y[:1])
+        value = jnp.where(is_peak, value, jnp.where(is_peak[0], value[0], jnp.nan))
         return None, Picked(time, y, value)
 
 
 class Touches(NamedTuple):
-    """Of a joint: how often its surfaces have met, the lowest approach speed among these [m/s], and the smallest
-    distance at which they have turned back without touching [m] (infinite: none).
+    """Contacts of a joint: how often its surfaces have met, the lowest approach speed of these [m/s], and the smallest
+    distance at which they turned back without touching [m] (infinite: none).
     """
 
     count: Array
@@ -291,7 +292,7 @@ class Touches(NamedTuple):
 
 
 class TouchCounter(AbstractObserver):
-    """Counts impacts of a joint (by its place among the clearance joints) and sees how near to grazing they come."""
+    """Counts impacts of a joint (by its index among the clearance joints) and records how near to grazing they come."""
 
     joint: int = eqx.field(static=True)
     since: Any = None
@@ -308,7 +309,7 @@ class TouchCounter(AbstractObserver):
             for t, y in zip(times, states, strict=True)
         )
         depth, rate = jnp.stack([here[0], there[0]]), jnp.stack([here[1], there[1]])
-        # Of a joint with several points: it touches where the deepest does.
+        # A joint with several points touches where the deepest one does.
         k = jnp.argmax(jnp.max(depth, axis=0))
         value, slope = depth[:, k], rate[:, k]
         met = jnp.all(depth[0] <= 0) & jnp.any(depth[1] > 0)

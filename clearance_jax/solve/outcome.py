@@ -1,4 +1,4 @@
-"""What a driver is given, and what it gives back: the same for diffrax's loop and for lanes."""
+"""Input and output of a driver, the same for diffrax's loop and for lanes."""
 
 from typing import Any, NamedTuple
 
@@ -10,10 +10,10 @@ from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import Tolerances
 
 
-class Task(NamedTuple):
+class SolveTask(NamedTuple):
     """A motion (or lanes of motions) to be integrated from `t0` to `t1`, from a state (or stack) `start`; `save_at`:
-    sample times; `seated`: how pins of a settled start begin. One that is `refused` (a `codes.Result` as a number; 0:
-    it is not) ends where it begins.
+    sample times; `seated`: how pins of a settled start begin. A `refused` one (a `codes.Result` as a number; 0: not
+    refused) ends where it begins.
     """
 
     problem: Problem
@@ -27,8 +27,8 @@ class Task(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """How it went: the last state and its time; sample times and states; the observers' records; a `codes.Result` as a
-    number; steps kept and rejected.
+    """The last state and its time; sample times and states; the observers' records; a `codes.Result` as a number; steps
+    kept and rejected.
     """
 
     final: Array

@@ -1,9 +1,8 @@
-"""One of two programs, by the platform that they are lowered for.
+"""A choice between two programs by the platform for which they are lowered.
 
-`jax.lax.platform_dependent` traces both: on a CPU the program of a batch would take twice as long to trace, for the
-sake of one that is thrown away. `jax.default_backend()` does not know what a program is lowered for, by `jax.export` or
-on another device than the first. So this is an operation of its own, with two rules of lowering: the program for GPUs
-is traced by its rule, which nothing but a GPU calls.
+`jax.lax.platform_dependent` traces both, which doubles the tracing of a batch on a CPU. `jax.default_backend()` does
+not know the platform of a lowering by `jax.export` or for another device than the first. So this is a primitive of its
+own with two lowering rules; only the rule for GPUs traces their program.
 """
 
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from jax.interpreters import mlir
 def by_platform(plain: Callable, on_gpu: Callable, *arguments: Any) -> Any:
     """`plain` of trees of arrays; in a program for a GPU `on_gpu`, which returns a tree of the same shapes.
 
-    Neither may close over values that are being traced. It has no rules of batching and differentiation.
+    Neither may close over traced values. It has no rules of batching and differentiation.
     """
     program, shapes = jax.make_jaxpr(plain, return_shape=True)(*arguments)
     leaves, structure = jax.tree.flatten(arguments)

@@ -1,10 +1,10 @@
-"""What is integrated: a motion, or a motion and its derivatives as one stack.
+"""The problem that a solve integrates: a motion, or a motion and its derivatives as one stack.
 
-The derivative of a solve by a number is the solve of the variational equations on the SAME steps. So the state of a
-differentiated solve is a stack: row 0 the motion, row 1 + k its derivative along direction k. A Runge-Kutta step treats
-the rows alike; what differs is only how a function of the state is applied to a stack, and that is `lift`.
+The derivative of a solve by a number is the solve of the variational equations on the same steps. So the state of a
+differentiated solve is a stack: row 0 is the motion, row 1 + k its derivative along direction k. A Runge-Kutta step
+treats all rows alike; `lift` applies a function of the state to a stack.
 
-Beside the state stand quadratures: the energy balance and whatever else is integrated along. Nothing depends on them.
+Quadratures stand behind the state: the energy balance and other integrals. Nothing depends on them.
 """
 
 import functools
@@ -25,18 +25,18 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates, vector
 from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes
 
-# A number that more directions move than this is applied to all of them at once.
+# A number moved by more directions than this is applied to all directions at once.
 THIN = 8
 
 
 class Problem(Module):
-    """What a solve is of: a prepared mechanism, and the directions in which its numbers are varied.
+    """The problem of a solve: a prepared mechanism, and the directions in which its numbers are varied.
 
     `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state;
-    `energy_balance`: whether the energy balance does, before them. `directions` is a tree like `model`: with a leading
-    axis (one entry a direction) for a number that is varied, `None` for one that is not; altogether `None` where
-    nothing is differentiated: then a state is a flat vector, not a stack. `sparsity`: for each of these numbers the
-    directions that move it at all, few of many as a rule.
+    `energy_balance`: whether the energy balance stands before them. `directions` is a tree like `model`: with a leading
+    axis (one entry a direction) for a varied number, `None` for another; `None` as a whole where nothing is
+    differentiated, and a state is then a flat vector. `sparsity`: for each varied number the directions that move it,
+    usually few of many.
     """
 
     mechanism: PreparedMechanism
@@ -52,7 +52,7 @@ class Problem(Module):
 
     @property
     def model(self) -> tuple:
-        """All that a rate depends on beside time and state."""
+        """Everything besides time and state on which a rate depends."""
         return self.mechanism, self.integrands
 
     @property
@@ -62,11 +62,11 @@ class Problem(Module):
 
     @property
     def places(self) -> slice:
-        """The positions."""
+        """The slice of the positions."""
         return layout(self.mechanism).q
 
     def place_rates(self, y: Array) -> Array:
-        """The rates of the positions of a state of the motion."""
+        """The rates of the positions in a state of the motion."""
         plan = layout(self.mechanism)
         if len(plan.positions) == len(plan.velocities):
             return y[plan.v]
@@ -75,12 +75,12 @@ class Problem(Module):
 
     @property
     def speeds(self) -> slice:
-        """The velocities."""
+        """The slice of the velocities."""
         return layout(self.mechanism).v
 
     @property
     def without_directions(self) -> "Problem":
-        """The motion alone."""
+        """The same problem without directions."""
         return Problem(self.mechanism, self.integrands, energy_balance=self.energy_balance)
 
 
@@ -90,7 +90,7 @@ def with_model(problem: Problem, model: tuple) -> Problem:
 
 
 def widths(problem: Problem) -> list[int]:
-    """How many numbers each integrand is."""
+    """The number of components of each integrand."""
     y, time = jnp.zeros(problem.size), jnp.zeros(())
     return [int(np.prod(jax.eval_shape(f, time, y, problem.mechanism).shape)) for f in problem.integrands]
 
@@ -98,8 +98,8 @@ def widths(problem: Problem) -> list[int]:
 # Traced once and called wherever a rate is wanted; XLA inlines the calls.
 @jax.jit
 def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
-    """The rate of a state, or of a stack, (..., size, *lanes), and of the quadratures behind it, (..., size +
-    quadratures, *lanes): zeros for these where they do not count.
+    """The rate of a state or a stack, (..., size, *lanes), and of the quadratures behind it, (..., size + quadratures,
+    *lanes); the latter are zeros where they do not count.
     """
 
     def rows(time, y, problem):
@@ -108,7 +108,7 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
 
         def add():
             flat = [jnp.ravel(f(time, vector(y), mechanism)) for f in integrands]
-            return tuple(one[i] for one in flat for i in range(one.shape[0]))
+            return tuple(values[i] for values in flat for i in range(values.shape[0]))
 
         return tuple(jnp.asarray(x, float) for x in (*rates, *where_it_counts(counts, add)))
 
@@ -128,9 +128,8 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
 
 
 def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
-    """`function(model, rows)` of a motion and its derivatives, by reverse mode: each row of the answer is pulled back
-    once, and what comes of it is applied to all directions; cheaper than a push of each direction where these are more
-    than the rows.
+    """`function(model, rows)` of a motion and its derivatives, by reverse mode: each output is pulled back once and the
+    result applied to all directions. With more directions than outputs this is cheaper than a push of each direction.
     """
     varied, fixed = split(problem.model, problem.directions)
     leaves, tree = jax.tree.flatten(varied)
@@ -146,29 +145,29 @@ def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
     for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
         pulls = {j: share(pulls[j]) for j in sorted(reached)}
-        own = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
+        pulled = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
         states = [(pull, stacks[j - len(leaves)]) for j, pull in pulls.items() if j >= len(leaves)]
-        out.append(_apply(share(value), own, states, stacks[0].shape[0]))
+        out.append(_apply(share(value), pulled, states, stacks[0].shape[0]))
     return tuple(out)
 
 
-def _apply(value: Array, own: list[tuple], states: list[tuple], rows: int) -> Array:
-    """A number and its derivatives, as a stack: from its derivatives by the mechanism's numbers (`own`: with these
-    numbers' directions, and the few directions that move each) and by the state (with the state's stacks).
+def _apply(value: Array, pulls: list[tuple], states: list[tuple], rows: int) -> Array:
+    """A number and its derivatives, as a stack, from its derivatives by the mechanism's numbers (`pulls`: with
+    the directions of these numbers, and the few directions that move each) and by the state (with the state's stacks).
     """
 
-    def whole(product: Array, axis: int) -> Array:
-        return jnp.sum(product, axis=tuple(range(axis, product.ndim - value.ndim)))
+    def whole(p: Array, axis: int) -> Array:
+        return jnp.sum(p, axis=tuple(range(axis, p.ndim - value.ndim)))
 
     def total(terms: list[Array], nothing: tuple[int, ...]) -> Array:
         return functools.reduce(jnp.add, terms) if terms else jnp.zeros(nothing)
 
     if not value.ndim:
-        # Of one motion everything by all directions: a row is one number, and dearer to place than to compute.
-        products = [pull[None] * along for pull, along, _ in own] + [pull[None] * stack[1:] for pull, stack in states]
-        return jnp.concatenate([value[None], total([whole(one, 1) for one in products], (rows - 1,))])
-    thin = [(pull, along, movers) for pull, along, movers in own if len(movers) <= THIN]
-    wide = [(pull, jnp.pad(along, [(1, 0)] + [(0, 0)] * pull.ndim)) for pull, along, by in own if len(by) > THIN]
+        # Without lanes everything by all directions: a row is one number, and costs more to place than to compute.
+        products = [pull[None] * along for pull, along, _ in pulls] + [pull[None] * stack[1:] for pull, stack in states]
+        return jnp.concatenate([value[None], total([whole(p, 1) for p in products], (rows - 1,))])
+    thin = [(pull, along, movers) for pull, along, movers in pulls if len(movers) <= THIN]
+    wide = [(pull, jnp.pad(along, [(1, 0)] + [(0, 0)] * pull.ndim)) for pull, along, by in pulls if len(by) > THIN]
     everywhere = [*states, *wide]
     out = total([whole(pull[None] * stack, 1) for pull, stack in everywhere], (rows, *value.shape))
     first = jnp.arange(rows).reshape(-1, *[1] * value.ndim) == 0
@@ -176,14 +175,14 @@ def _apply(value: Array, own: list[tuple], states: list[tuple], rows: int) -> Ar
     for row in range(1, rows):
         here = [whole(pull * along[row - 1], 0) for pull, along, movers in thin if row - 1 in movers]
         if here:
-            # All of the row anew: to add to what stands there a compiler copies the whole stack.
+            # The whole row anew: to add to it, a compiler would copy the whole stack.
             here += [whole(pull * stack[row], 0) for pull, stack in everywhere]
             out = jax.lax.dynamic_update_index_in_dim(out, total(here, ()), row, 0)
     return out
 
 
 def lift(function, problem: Problem, *stacks: Any) -> Any:
-    """`function(model, *trees)` of the motion and, where the problem varies, its derivatives, as stacks: by a push of
+    """`function(model, *trees)` of the motion and, where the problem varies, its derivatives as stacks, by a push of
     every direction.
     """
     if not problem.varies:
@@ -199,7 +198,7 @@ def lift(function, problem: Problem, *stacks: Any) -> Any:
 
 
 def motion(problem: Problem, stack: Array) -> Array:
-    """The state itself."""
+    """The state of the motion, without its derivatives."""
     return stack[0] if problem.varies else stack
 
 
@@ -209,8 +208,8 @@ def split(tree, directions):
 
 
 def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
-    """`function(tree)`, its derivatives along the directions, and which of the leaves that vary each follows from:
-    `None` for leaves that do not depend on them.
+    """`function(tree)`, its derivatives along the directions (`None` for leaves that do not vary), and by leaf the
+    varied leaves on which it depends.
     """
     varied, fixed = split(tree, directions)
 
@@ -223,7 +222,7 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
     def flat(v):
         return jax.tree.leaves(eqx.filter(of(v), eqx.is_inexact_array))
 
-    # The value that goes with the rates, not that of the call above: what is computed twice is compiled twice.
+    # The value of this call, not of the one above: what is computed twice is compiled twice.
     value, rates = jax.vmap(lambda d: jax.jvp(flat, (varied,), (d,)), out_axes=(None, 0))(directions)
     reached = _reach(flat, varied)
     kept = [r if by else None for r, by in zip(rates, reached, strict=True)]
@@ -236,16 +235,16 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
 
 
 def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
-    """For every number that moves, the directions that move it at all; `movers`: the leaves that each follows from."""
+    """For every moved number the directions that move it; `movers`: by leaf, the leaves on which it depends."""
 
     def of(direction) -> frozenset[int]:
-        # Constants, as those of a `basis`, are known; of others each may be anything.
+        # Constants, such as a `basis`, are known; other directions may move anything.
         count = direction.shape[0]
         constant = isinstance(direction, np.ndarray)
         return frozenset(np.flatnonzero(direction.reshape(count, -1).any(1)).tolist() if constant else range(count))
 
     moving = [of(direction) for direction in jax.tree.leaves(directions)]
-    return tuple(tuple(sorted(frozenset().union(*(moving[i] for i in one)))) for one in jax.tree.leaves(movers))
+    return tuple(tuple(sorted(frozenset().union(*(moving[i] for i in sources)))) for sources in jax.tree.leaves(movers))
 
 
 def moves(function, problem: Problem) -> bool:
@@ -272,11 +271,11 @@ def basis(varied: Any) -> Any:
 
 
 def _reach(function, *arguments) -> list[frozenset[int]]:
-    """For every output of a function, the leaves of its arguments that it depends on at all, by its program."""
+    """For every output of a function, the leaves of its arguments on which its program depends."""
     program = jax.make_jaxpr(function)(*arguments).jaxpr
     nothing: frozenset[int] = frozenset()
     reached = {v: frozenset([i]) for i, v in enumerate(program.invars)}
     for equation in program.eqns:
-        own = nothing.union(*(reached.get(v, nothing) for v in equation.invars if not isinstance(v, Literal)))
-        reached.update(dict.fromkeys(equation.outvars, own))
+        sources = nothing.union(*(reached.get(v, nothing) for v in equation.invars if not isinstance(v, Literal)))
+        reached.update(dict.fromkeys(equation.outvars, sources))
     return [nothing if isinstance(v, Literal) else reached.get(v, nothing) for v in program.outvars]

@@ -1,8 +1,8 @@
-"""Quasi-static motions: a pose at every instant of the ideal motion, in the place of a solve of the dynamics.
+"""Quasi-static motions: a pose at every instant of the ideal motion, instead of a solve of the dynamics.
 
-A motion is a grid of poses, and the poses at the times that are asked for. What an observer picks it picks among the
-grid; integrals are sums over the grid by Simpson's rule. Poses are found without derivatives. A derivative is that of
-Newton's steps at the poses that are read, so a peak's costs one pose and not the grid.
+A motion is a grid of poses, and the poses at the sample times. Observers pick among the grid; integrals over the grid
+follow Simpson's rule. Poses are found without derivatives. A derivative is that of Newton steps at the poses that are
+read, so the derivative of a peak costs one pose and not the grid.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from clearance_jax._kept import kept_jit
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Code, Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors
-from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, middle_pose, poses, with_derivatives
+from clearance_jax.dynamics.pose import StaticPose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -38,14 +38,14 @@ from clearance_jax.solve.validity import NOT_VALID, Validity, validity_of
 INTERVALS = 200
 # Times nearer than this part of them are the same.
 SAME = 1e-14
-# A pose at which a pin misses more than this part of its load, or was still moved by more of its play, is none; nor is
-# one whose loops were open by more than this part of the largest length before the last step, which squares it.
+# No pose: more than this part of a load is not borne, or a pin was moved last by more than this part of its play; or
+# loops were open by more than this part of the largest length before the last step, which squares the opening.
 POSED, CLOSED = 1e-4, 1e-8
 
 
-class Asked(NamedTuple):
-    """What poses are asked of: numbers that vary first; the sample times that are none of the grid (`between`), and
-    where each sample stands among the grid's times and those (`places`).
+class PoseTask(NamedTuple):
+    """Inputs of a quasi-static motion, varied numbers first; the sample times outside the grid (`between`), and the
+    index of each sample among the grid's times and those (`places`).
     """
 
     mechanism: Mechanism
@@ -58,15 +58,15 @@ class Asked(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Poses on the grid and at sample times (empty without samples): `times`, and the poses then; by each observer the
-    places on the grid that it picks, and what it saw there; whether each is a pose (`good`), and whether a part has
-    left its walls at some; and how far the motion can be believed (`None`: pins are in the middle of their play).
+    """Poses on the grid and at sample times (empty without samples): `times` and the poses then; by observer the
+    indices of the grid that it picks, and its values there; whether all are poses (`good`), whether a part has left its
+    walls, and how far the motion can be believed (`None`: pins are in the middle of their play).
     """
 
     grid: Array
-    on_grid: Pose
+    on_grid: StaticPose
     times: Array
-    at_times: Pose
+    at_times: StaticPose
     picked: tuple[tuple[Array, Array] | None, ...]
     good: Flag
     left: Flag
@@ -76,18 +76,18 @@ class Poses(NamedTuple):
 def quasi_static(
     mechanism: Mechanism, t1: Any, settings: Settings, observers: tuple = (), integrands: tuple = ()
 ) -> Solution:
-    """The quasi-static motion from `t0` to `t1`, as a solution without energy balance: see the module.
+    """The quasi-static motion from `t0` to `t1`, as a solution without energy balance.
 
     **Raises:** `ClearanceError` for what no pose can give (see `check_poses`).
     """
     check_poses(mechanism, settings)
-    asked = Asked(mechanism, integrands, settings.t0, t1, settings.save_at, *_beside_grid(settings, t1))
+    asked = PoseTask(mechanism, integrands, settings.t0, t1, settings.save_at, *_beside_grid(settings, t1))
     return _motion(asked, observers=observers, seats=settings.fidelity != STATIC)
 
 
 def _beside_grid(settings: Settings, t1: Any) -> tuple[Array, Array]:
-    """The sample times that are none of the grid, and the place of each sample. Only samples at equal distances are
-    looked for in the grid: of those their number alone says which, so that another end is not another program.
+    """The sample times outside the grid, and the index of each sample. Only equally spaced samples are matched with the
+    grid: their number alone decides it, so that another end is not another program.
     """
     times = jnp.zeros(0) if settings.save_at is None else settings.save_at
     count, number = INTERVALS + 1, times.shape[0]
@@ -103,7 +103,7 @@ def _beside_grid(settings: Settings, t1: Any) -> tuple[Array, Array]:
 
 
 @eqx.filter_custom_jvp
-def _motion(asked: Asked, *, observers: tuple[AbstractObserver, ...], seats: bool) -> Solution:
+def _motion(asked: PoseTask, *, observers: tuple[AbstractObserver, ...], seats: bool) -> Solution:
     return _valued(asked, observers, seats)[0]
 
 
@@ -114,24 +114,24 @@ def _motion_jvp(primals, tangents, *, observers, seats):
 
 
 @solo_jit
-def _differentiated(asked: Asked, rates: Asked, found: Poses, seats: bool):
+def _differentiated(asked: PoseTask, rates: PoseTask, posed: Poses, seats: bool):
     def motion(asked):
-        return _solution(asked, found, _states(asked, found, with_derivatives if seats else _middle))
+        return _solution(asked, posed, _states(asked, posed, with_derivatives if seats else _middle))
 
     return eqx.filter_jvp(motion, (asked,), (rates,))
 
 
 @kept_jit
-def _valued(asked: Asked, observers: tuple[AbstractObserver, ...], seats: bool) -> tuple[Solution, Poses]:
-    found = _found(asked, observers, seats)
-    return _solution(asked, found, _states(asked, found)), found
+def _valued(asked: PoseTask, observers: tuple[AbstractObserver, ...], seats: bool) -> tuple[Solution, Poses]:
+    posed = _pose_all(asked, observers, seats)
+    return _solution(asked, posed, _states(asked, posed)), posed
 
 
-def _middle(time: Scalar, mechanism: PreparedMechanism, found: Pose) -> Array:
-    return middle_pose(time, mechanism, found.ideal).y
+def _middle(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
+    return middle_pose(time, mechanism, pose.ideal).y
 
 
-def _found(asked: Asked, observers: tuple, seats: bool) -> Poses:
+def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
     numbers, rest = eqx.partition(asked, eqx.is_array)
     asked = eqx.combine(jax.lax.stop_gradient(numbers), rest)
     ready = asked.mechanism.prepare()
@@ -162,8 +162,8 @@ def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
 
 
 class Read(NamedTuple):
-    """The states that are read of poses: at the start and the end, at sample times, and those picked; and quadratures
-    at the end and at sample times.
+    """The states that are read from poses: at the start and the end, at sample times, and picked ones; and the
+    quadratures at the end and at sample times.
     """
 
     first: Array
@@ -174,8 +174,8 @@ class Read(NamedTuple):
     until: Float[Array, "samples quadratures"]
 
 
-def _states(asked: Asked, found: Poses, state: Callable[..., Array] | None = None) -> Read:
-    """What is read of poses; `state`: gives that of a pose with its derivatives."""
+def _states(asked: PoseTask, posed: Poses, state: Callable[..., Array] | None = None) -> Read:
+    """The states that are read from poses; `state`: gives the state of a pose with its derivatives."""
     ready = asked.mechanism.prepare()
     grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
     times = jnp.zeros(0) if asked.save_at is None else asked.save_at
@@ -186,19 +186,19 @@ def _states(asked: Asked, found: Poses, state: Callable[..., Array] | None = Non
         return jax.vmap(state, (0, None, 0))(times, ready, poses)
 
     def at(places):
-        return read(grid[places], jax.tree.map(lambda x: x[places], found.on_grid))
+        return read(grid[places], jax.tree.map(lambda x: x[places], posed.on_grid))
 
     ends = at(jnp.array([0, INTERVALS]))
-    picks = tuple(at(one[0]) for one in found.picked if one is not None)
-    samples = read(times, found.at_times) if times.size else found.at_times.y
+    picks = tuple(at(pick[0]) for pick in posed.picked if pick is not None)
+    samples = read(times, posed.at_times) if times.size else posed.at_times.y
     if not asked.integrands:
         return Read(ends[0], ends[1], samples, picks, jnp.zeros(0), jnp.zeros((times.shape[0], 0)))
-    values = _integrands(asked, ready, grid, read(grid, found.on_grid))
+    values = _integrands(asked, ready, grid, read(grid, posed.on_grid))
     sums = _cumulative(values, (asked.t1 - asked.t0) / INTERVALS)
     return Read(ends[0], ends[1], samples, picks, sums[-1], _between(grid, sums, values, times))
 
 
-def _integrands(asked: Asked, ready: Any, grid: Array, y: Array) -> Float[Array, "times quadratures"]:
+def _integrands(asked: PoseTask, ready: Any, grid: Array, y: Array) -> Float[Array, "times quadratures"]:
     def flat(time, y):
         return jnp.concatenate([jnp.ravel(f(time, y, ready)) for f in asked.integrands])
 
@@ -206,7 +206,7 @@ def _integrands(asked: Asked, ready: Any, grid: Array, y: Array) -> Float[Array,
 
 
 def _cumulative(values: Float[Array, "times k"], h: Scalar) -> Float[Array, "times k"]:
-    """The integrals from the first of equally spaced times to each: of the cubic through four values around an
+    """The integrals from the first of equally spaced times to each, by the cubic through four values around each
     interval.
     """
     inner = (13 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 24
@@ -217,50 +217,50 @@ def _cumulative(values: Float[Array, "times k"], h: Scalar) -> Float[Array, "tim
 
 
 def _between(grid: Array, sums: Array, values: Array, times: Array) -> Array:
-    """Integrals until times between those of the grid."""
+    """Integrals up to times between those of the grid."""
     h = grid[1] - grid[0]
     k = jnp.clip(jnp.searchsorted(grid, times) - 1, 0, INTERVALS - 1)
     part = ((times - grid[k]) / h)[:, None]
     return hermite(sums[k], h * values[k], sums[k + 1], h * values[k + 1], part)
 
 
-def _solution(asked: Asked, found: Poses, read: Read) -> Solution:
+def _solution(asked: PoseTask, posed: Poses, read: Read) -> Solution:
     sampled = asked.save_at is not None
     final = jnp.concatenate([read.last, read.whole])
     y = jnp.concatenate([read.samples, read.until], axis=1) if sampled else final[None]
     picks, picked = iter(read.picks), []
-    for one in found.picked:
-        places, value = (None, None) if one is None else one
-        picked.append(None if one is None else Picked(found.grid[places], next(picks), value))
+    for pick in posed.picked:
+        places, value = (None, None) if pick is None else pick
+        picked.append(None if pick is None else Picked(posed.grid[places], next(picks), value))
     return Solution(
         time=asked.save_at if sampled else asked.t1[None],
         y=y,
         initial=jnp.concatenate([read.first, jnp.zeros_like(read.whole)]),
         final=final,
-        code=_code(asked, found),
+        code=_code(asked, posed),
         steps=jnp.asarray(INTERVALS),
         rejected=jnp.asarray(0),
         energy_residual=jnp.asarray(jnp.nan),
         end_time=asked.t1,
-        records=tuple(None for _ in found.picked),
+        records=tuple(None for _ in posed.picked),
         picked=tuple(picked),
-        frequencies=found.on_grid.frequency,
-        validity=found.validity,
+        frequencies=posed.on_grid.frequency,
+        validity=posed.validity,
         sampled=sampled,
         energy_balance=False,
     )
 
 
-def _code(asked: Asked, found: Poses) -> Code:
-    code = jnp.where((asked.t1 > asked.t0) & found.good, int(Result.REACHED_END), int(Result.NO_POSE))
-    code = jnp.where(found.left & (code == 0), int(Result.LEFT), code)
+def _code(asked: PoseTask, posed: Poses) -> Code:
+    code = jnp.where((asked.t1 > asked.t0) & posed.good, int(Result.REACHED_END), int(Result.NO_POSE))
+    code = jnp.where(posed.left & (code == 0), int(Result.LEFT), code)
     if asked.save_at is None:
         return code
     return jnp.where(are_within(asked.save_at, (asked.t0, asked.t1)), code, int(Result.SAMPLE_TIMES))
 
 
 def check_poses(mechanism: Mechanism, settings: Settings) -> None:
-    """**Raises** `ClearanceError` for what a quasi-static motion cannot give."""
+    """**Raises** `ClearanceError` for options and mechanisms without a quasi-static motion."""
     if settings.y0 is not None:
         raise ClearanceError(
             'A quasi-static motion has no initial state: leave `y0` out, or use `fidelity = "dynamics"`.'

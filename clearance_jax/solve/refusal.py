@@ -1,4 +1,4 @@
-"""Why a motion is not begun, or ends where it is: as codes, since in a batch nobody can be told otherwise."""
+"""Codes for a motion that cannot begin or has to stop; in a batch nothing can be raised."""
 
 from typing import Any
 
@@ -20,8 +20,8 @@ from clearance_jax.solve.tolerances import Tolerances, are_resolved
 def refusal_of(
     mechanism: Mechanism, span: tuple[Scalar, Scalar], start: Array, errors: StartErrors, save_at: Array | None
 ) -> Code:
-    """The code of a motion over a `span` (t0, t1) that cannot be begun: impossible numbers, a `start` that is not what
-    it is to be (by its `errors`), or sample times outside the span; 0 where it can.
+    """The code of a motion over a `span` (t0, t1) that cannot begin: impossible numbers, a `start` with too large
+    `errors`, or sample times outside the span; 0 if it can.
     """
     t0, t1 = span
     possible = jnp.all(jnp.isfinite(start)) & jnp.isfinite(t1) & (t1 > t0)
@@ -33,12 +33,12 @@ def refusal_of(
 
 
 def unresolved(refused: Code, rtol: Scalar, atol: Any, allowed: Tolerances) -> Code:
-    """The same of a motion whose tolerances may be smaller than floats resolve."""
+    """The code, or that for tolerances below the resolution of floats."""
     return jnp.where((refused > 0) | are_resolved(rtol, atol, allowed), refused, int(Result.TOLERANCE))
 
 
 def are_within(times: Array, span: tuple[Scalar, Scalar]) -> Flag:
-    """Whether all times lie in a span (one that is not a number does not)."""
+    """Whether all times lie in a span (NaN does not)."""
     return jnp.all((times >= span[0]) & (times <= span[1]))
 
 
@@ -48,7 +48,7 @@ def leaves_walls(mechanism: PreparedMechanism) -> bool:
 
 
 def has_left(mechanism: PreparedMechanism, time: Each, y: Array) -> EachFlag:
-    """Whether, in a state of the motion, some joint's part is beyond its walls, of a mechanism with walls that end."""
+    """Whether some joint's part is beyond its walls in a state of the motion; for mechanisms with walls that end."""
 
     def beyond(time, y, mechanism):
         pairs = zip(mechanism.clearance_joints(), relative_motions(time, y, mechanism), strict=True)
@@ -59,7 +59,7 @@ def has_left(mechanism: PreparedMechanism, time: Each, y: Array) -> EachFlag:
 
 
 def why_stopped(code: Code, mechanism: PreparedMechanism, time: Scalar, y: Array) -> Any:
-    """The code of a motion that came to an end in a state, where a part may have left its walls."""
+    """The code of a motion that stopped in a state, where a part may have left its walls."""
     if not leaves_walls(mechanism):
         return code
     left = (code == int(Result.STEP_COLLAPSED)) & has_left(mechanism, time, y)

@@ -1,7 +1,7 @@
-"""How to solve: one set of keywords for all that solves, read and checked at one door.
+"""Options of a solve: one set of keywords for everything that solves, read and checked in one place.
 
-Whatever solves takes `**options`, the keywords in `SolveOptions`, and makes `Settings` of them at once: a word that is
-none of them, or a value that nothing can start from, is refused there and not somewhere inside.
+Functions that solve take `**options`, the keywords of `SolveOptions`, and turn them into `Settings` at once. An unknown
+keyword, or a value with which no solve can start, is refused there.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,19 +23,18 @@ from clearance_jax.solve.attempt import CENTRE, STARTS, Options
 from clearance_jax.solve.choice import AUTO, choose_solver
 from clearance_jax.solve.tolerances import SMALLEST
 
-# Output times at most: of each some hundred numbers are kept, together a gigabyte.
+# Largest number of output times: with some hundred numbers each they take about a gigabyte.
 MOST_SAMPLES = 1_000_000
-# Attempts at a step after which a solve gives up: more than any motion on the pages of benchmarks takes. Those of a
-# small mechanism take seconds, so that numbers with which a motion does not end (a search tries them) are soon said to
-# be such.
+# Attempts at a step after which a solve gives up: more than any motion in the benchmarks takes, and few enough that a
+# search soon leaves numbers with which a motion does not end.
 MAX_STEPS = 1_000_000
 DERIVATIVES = ("controlled", "screening")
 # Models of the motion, from the dearest to the cheapest.
 FIDELITIES = DYNAMICS, QUASI_STATIC, STATIC = "dynamics", "quasi-static", "static"
-# Those that give a motion.
+# Models that give a motion.
 OF_MOTIONS = (DYNAMICS, QUASI_STATIC)
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
-# What a user may write in the place of a solver's name.
+# What a user may write for a solver.
 SOLVER_WORDS = (*SOLVERS, AUTO)
 
 
@@ -83,7 +82,7 @@ class SolveOptions(TypedDict, total=False):
 
 
 class Settings(NamedTuple):
-    """`SolveOptions` as read: every one has a value, numbers are arrays (another tolerance is not another program)."""
+    """`SolveOptions` as read: every option has a value, numbers are arrays (their values are not compiled in)."""
 
     t0: Any = 0.0
     save_at: Array | None = None
@@ -99,7 +98,7 @@ class Settings(NamedTuple):
     fidelity: str = DYNAMICS
 
     def as_options(self, observers: tuple = ()) -> Options:
-        """What a solve is compiled for. **Raises** `ClearanceError` for a model of the motion that has no steps."""
+        """The options for which a solve is compiled. **Raises** `ClearanceError` for a `fidelity` without steps."""
         if self.fidelity != DYNAMICS:
             raise ClearanceError(
                 f'This follows the steps of a motion, and `fidelity = "{self.fidelity}"` has none: use "{DYNAMICS}".'
@@ -145,7 +144,7 @@ def settings_of(
 
 
 def with_solver(model: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a solve with the solver that "auto" stands for, for what is told apart by its options."""
+    """Options with the solver that "auto" stands for, to tell solves apart by their options."""
     if not _is_auto(options.get("solver")):
         return dict(options)
     rtol = options.get("rtol", Settings().rtol)
@@ -157,14 +156,14 @@ def _is_auto(solver: Any) -> bool:
 
 
 def check_names(given: Iterable[str], known: Iterable[str]) -> None:
-    """Raise for an option that is none of those known, with a suggestion."""
+    """Raise for an unknown option, with a suggestion."""
     unknown = sorted(set(given) - set(known))
     if unknown:
         raise ClearanceError(f"There is no option `{unknown[0]}` here. " + suggest(unknown[0], known))
 
 
 def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: Any) -> None:
-    """Raise for what a solve cannot start from (tracers pass: in a batch it is a result code)."""
+    """Raise for numbers with which no solve can start (tracers pass; in a batch a result code says so)."""
     require_float64()
     check_values(mechanism)
     t0, t1, rtol = (_number(name, x) for name, x in {"t0": t0, "t1": t1, "rtol": rtol}.items())
@@ -195,9 +194,7 @@ def _number(name: str, value: Any) -> Any:
 
 
 def _initial(mechanism: Mechanism, y0: Any) -> Array | None:
-    """The given initial state, of which it is seen that it has the mechanism's shape; the energy balance may follow
-    it.
-    """
+    """The given initial state, checked to have the mechanism's shape; the energy balance may follow it."""
     if y0 is None:
         return None
     y0, size = jnp.asarray(y0, float), layout(mechanism).size
@@ -207,7 +204,7 @@ def _initial(mechanism: Mechanism, y0: Any) -> Array | None:
 
 
 def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
-    """When to sample [s]."""
+    """The sample times [s]."""
     if save_at is None:
         return None
     if isinstance(save_at, int | np.integer) and not isinstance(save_at, bool):
@@ -231,7 +228,7 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
 
 
 def evenly(t0: Any, t1: Any, count: int) -> Array:
-    """Times from t0 to t1, both included and exact: one of a round-off beyond the end would be refused."""
+    """Times from t0 to t1, both included exactly: a time a round-off beyond the end would be refused."""
     part = np.linspace(0.0, 1.0, count)
     if not any(isinstance(t, Tracer) for t in (t0, t1)):  # without a program, which JAX would compile
         return jax.device_put(np.asarray(t0) * (1 - part) + np.asarray(t1) * part)

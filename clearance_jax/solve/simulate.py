@@ -1,6 +1,4 @@
-"""`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, result code and energy
-balance.
-"""
+"""`simulate`: the motion of a mechanism from t0 to t1, with error control, result code and energy balance."""
 
 import dataclasses
 import warnings
@@ -71,7 +69,7 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
 def run(
     mechanism: Mechanism, t1: Any, settings: Settings, *, observers: tuple = (), integrands: tuple = ()
 ) -> Solution:
-    """`simulate` for metrics: with `observers` and `integrands`, by options that have been read."""
+    """`simulate` for metrics: with `observers` and `integrands`, and settings that have been read."""
     return _run(mechanism, t1, settings, True, observers, integrands)
 
 
@@ -89,8 +87,8 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
 
 
 def _in_order(settings: Settings) -> tuple[Settings, Array | np.ndarray | None]:
-    """The settings with increasing sample times, and where among these each time is that was given (`None`: as it is
-    given).
+    """The settings with increasing sample times, and the index of each given time among them (`None`: they were in
+    order).
     """
     times = settings.save_at
     if times is None:
@@ -106,9 +104,7 @@ def _in_order(settings: Settings) -> tuple[Settings, Array | np.ndarray | None]:
 
 
 def _without_failed(solution: Solution) -> Solution:
-    """The solution; of a motion that did not reach its end not a number in the place of every one but when it stopped,
-    so that nothing is made of where that was.
-    """
+    """The solution, where everything but the end time is NaN if the motion did not reach its end."""
     # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
     marked = only_reached(solution, solution)
     return dataclasses.replace(marked, end_time=solution.end_time)
@@ -123,7 +119,7 @@ def only_reached(solution: Solution, tree: Any) -> Any:
 def _moved(mechanism, t1, settings: Settings, throw: bool, observers: tuple, integrands: tuple) -> Solution:
     options = settings.as_options(observers)
     if layout(mechanism).size == 0:
-        # Without states the energy balance is what there is to integrate.
+        # Without states, the energy balance is the only thing to integrate.
         options = options._replace(energy_balance=True)
     inputs = Inputs(mechanism, settings.t0, t1, settings.save_at, settings.rtol, settings.atol, settings.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
@@ -139,7 +135,7 @@ def _moved(mechanism, t1, settings: Settings, throw: bool, observers: tuple, int
 
 
 def _progress(solution: Solution, most: int) -> str:
-    """How far a single solve came that used up its steps, and what to do about it; empty for another."""
+    """How far a single solve came that used up its steps, with advice; empty for another."""
     if int(solution.code) != int(Result.MAX_STEPS):
         return ""
     return (
@@ -161,11 +157,11 @@ def _start_errors(mechanism: Mechanism, t0: Array, start: str) -> StartErrors:
 
 
 class EnergyWarning(UserWarning):
-    """The energy balance of a solve does not close: its motion is not to be trusted."""
+    """The energy balance of a solve does not close: do not trust its motion."""
 
 
 def doubt(solution: Solution) -> str:
-    """Why a single solve that reached its end is not to be trusted, in words; empty where its energy balance closes."""
+    """Why a single solve that reached its end cannot be trusted, in words; empty if its energy balance closes."""
     residual = float(solution.energy_residual)
     if int(solution.code) != int(Result.REACHED_END) or not residual > DOUBTFUL:
         return ""
@@ -177,8 +173,8 @@ def doubt(solution: Solution) -> str:
 
 
 def warn_of_energy(solution: Solution) -> None:
-    """Warn of a single solve that is not to be trusted (under a transformation there is nobody to be warned)."""
+    """Warn if a single solve cannot be trusted (not inside JAX transforms)."""
     traced = any(isinstance(x, Tracer) for x in (solution.energy_residual, solution.code))
-    said = "" if traced else doubt(solution)
-    if said:
-        warnings.warn(said, EnergyWarning, stacklevel=3)
+    message = "" if traced else doubt(solution)
+    if message:
+        warnings.warn(message, EnergyWarning, stacklevel=3)

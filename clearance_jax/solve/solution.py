@@ -1,4 +1,4 @@
-"""A solved motion: states, how the solve ended, and every quantity of the motion by its name."""
+"""A solved motion: states, how the solve ended, and every quantity of the motion by name."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from clearance_jax._module import Module
 from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.energy import BALANCE_TERMS
-from clearance_jax.dynamics.quantities import Quantity, evaluate, quantities
+from clearance_jax.dynamics.quantities import QuantityEntry, evaluate, quantities
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -74,16 +74,16 @@ class Solution(Module):
     energy_balance: bool = eqx.field(static=True, default=True)
 
     def of(self, mechanism: Mechanism) -> "Solution":
-        """The same, known to be this mechanism's."""
+        """The same solution with its mechanism."""
         numbers, structure = mechanism, None
-        # What is not a number (a law's own function) cannot leave a compiled program as a leaf.
+        # A leaf that is not a number (a law's own function) cannot leave a compiled program.
         if not all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(mechanism)):
             numbers, structure = eqx.partition(mechanism, eqx.is_array_like)
         return dataclasses.replace(self, numbers=numbers, structure=structure)
 
     @property
     def mechanism(self) -> Mechanism:
-        """What was solved."""
+        """The mechanism that was solved."""
         return _whole(self.numbers, self.structure)
 
     @property
@@ -94,7 +94,7 @@ class Solution(Module):
     @property
     def found(self) -> list[Picked]:
         """The states that observers picked, of those that pick any."""
-        return [one for one in self.picked if one is not None]
+        return [pick for pick in self.picked if pick is not None]
 
     @property
     def message(self) -> str:
@@ -108,35 +108,35 @@ class Solution(Module):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every quantity that it gives by name."""
+        """The names of its quantities."""
         return tuple(quantities(self.mechanism, self.energy_balance))
 
     def __getitem__(self, name: str) -> Array:
         """A quantity by name [SI], shape (samples, ...); without samples its value at the end."""
-        found = self._lookup(name, quantities(self.mechanism, self.energy_balance))
-        if found.place is not None:
-            return self._read(found)
+        quantity = self._lookup(name, quantities(self.mechanism, self.energy_balance))
+        if quantity.place is not None:
+            return self._read(quantity)
         # Integrals that a metric asks for may follow the energy balance.
         width = layout(self.mechanism).size + (len(BALANCE_TERMS) if self.energy_balance else 0)
-        values = _evaluate(self.numbers, self.structure, found.variable, self.time, self.y[..., :width])
+        values = _evaluate(self.numbers, self.structure, quantity.variable, self.time, self.y[..., :width])
         # The axes of `time` come before the entry that is meant.
-        return self._over_time(values[(slice(None),) * self.time.ndim + found.index])
+        return self._over_time(values[(slice(None),) * self.time.ndim + quantity.index])
 
     def state(self, name: str) -> Array:
         """A state by name [SI]: a free coordinate (`wrist.play_x`), its rate (`wrist.play_x.velocity`), a law's memory
-        (`wrist.impact_speed`); as it is in `y`, nothing is computed.
+        (`wrist.impact_speed`). It is read from `y`; nothing is computed.
         """
         every = quantities(self.mechanism, self.energy_balance)
         if name in every and every[name].place is None:
             raise ClearanceError(
                 f'`{name}` is no state: it is driven, or follows from states. Use `solution["{name}"]`.'
             )
-        return self._read(self._lookup(name, {k: one for k, one in every.items() if one.place is not None}, "state"))
+        return self._read(self._lookup(name, {k: q for k, q in every.items() if q.place is not None}, "state"))
 
-    def _read(self, found: Quantity) -> Array:
-        return self._over_time(self.y[..., found.place])
+    def _read(self, quantity: QuantityEntry) -> Array:
+        return self._over_time(self.y[..., quantity.place])
 
-    def _lookup(self, name: Any, known: Mapping[str, Quantity], kind: str = "quantity") -> Quantity:
+    def _lookup(self, name: Any, known: Mapping[str, QuantityEntry], kind: str = "quantity") -> QuantityEntry:
         if not isinstance(name, str):
             raise ClearanceError(f'A solution is asked by name, `solution["piston.position"]`, not by {name!r}.')
         if name not in known:
@@ -144,7 +144,7 @@ class Solution(Module):
         return known[name]
 
     def _over_time(self, values: Array) -> Array:
-        """Values over time; of a solve without samples, at its end."""
+        """Values over time; for a solve without samples, at its end."""
         return values if self.sampled else values[(slice(None),) * (self.time.ndim - 1) + (0,)]
 
     def __repr__(self) -> str:
@@ -159,10 +159,10 @@ def _whole(numbers: Any, structure: Any) -> Mechanism:
 
 @solo_jit
 def _evaluate(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
-    """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
+    """A variable of every state, over the axes of `time`; all but the last are batch axes."""
 
     def at(time, y, ready):
-        # Not every quantity of a state that is no number is none: a norm of NaN is 0.
+        # A quantity of a NaN state need not be NaN: a norm of NaN is 0.
         known = jnp.where(jnp.isfinite(time) & jnp.all(jnp.isfinite(y)), 1.0, jnp.nan)
         return known * evaluate(variable, time, y, ready)
 
@@ -185,15 +185,15 @@ def summary(solution: Solution) -> str:
     final = np.asarray(solution.final)
 
     def last(name: str) -> str:
-        found = known[name]
-        if found.place is not None:
-            return format_quantity(float(final[found.place]), found.unit, 5)
+        quantity = known[name]
+        if quantity.place is not None:
+            return format_quantity(float(final[quantity.place]), quantity.unit, 5)
         # An orientation is no state by its rotation vector.
         y = final[: plan.size + (len(BALANCE_TERMS) if solution.energy_balance else 0)]
         values = _evaluate(
-            solution.numbers, solution.structure, found.variable, np.asarray(solution.end_time)[None], y[None]
+            solution.numbers, solution.structure, quantity.variable, np.asarray(solution.end_time)[None], y[None]
         )
-        return format_quantity(float(np.asarray(values)[0][found.index]), found.unit, 5)
+        return format_quantity(float(np.asarray(values)[0][quantity.index]), quantity.unit, 5)
 
     rows = [("at the end", "position", "velocity")] if plan.free else []
     rows += [(name, last(name), last(f"{name}.velocity")) for name in plan.velocities]
@@ -225,8 +225,8 @@ def summary_of_batch(solution: Solution) -> str:
     resting = 0 if seated is None else np.count_nonzero(np.any(np.asarray(seated.rest) > 0, axis=-1))
     rests = f" {resting} of them begin with pins at relative rest." if resting else ""
     if solution.validity is not None:
-        found = np.bincount(np.ravel(np.asarray(solution.validity.level)), minlength=len(LEVELS))
-        named = zip(found, LEVELS, strict=True)
+        levels = np.bincount(np.ravel(np.asarray(solution.validity.level)), minlength=len(LEVELS))
+        named = zip(levels, LEVELS, strict=True)
         rests = f" Quasi-static: {', '.join(f'{count} {word}' for count, word in named)}."
     return (
         f"{solution.mechanism.name}, a batch of {' x '.join(map(str, np.shape(solution.code)))} solves: "

@@ -1,4 +1,4 @@
-"""Whether a start is what it is to be: its loops closed, its pins at rest where they are to be settled."""
+"""Checks of a start: whether its loops are closed and its pins settled."""
 
 from typing import Any
 
@@ -16,8 +16,8 @@ from clearance_jax.solve.tolerances import largest_length
 
 # A loop open by more than this part of the largest length is not assembled.
 CLOSED = 1e-10
-# A pin that bears its load but for more than this part, or moves by more of its play from round to round, is not
-# settled: a search that ends well leaves far less than its 1e-9.
+# A pin is not settled if more than this part of its load is not borne, or if it moves by more than this part of its
+# play from round to round. A successful search leaves far less than 1e-9.
 AT_REST = 1e-3
 
 
@@ -28,7 +28,7 @@ def is_possible(errors: StartErrors, mechanism: Mechanism) -> Flag:
 
 
 def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
-    """Raise where a loop stays open at the start, or a pin finds no rest, naming it."""
+    """Raise if a loop stays open at the start or a pin finds no rest, naming it."""
     _check_assembled(mechanism, t0, errors.loops)
     unborne, moved = (np.nan_to_num(np.asarray(part), nan=np.inf) for part in (errors.unborne, errors.moved))
     if np.all(unborne <= AT_REST) and np.all(moved <= AT_REST):
@@ -44,8 +44,8 @@ def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
 
 
 def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
-    """Which joints of a settled start begin at relative rest and why, in words; empty where none does, or the start is
-    another.
+    """Which joints of a settled start begin at relative rest and why, in words; empty if there are none or the start is
+    not settled.
     """
     joints = [joint.name for joint in mechanism.clearance_joints()]
     rest = np.asarray(0.0 if seated is None else seated.rest)
@@ -54,22 +54,22 @@ def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
     pace, limit = np.asarray(seated.pace), 2 * np.pi * float(seated.frequency)
     rests = [k for k in range(len(joints)) if rest[k] > 0]
     named = ", ".join(f"`{joints[k]}` ({pace[k]:.3g} of its play a second)" for k in rests)
-    said = (
+    text = (
         f"begins at relative rest at the wall: {named}. A pin follows where its load presses it up to {limit:.3g} of "
         f"its play a second, 2 pi times the lowest frequency of the pose, {float(seated.frequency):.3g} Hz"
     )
     if np.any(pace[rests] <= limit):
-        said += "; pins that close a loop begin so together"
-    return said + "."
+        text += "; pins that close a loop begin so together"
+    return text + "."
 
 
 def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
-    """Raise where a loop stays open at the start (by so much each [m]), naming it."""
+    """Raise if a loop stays open at the start, naming it; `open_loops`: openings [m]."""
     gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)
     if np.all(gaps <= CLOSED * float(largest_length(mechanism, np))):
         return
     worst = int(np.argmax(gaps))
-    said = (
+    message = (
         f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays "
         f"open by {float(gaps[worst]) * 1e3:.4g} mm. "
     )
@@ -83,12 +83,12 @@ def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
         )
     repeated = mobility(mechanism, float(t0)).repeated if finite else 0
     if repeated:
-        said += (
+        message += (
             f"It is over-constrained: {repeated} of the conditions of its loops only repeat others, so that it closes "
             "only where its lengths and angles fit each other. Give them with all digits, or by the exact relation "
             "between them, or close the loop by a joint of more freedom (a `Spherical` instead of a `Revolute`, say). "
             "Where it is open by far, change"
         )
     else:
-        said += "Change"
-    raise ClearanceError(f"{said} lengths, or the joints' `position`, to start nearer to a closed one.")
+        message += "Change"
+    raise ClearanceError(f"{message} lengths, or the joints' `position`, to start nearer to a closed one.")

@@ -1,4 +1,4 @@
-"""One try of a step: what a step is, what happens at its two ends."""
+"""One try of a step: the Runge-Kutta step, and what happens at its two ends."""
 
 import functools
 from typing import Any, NamedTuple
@@ -26,8 +26,8 @@ _EPS = float(np.finfo(np.float64).eps)
 
 
 class Trial(NamedTuple):
-    """One try of a step: the state from which it really started (laws latched), its end, the estimated error, the
-    slopes at both ends and at all stages (stages, ..., n, *lanes).
+    """A try of a step: its start (with laws latched), its end, the estimated error, the slopes at both ends and at all
+    stages (stages, ..., n, *lanes).
     """
 
     start: Array
@@ -48,13 +48,13 @@ def try_step(
     fresh: EachFlag | bool,
     past_break: EachFlag | bool = False,
 ) -> Trial:
-    """One explicit Runge-Kutta step of a state, or of a stack, with its quadratures; or of as many as there are lanes.
+    """One explicit Runge-Kutta step of a state or a stack with its quadratures, or of lanes of them.
 
-    Around the step, laws with memory are latched at its start and ideal loops are projected at its end. Stages are a
-    loop: the field stands once in the program. Quadratures have rates at the stages and no values there.
+    Laws with memory are latched at its start, and ideal loops are projected at its end. Stages are a loop, so that the
+    field stands in the program once. Quadratures have rates at the stages and no values there.
 
-    **Arguments:** `solver`: whose tableau it is; `slope` at the start, unless `fresh` (it is not known);
-    `past_break`: whether the step starts just past a break of a drive whose time is varied.
+    **Arguments:** `solver`: has the tableau; `slope` at the start, unless `fresh` (it is not known); `past_break`:
+    whether the step starts just past a break of a drive whose time is varied.
     """
     t0, t1 = times
     tableau = tableau_of(solver)
@@ -64,8 +64,8 @@ def try_step(
         slope = _known_slope(problem, t0, y0, slope, fresh)
         now = each_lane(lambda t, y, f, p: lift(lambda m, y, f: latch(t, y, f, m[0]), p, y, f), t0)
         latched = _with_state(y0, now(t0, y0, slope, problem), t0)
-        # The motion decides: derivatives follow what it latches. But an effort that is commanded anew may have another
-        # derivative and the same value, as of a servo that rests at its target.
+        # The motion decides whether the slope is fresh. But a new command may have another derivative and the same
+        # value, as for a servo at rest at its target.
         before, after = (y if plan.held else motion(problem, y) for y in (y0, latched))
         fresh = jnp.any(after != before, axis=tuple(range(after.ndim - jnp.ndim(t0))))
         y0 = latched
@@ -77,7 +77,7 @@ def try_step(
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
 
     if problem.mechanism.may_repeat:
-        # Once a step, at its start, where loops are closed and what repeats itself is seen.
+        # Once a step, at its start, where loops are closed and repeated conditions can be recognised.
         chosen = each_lane(lambda t, y, p: choice(t, motion(p, y), p.mechanism), t0)(t0, y0, problem)
         problem = eqx.tree_at(lambda p: p.mechanism.chosen, problem, chosen, is_leaf=lambda x: x is None)
 
@@ -94,7 +94,7 @@ def try_step(
     def stage(i, carry):
         slopes, _ = carry
         y = combine(lower[i], slopes, slice(plan.size))
-        # At t1 itself a drive may have jumped already: as every other step, the last one ends before the break.
+        # At t1 a drive may have jumped already; the last stage ends before the break as other steps do.
         now = jnp.where(nodes[i] == 1, t1 - 4 * _EPS * jnp.abs(t1), t0 + nodes[i] * h)
         if problem.mechanism.has_manifold:
             close = each_lane(lambda t, y, p: lift(lambda m, y: project(t, y, m[0]), p, y), t0)
@@ -102,13 +102,13 @@ def try_step(
         with sharing_lanes(t0):
             new = share(field(now, y, problem, counts(i)))
             if jnp.ndim(t0):
-                # Lanes that know their slope keep it. (Shared: by a condition that is one for all lanes a compiler
-                # would make two loops of this, and copy number by number in the one.)
+                # Lanes that know their slope keep it. (Shared: with a condition common to all lanes a compiler would
+                # make two loops, and copy number by number in one.)
                 new = jnp.where(share(fresh | (i > 0)), new, slope)
         return jax.lax.dynamic_update_index_in_dim(slopes, new, i, 0), y
 
     first = 0 if fresh is True else 1 if fresh is False else jnp.where(jnp.any(fresh), 0, 1)
-    # At a place that a compiler does not know: it would write all rows anew, number by number.
+    # At an index unknown to the compiler, which would otherwise write all rows anew, number by number.
     slopes = jax.lax.dynamic_update_index_in_dim(jnp.zeros((last + 1, *y0.shape)), slope, jnp.minimum(first, 0), 0)
     begin = slopes, components(y0, slice(plan.size), t0)
     slopes, end = jax.lax.fori_loop(first, last + 1, stage, begin)
@@ -118,10 +118,10 @@ def try_step(
 
 
 def _weighted_sum(weights: Array, slopes: Array, time: Each) -> Array:
-    """The sum of the stages' slopes (first axis) by weights."""
+    """The weighted sum of the stages' slopes (first axis)."""
     if not jnp.ndim(time):
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
-    # Of lanes term by term: XLA hands a reduction over large arrays to a library, whose call ends a compiled loop.
+    # With lanes term by term: XLA gives a reduction of large arrays to a library, whose call ends a compiled loop.
     with sharing_lanes(time):
         return share(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
 
@@ -133,7 +133,7 @@ def _with_state(y: Array, state: Array, time: Each) -> Array:
 
 
 def _known_slope(problem: Problem, time: Each, y: Array, slope: Array, fresh: EachFlag | bool) -> Array:
-    """The slope at a step's start, computed where it is not known."""
+    """The slope at a step's start, computed if it is not known."""
     if fresh is False:
         return slope
 
@@ -146,10 +146,10 @@ def _known_slope(problem: Problem, time: Each, y: Array, slope: Array, fresh: Ea
 
 
 def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
-    """The state with every law's memory, and every effort that is held, brought up to date, shape (size,).
+    """The state with every law's memory, and every held effort, brought up to date, shape (size,).
 
-    A touch or a separation lies a little before `time`. The joints are told how long ago, as a function of the state:
-    so what they latch is what held AT the touch, and its derivative knows that a parameter moves the touch.
+    A touch or a separation lies a little before `time`. The joints are told how long ago, as a function of the state.
+    So what they latch held at the touch, and its derivative includes that a parameter moves the touch.
     """
     plan = layout(mechanism)
     memory, parts = plan.split(y).memory, []
@@ -165,12 +165,11 @@ def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
 def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
     """The state just past breaks whose times t_b are varied.
 
-    A break makes the slope jump from f- to f+; a direction that delays it by dt_b leaves the state on f- for that much
-    longer, so its derivative jumps by (f- - f+) dt_b. (Each smooth piece of a drive does not know of it: a parameter
-    that acts only through a time of switching would have derivative zero.) Several breaks may lie at this one time, and
-    a direction moves one of them: so f- is the slope of the mechanism moved along the direction until that one break,
-    and no other, lies just ahead. Where a payload is handed over there, the energy that counts is that of the moment
-    to which the direction moves it: it goes on changing along f- until then.
+    At a break the slope jumps from f- to f+. A direction that delays it by dt_b leaves the state on f- for that long,
+    so its derivative jumps by (f- - f+) dt_b. (The smooth pieces of a drive do not show this: a parameter that acts
+    only through a switching time would have derivative zero.) If several breaks lie at this time, a direction moves one
+    of them: f- is then the slope of the mechanism moved along the direction until only that break lies just ahead. If a
+    payload is handed over there, its energy counts at the moved moment: until then it goes on changing along f-.
     """
     times = lift(lambda model: drive_breaks(model[0]), problem)
     ahead = 32 * _EPS * jnp.abs(time)  # a step starts 4 eps past a break, see `control.past_break`
@@ -190,7 +189,7 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
         slope = field(time, state, moved)
         if not (problem.energy_balance and problem.mechanism.has_payloads):
             return slope
-        # What is moved is handed over by the one and, as yet, not by the other.
+        # The moved payload is handed over in one mechanism and not yet in the other.
         return slope + payload_power(slope, problem.mechanism) - payload_power(slope, moved.mechanism)
 
     after = field(time, state, problem.without_directions)

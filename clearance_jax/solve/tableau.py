@@ -7,8 +7,8 @@ import numpy as np
 
 class Tableau(NamedTuple):
     """Stage i is at `nodes[i]` and starts from the slopes before it by `lower[i]`; the last stage is the step's end.
-    `weights` of the end, `errors` of its estimated error; `stages`: how many the method itself has (without a last one
-    added here).
+    `weights`: of the end; `errors`: of its estimated error; `stages`: those of the method itself, without a last one
+    added here.
     """
 
     lower: np.ndarray

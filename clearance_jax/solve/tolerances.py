@@ -1,4 +1,4 @@
-"""What one accuracy knob, rtol, allows each component of the state: from the scene's own lengths and speeds."""
+"""Tolerances of each component of the state, from rtol and the scene's own lengths and speeds."""
 
 from typing import Any, NamedTuple
 
@@ -24,9 +24,8 @@ FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
 _EPS = float(np.finfo(np.float64).eps)
-# The smallest rtol. A step's error is compared with a tenth of it, which is then five units of round-off. For the
-# slider-crank, the arm and the four-bar of the scenes errors fall down to here; below, steps multiply and errors do not
-# fall.
+# The smallest rtol. A step's error is compared with a tenth of it, which is then five units of round-off. Below, steps
+# multiply and errors do not fall.
 SMALLEST = 1e-14
 # The parts of a step, at least and at most, by which a cut step ends past its event.
 SHORTEST, LONGEST = 1e-8, 1e-2
@@ -42,14 +41,14 @@ class Scales(NamedTuple):
 
 
 class Tolerances(NamedTuple):
-    """What a solve is allowed, per component of the state and its quadratures, and otherwise.
+    """Tolerances of a solve, by component of the state and its quadratures, and others.
 
     - `absolute` error in one step (infinite: not controlled), and `relative` to the component's size.
     - `unit`: the components' magnitudes; `floor`: the size (in magnitudes) below which the derivative along a direction
       of variation is not resolved relatively.
     - `margin`: how far past an event a cut step may end, as a fraction of the uncut step.
-    - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance, and `noise`: how
-      far they are by round-off alone.
+    - `fit`: the allowed misfit of the pins' curves inside a step, over the clearance; `noise`: the misfit by round-off
+      alone.
     - `rate`: how fast the scene moves [1/s].
     """
 
@@ -64,8 +63,8 @@ class Tolerances(NamedTuple):
 
 
 def largest_length(mechanism: AbstractMechanism, of: Any = jnp) -> Any:
-    """The largest length among the mechanism's numbers [m], clearances and points aside; 1 where there is none. `of`:
-    NumPy where numbers are known and nothing is to be compiled.
+    """The largest length among the mechanism's numbers [m], without clearances and points; 1 if there is none. `of`:
+    NumPy if the numbers are known and nothing is to be compiled.
     """
     sizes = [
         of.abs(of.asarray(leaf.value))
@@ -77,7 +76,7 @@ def largest_length(mechanism: AbstractMechanism, of: Any = jnp) -> Any:
 
 
 def scales(mechanism: PreparedMechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
-    """Largest length of the bodies, fastest spin of drives, start and pendulum, and what follows from them."""
+    """Magnitudes of a motion, from the bodies' largest length and the fastest spin of drives, start and pendulum."""
     length = largest_length(mechanism)
     gravity = _size(mechanism.gravity.vector)
     speeds = [(jnp.sqrt(gravity / length), None)]
@@ -88,7 +87,7 @@ def scales(mechanism: PreparedMechanism, y0: Array, t0: Scalar, t1: Scalar) -> S
             rates = jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(times)
             speeds.append((jnp.max(jnp.abs(rates)), coordinate.slides))
     moving = layout(mechanism).split(y0).v
-    speeds += [(jnp.abs(v), c.slides) for c, _, own in parts(mechanism) for v in moving[own]]
+    speeds += [(jnp.abs(v), c.slides) for c, _, places in parts(mechanism) for v in moving[places]]
     spin = jnp.max(jnp.stack([speed if slides is None else speed / length for speed, slides in speeds]))
     spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
     mass = sum((jnp.asarray(b.mass) for b in mechanism.bodies if b.mass is not None), jnp.zeros(()))
@@ -112,7 +111,7 @@ def _largest(inertia: Array | Inertia) -> Array:
 
 
 def are_resolved(rtol: Scalar, atol: Any, allowed: Tolerances) -> Flag:
-    """Whether floats resolve what a solve is allowed: by `rtol`, and by the `atol` that may override it."""
+    """Whether floats resolve the tolerances, by `rtol` or the `atol` that overrides it."""
     good = (rtol >= SMALLEST) & (rtol < 1)
     if atol is None:
         return good
@@ -122,10 +121,10 @@ def are_resolved(rtol: Scalar, atol: Any, allowed: Tolerances) -> Flag:
 
 
 def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directions"]:
-    """Size of a derivative (in magnitudes of the state) from which on its error is controlled relative to itself.
+    """Size of a derivative (in magnitudes of the state) above which its error is controlled relative to itself.
 
-    A thousandth of the motion for a change of the number by itself (by one, for a zero). Without a floor the first
-    instants after a touch, where a derivative grows from nothing as a power of time, could never be resolved.
+    It is a thousandth of the motion for a change of the number by itself (by one, for a zero). Without a floor, a
+    derivative that grows from zero after a touch as a power of time could not be resolved.
     """
     total = jnp.zeros(jax.tree.leaves(directions)[0].shape[0])
     model, y0 = eqx.filter(varied, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
@@ -140,8 +139,8 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
 
 
 def event_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = False) -> Scalar:
-    """How far past an event a cut step may end. What is left of the event inside the step costs an error of second
-    order in the margin; of first order where a force jumps, and in derivatives where its slope jumps.
+    """How far past an event a cut step may end, as a fraction of the uncut step. The event left inside the step causes
+    an error of second order in the margin; of first order if a force jumps, and in derivatives if its slope jumps.
     """
     laws = [law for joint in mechanism.clearance_joints() for law in joint.laws]
     jumps = any(law.smoothness == "C-1" for law in laws)
@@ -150,11 +149,11 @@ def event_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = Fals
 
 def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
     """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
-    (velocities, and penetrations that may exceed a tiny clearance). `atol` (per component of the state) overrides the
-    absolute ones; `y0`: the state (of the motion) at the start.
+    (velocities, and penetrations that may exceed a tiny clearance). `atol` (by component of the state) overrides the
+    absolute ones; `y0`: the state of the motion at the start.
 
-    The energy balance judges a solve and does not steer it: in the error norm it closed no better. Only where there is
-    no state at all are they what the steps must be chosen for. Integrals are held by their signals' scales.
+    The energy balance judges a solve but does not control its steps, which would not improve it; only a mechanism
+    without states takes its steps from it. Integrals are controlled by their signals' scales.
     """
     mechanism = problem.mechanism
     size, joints = scales(mechanism, y0, t0, t1), mechanism.clearance_joints()
@@ -185,7 +184,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     ]
     added = jnp.concatenate([jnp.broadcast_to(judged, (energy_balance,)), *signals])
     allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (energy_balance,)), *(rtol * unit for unit in signals)])
-    # Where the surfaces are is known to the round-off of lengths and of angles turned, however short the step.
+    # The surfaces' places are known to the round-off of lengths and of angles turned, however short the step.
     turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
     smallest = jnp.min(jnp.stack([joint.size for joint in joints])) if joints else jnp.inf
     noise = 64 * _EPS * size.length * turned / smallest

@@ -1,9 +1,8 @@
 """A solve in blocks of steps that keeps every step end: for progress, interruption, contact episodes and exact peaks.
 
 Every touch and separation is the end of a step, so the step ends hold each contact episode exactly. A block is one
-compiled call of at most `BLOCK` steps; between blocks Python is in control, so that a long solve shows its progress and
-a keyboard interrupt keeps what was computed. Blocks take the steps that `simulate` takes: the same attempts, and what
-is remembered from one to the next goes from block to block too.
+compiled call of at most `BLOCK` steps. Between blocks Python has control: it shows progress, and a keyboard interrupt
+keeps what was computed. Blocks make the same attempts as `simulate`, and pass on the same memory.
 """
 
 from collections.abc import Callable
@@ -59,7 +58,7 @@ class Trace(Module):
 
 class Steps(NamedTuple):
     """The steps of a block, with room for `BLOCK`: when each begins and ends, where the next one begins (just past a
-    break of a drive before which this one ends), and its try.
+    drive's break before which this one ends), and its try.
     """
 
     begin: Array
@@ -75,7 +74,7 @@ def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, opti
 
 
 def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
-    """At most `BLOCK` steps more: the solve on its way, the ends of the steps, how many, and the samples among them."""
+    """At most `BLOCK` more steps: the new carry, the ends of the steps, their number, and the samples among them."""
     means = means_of(options, allowed)
 
     def goes_on(state):
@@ -92,8 +91,8 @@ def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, optio
         return moved, steps, count + keep
 
     shape = jax.eval_shape(lambda c: attempt(c, problem, options, means, last)[1], carry)
-    one = Steps(carry.time, carry.end, carry.time, shape)
-    room = jax.tree.map(lambda x: jnp.zeros((BLOCK, *x.shape)), one)
+    empty = Steps(carry.time, carry.end, carry.time, shape)
+    room = jax.tree.map(lambda x: jnp.zeros((BLOCK, *x.shape)), empty)
     carry, steps, count = jax.lax.while_loop(goes_on, once, (carry, room, jnp.zeros((), int)))
 
     ends = jnp.where(jnp.arange(BLOCK) < count, steps.end, jnp.inf)
@@ -118,16 +117,12 @@ def _begin(inputs: Inputs, options: Options):
 _residual = kept_jit(energy_residual)
 
 
-# What a trace has no use for: it always has the energy balance, and no derivatives.
+# Options of a trace: it always has the energy balance, and no derivatives.
 KNOWN = tuple(name for name in ALL if name not in ("energy_balance", "derivatives"))
 
 
 def trace(
-    mechanism: Mechanism,
-    t1: float,
-    *,
-    progress: Callable[[float], None] | None = None,
-    **options: Unpack[SolveOptions],
+    mechanism: Mechanism, t1: float, *, progress: Callable[[float], None] | None = None, **options: Unpack[SolveOptions]
 ) -> Trace:
     """Simulate as `simulate` does, and keep the end of every step. Use it for datasets with contact episodes.
 
@@ -149,7 +144,7 @@ def trace(
     code = Result(int(unresolved(jnp.asarray(0), settings.rtol, settings.atol, allowed)))
     try:
         while float(carry.time) < t1 and code == Result.REACHED_END:
-            # One donated carry would save nothing: a block lasts long.
+            # Donating the carry would save nothing: a block takes long.
             carry, reached, y, count, some = _block(problem, allowed, carry, last, grid, chosen)
             kept = int(count)
             times.append(np.asarray(reached)[:kept])
@@ -184,7 +179,7 @@ def trace(
 
 
 def _code(carry: Carry, t1: float, max_steps: int, problem: Problem) -> Result:
-    """Whether another block may follow, and if not, why."""
+    """`REACHED_END` if another block may follow, else the reason why not."""
     if bool(carry.collapsed):
         stopped = jnp.asarray(int(Result.STEP_COLLAPSED))
         return Result(int(why_stopped(stopped, problem.mechanism, carry.time, carry.y)))

@@ -1,13 +1,13 @@
-"""How far a quasi-static motion can be believed, as its poses alone tell.
+"""Validity of a quasi-static motion, estimated from its poses alone.
 
-A pin that is pressed at its wall swings about it, slowest at the lowest frequency f of the pose, and mostly with next
-to no damping. Such an oscillator leaves a path that it is led along by as much as the path bends within its own time:
+A pin that is pressed at its wall swings about it, slowest at the lowest frequency f of the pose, mostly with hardly any
+damping. Such an oscillator departs from a path that leads it by as much as the path bends within its own time:
 
     b(t) = |e(t + h) - 2 e(t) + e(t - h)|   with h = 1 / (2 pi f(t))
 
-for a point's error e along the poses. It is the jump where e jumps (a drive's acceleration does), the change of slope
-times h at a kink, and h^2 e'' where e is smooth, as it is of an oscillator that is driven slowly. Its largest value
-over the motion is the ringing to be expected, and that over the largest error is what tells motions apart.
+for a point's error e along the poses. It is the jump where e jumps (as a drive's acceleration does), the change of
+slope times h at a kink, and h^2 e'' where e is smooth, as for an oscillator that is driven slowly. Its largest value
+over the motion is the expected ringing. The ratio of ringing to the largest error decides the level.
 
 The two thresholds are those of `experiments/quasi_static.py`; docs/benchmarks/quasi_static.md says how often they hold.
 """
@@ -21,8 +21,9 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.pose import Pose, size_of
+from clearance_jax.dynamics.pose import StaticPose
 from clearance_jax.dynamics.quantities import evaluate
+from clearance_jax.dynamics.settled import size_of
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.units import format_quantity
 
@@ -59,7 +60,7 @@ class Validity(Module):
 
     @property
     def periods(self) -> Scalar:
-        """How many periods of the lowest frequency the motion takes."""
+        """The number of periods of the lowest frequency in the motion."""
         return self.frequency * self.span
 
     def __repr__(self) -> str:
@@ -69,21 +70,21 @@ class Validity(Module):
 
 
 def described(validity: Validity) -> str:
-    """The word, and why, in a sentence or two."""
+    """The level and its reason, in a sentence or two."""
     error, ringing = np.asarray(validity.error), np.asarray(validity.ringing)
     worst = int(np.argmax(np.nan_to_num(ringing / _floor(error, np), nan=np.inf)))
     name, spent = validity.names[worst], float(validity.periods)
-    said = (
+    text = (
         f"{validity.word}: the lowest frequency of the pins at their walls, {float(validity.frequency):.3g} Hz at "
         f"t = {float(validity.time):.3g} s, has {spent:.3g} periods in the motion's {float(validity.span):.3g} s. "
         f"Ringing to be expected of `{name}`: {_amount(ringing[worst], validity.unit)}, of an error of "
         f"{_amount(error[worst], validity.unit)}"
     )
     if int(validity.level) == PEAK_ONLY:
-        return said + ". Believe the peak, not its course."
+        return text + ". Believe the peak, not its course."
     if int(validity.level) == NOT_VALID:
-        return said + '. Do not build on it: use `fidelity = "dynamics"`.'
-    return said + "."
+        return text + '. Do not build on it: use `fidelity = "dynamics"`.'
+    return text + "."
 
 
 def _amount(value: float, unit: str) -> str:
@@ -91,15 +92,15 @@ def _amount(value: float, unit: str) -> str:
 
 
 def _floor(error, numbers=jnp):
-    """The errors, small ones as a part of the largest; one where nothing has any."""
+    """The errors, at least a part of the largest; 1 if all are zero."""
     least = numbers.maximum(error, COUNTS * numbers.max(error))
     return numbers.where(least > 0, least, 1.0)
 
 
 def validity_of(
-    times: Float[Array, " times"], poses: Pose, ideal: Float[Array, "times n"], mechanism: PreparedMechanism
+    times: Float[Array, " times"], poses: StaticPose, ideal: Float[Array, "times n"], mechanism: PreparedMechanism
 ) -> Validity:
-    """How far poses on a grid of equally spaced times can be believed; `ideal`: the ideal mechanism's states then."""
+    """The validity of poses on a grid of equally spaced times; `ideal`: the ideal mechanism's states then."""
     names, unit = tuple(point.name for point in mechanism.points), "m"
     joints = mechanism.clearance_joints()
     if names:
@@ -109,24 +110,24 @@ def validity_of(
     else:
         names, unit = tuple(joint.name for joint in joints), ""
         sizes = [size_of(joint) for joint in joints]
-        parts = [own / size for own, size in zip(poses.play, sizes, strict=True)]
+        parts = [play / size for play, size in zip(poses.play, sizes, strict=True)]
         widest = max(part.shape[1] for part in parts)
         error = jnp.stack([jnp.pad(part, ((0, 0), (0, widest - part.shape[1]))) for part in parts], axis=1)
     bend = bends(times, error, poses.frequency)
     largest, ringing = jnp.max(jnp.linalg.norm(error, axis=-1), axis=0), jnp.max(bend, axis=0)
     part = jnp.max(ringing / _floor(largest))
-    # Whatever is no number is not valid, and nothing is known about a pin that nothing holds.
+    # NaN is not valid, and neither is a pin that nothing holds.
     part = jnp.where(jnp.min(poses.frequency) > 0, part, jnp.inf)
     level = jnp.where(part <= SMALL, FOLLOWS, jnp.where(part <= LARGE, PEAK_ONLY, NOT_VALID))
     slowest = jnp.argmin(poses.frequency)
-    found = (poses.frequency[slowest], times[slowest], times[-1] - times[0])
-    return Validity(level, largest, ringing, *found, names, unit)
+    span = times[-1] - times[0]
+    return Validity(level, largest, ringing, poses.frequency[slowest], times[slowest], span, names, unit)
 
 
 def bends(
     times: Float[Array, " times"], error: Float[Array, "times points axes"], frequency: Float[Array, " times"]
 ) -> Float[Array, "times points"]:
-    """By how much errors bend within 1 / (2 pi f), or between two of the times where that is longer."""
+    """How much errors bend within 1 / (2 pi f), or between two of the times if that is longer."""
     step, last = times[1] - times[0], len(times) - 1
     wait = jnp.maximum(1 / jnp.maximum(2 * jnp.pi * frequency * step, 1 / last), 1.0)
     here = jnp.arange(last + 1.0)

@@ -20,7 +20,7 @@ from clearance_jax.cli.main import app, main
 from clearance_jax.cli.posture import HELD, undriven
 from clearance_jax.io.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
-from clearance_jax.mechanism.form import Form
+from clearance_jax.mechanism.form import EquationForm
 from clearance_jax.report.figures import overview
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.results.store import load_dataset, save
@@ -196,7 +196,7 @@ def test_a_form_of_the_equations_of_motion_says_why_it_was_chosen():
     assert str(arm.form) == "written out number by number (0 free velocities; a table from 17 on)"
     plane = cj.load(SCENES / "squeezer.toml")
     assert str(plane.form) == "written out number by number, as every mechanism in a plane"
-    small, large = Form(16, 0, 16, False, False), Form(17, 0, 17, False, False)
+    small, large = EquationForm(16, 0, 16, False, False), EquationForm(17, 0, 17, False, False)
     assert not small.is_table
     assert large.is_table
     assert not large._replace(has_play=True).is_table

@@ -15,7 +15,7 @@ from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.dynamics.reactions import joint_reactions
 from clearance_jax.dynamics.seated import seated_frequency
 from clearance_jax.dynamics.settled import settle_start
-from clearance_jax.joints.seating import Load, pose_at, relative_at, seat
+from clearance_jax.joints.seating import SeatLoad, pose_at, relative_at, seat
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.first_state import initial_state
@@ -36,7 +36,7 @@ def triple(vector):
 @jax.jit
 def seated(clearance, force, moment):
     start = jnp.zeros(len(clearance.joint.play()))
-    return seat(clearance, Load(triple(force), triple(moment)), start)
+    return seat(clearance, SeatLoad(triple(force), triple(moment)), start)
 
 
 def pressed(joint, force, moment=(0.0, 0.0, 0.0)) -> np.ndarray:
@@ -47,9 +47,9 @@ def pressed(joint, force, moment=(0.0, 0.0, 0.0)) -> np.ndarray:
     assert bool(presses)
     assert float(left) < 1e-6
     action, axes = clearance.act(relative_at(play, found), ()), pose_at(play, found).axes
-    asked = Load(triple(force), triple(moment)).along(play, axes)
+    asked = SeatLoad(triple(force), triple(moment)).along(play, axes)
     size = np.array([float(one.scale) for one in play])
-    error = size * (Load(action.force, action.torque).along(play, axes) - asked)
+    error = size * (SeatLoad(action.force, action.torque).along(play, axes) - asked)
     # But for a pin's edges, which press along a tilted pin: what that gives axially nothing bears.
     assert np.abs(error).max() < 1e-3 * np.abs(size * asked).max()
     return np.asarray(found)

@@ -110,7 +110,7 @@ def test_velocities_and_accelerations_are_derivatives():
 
 def through_the_factors(motion, pairs, efforts):
     own = equations._equations(motion)
-    return own.solve(*equations._right_sides(motion, pairs, efforts, own.held))
+    return own.solve(*equations._right_sides(motion, pairs, efforts, own.conditions))
 
 
 @pytest.mark.parametrize(("scene", "second"), [("tool_changer", False), ("squeezer", True), ("bennett", False)])

@@ -201,7 +201,7 @@ def test_the_moment_of_friction_of_line_contacts():
 
 def test_the_exponent_of_pereira_on_both_sides():
     for clearance in (2e-5, 5e-4):
-        line = relations.Line(*(jnp.asarray(x) for x in (clearance, R_J, R_I, LENGTH, E_STAR)))
+        line = relations.ContactLine(*(jnp.asarray(x) for x in (clearance, R_J, R_I, LENGTH, E_STAR)))
         n = exponent(1e3 * clearance) * (1e3 * clearance) ** -0.005
         assert float(relations._pereira_numbers(line)[1]) == pytest.approx(n, rel=1e-12)
 

@@ -28,7 +28,7 @@ def quadrature(half: float) -> float:
 def wide(half: float, **changes) -> tuple[cj.RevoluteClearance, float]:
     """A joint that bears 1 kN over a half angle, and how deep."""
     depth = PLAY * (1 / np.cos(half) - 1)
-    line = relations.Line(*(jnp.asarray(x) for x in (PLAY, PIN, PIN + PLAY, LENGTH, 1.0)))
+    line = relations.ContactLine(*(jnp.asarray(x) for x in (PLAY, PIN, PIN + PLAY, LENGTH, 1.0)))
     stiffness = FORCE / (LENGTH * (PIN + PLAY) * float(relations.foundation(line, jnp.asarray(depth))))
     friction = laws.TanhCoulomb(MU, 1e-3)
     return cj.RevoluteClearance(PLAY, PIN, laws.Winkler(stiffness), friction, length=LENGTH, **changes), depth
@@ -85,7 +85,7 @@ def test_stations_of_a_sleeve_that_lies_flat_are_the_joint_of_the_plane():
 
 def test_the_spread_of_pressures_and_its_slope():
     """Series and closed form are one curve; a narrow contact is a point."""
-    line = relations.Line(*(jnp.asarray(x) for x in (PLAY, PIN, PIN + PLAY, LENGTH, 1.0)))
+    line = relations.ContactLine(*(jnp.asarray(x) for x in (PLAY, PIN, PIN + PLAY, LENGTH, 1.0)))
     spread = jax.vmap(lambda d: relations.foundation_spread(line, d))
     halves = np.array([1e-4, 0.05, relations.NARROW - 1e-9, relations.NARROW + 1e-9, 0.7, 1.4])
     depths = 2 * PLAY * np.sin(halves / 2) ** 2 / np.cos(halves)

@@ -22,7 +22,7 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.attempt import Options, means_of
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.control import factor, on_grid, scaled_error
-from clearance_jax.solve.events import Curve, EventJoints, first_of
+from clearance_jax.solve.events import EventJoints, StepCurve, first_of
 from clearance_jax.solve.flow import Inputs, problem_of
 from clearance_jax.solve.problem import basis
 from clearance_jax.solve.step import Trial
@@ -179,7 +179,7 @@ def test_codes_have_words():
 def straight(start, end):
     """The curve of a pin that goes straight from one place to another in a step of 1 ms."""
     start, end = np.array([*start, 0.0]), np.array([*end, 0.0])
-    return Curve.of(list(jnp.asarray([start, end - start, *np.zeros((4, 3))])), jnp.asarray(1e-3))
+    return StepCurve.of(list(jnp.asarray([start, end - start, *np.zeros((4, 3))])), jnp.asarray(1e-3))
 
 
 def test_first_switch_of_a_known_motion():
@@ -199,7 +199,7 @@ def test_a_graze_between_two_samples_is_found():
     k = 4e-3  # along x: top - k (s - s0)^2
     zero = np.zeros(3)
     rows = [np.array([top - k * s0**2, 0, 0]), np.array([2 * k * s0, 0, 0]), np.array([-k, 0, 0]), zero, zero, zero]
-    curve = Curve.of(list(jnp.asarray(rows)), jnp.asarray(1e-3))
+    curve = StepCurve.of(list(jnp.asarray(rows)), jnp.asarray(1e-3))
     first = first_of(EventJoints(joint, curve, ()), jnp.asarray(1e-8))
     enters = s0 - np.sqrt((top - c) / k)
     assert enters <= float(first) <= s0 + 1e-6

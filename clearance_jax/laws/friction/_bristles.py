@@ -63,8 +63,8 @@ class AbstractBristles(AbstractFrictionLaw):
         return (self.bend_rates(slip, memory[0]),)
 
     def latch(self, constants, memory, touch):
-        # The straight bristle has been bending with the slip since the touch, and giving way: a fast slip bends it fully
-        # in less time than a step is long.
+        # The straight bristle has been bending with the slip since the touch, and giving way: a fast slip bends it
+        # fully in less time than a step is long.
         release = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
         share = jnp.where(release > 0, -jnp.expm1(-release) / jnp.where(release > 0, release, 1.0), 1.0)
         time = touch.elapsed * share

@@ -54,6 +54,5 @@ class TanhCoulomb(AbstractFrictionLaw):
         )
 
     def event_functions(self, constants, slip, normal_force, memory):
-        # A step across the whole layer may sample it so that its error estimate cancels by accident (measured: a solve
-        # 1000 times worse than its tolerance). Edges at 2, 3, 4 and 6 v_t were tried on a ladder of tolerances.
+        # A step across the whole layer may sample it so that its error estimate cancels by accident: an edge cuts it.
         return (outside(slip, 2 * self.transition_speed),)

@@ -1,4 +1,4 @@
-"""What laws share that remember the speed of the last impact: F = F_e (1 + a(e) d'/v0)."""
+"""The base of laws that remember the speed of the last impact: F = F_e (1 + a(e) d'/v0)."""
 
 import abc
 import dataclasses

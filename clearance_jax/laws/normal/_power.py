@@ -18,7 +18,7 @@ def power(penetration: Scalar, exponent: Scalar | None) -> Scalar:
 
 
 def stiffness_unit(exponent: Scalar | None, absent: float = 1.5) -> dict[str, str]:
-    """The unit of a stiffness of a power law, whose exponent is `absent` where it is `None`."""
+    """The unit of a stiffness of a power law; an exponent `None` stands for `absent`."""
     # A traced exponent has no value to show.
     try:
         n = absent if exponent is None else float(exponent)

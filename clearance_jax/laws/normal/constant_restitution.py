@@ -25,13 +25,13 @@ MASS = "effective mass of the impact, m1 m2/(m1 + m2) of two free bodies"
 CLIPPED = "whether the force never pulls: max(0, F)"
 
 
-# The depth of the onset is that of an impact as slow as this [m/s], so that a restitution changes by a third of it over
-# the speed of the impact; or this part of the clearance, as the round-off of a place hides what is less deep.
+# The depth of the onset is that of an impact at this speed [m/s], so that the restitution changes by a third of it over
+# the impact's speed; or this part of the clearance, because the round-off of a place hides a smaller depth.
 SLOW, SHALLOW = 1e-9, 1e-10
 
 
 class Gradual(NamedTuple):
-    """Constants of `Tsuji`: beside those of a damped law the depth of its onset [m]."""
+    """Constants of `Tsuji`: those of a damped law, and the depth of its onset [m]."""
 
     stiffness: Scalar
     damping: Scalar
@@ -71,7 +71,7 @@ class AbstractOscillator(AbstractNormalLaw):
         return oscillator_restitution(ratio * light, self.clipped)
 
     def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
-        """The law with the numbers that deliver a `restitution` for the `mass`, by default its own one."""
+        """The law with the numbers that deliver a `restitution` for the `mass`, by default its own."""
         mass = self.effective_mass if mass is None else jnp.asarray(mass, float)
         ratio = oscillator_ratio(jnp.asarray(restitution, float), self.clipped)
         if not isinstance(ratio, Tracer) and not np.all(ratio < 1):

@@ -13,24 +13,24 @@ from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws.geometry import Geometry, Material
 from clearance_jax.laws.normal import ratios, relations
 from clearance_jax.laws.normal._impact import RESTITUTION, SLOWEST, AbstractImpactLaw
-from clearance_jax.laws.normal.relations import Line, Relation
+from clearance_jax.laws.normal.relations import ContactLine, Relation
 from clearance_jax.parameters import physical
 
 
-def line_of(geometry: Geometry, modulus: Scalar, name: str) -> Line:
+def line_of(geometry: Geometry, modulus: Scalar, name: str) -> ContactLine:
     """The line of contact of a joint. **Raises** `ClearanceError` for a joint that has none."""
     if geometry.kind == "flat" or geometry.length is None:
         raise ClearanceError(
             f"The law {name} is for a pin along a line of its sleeve: it needs a pin joint with a `length`. Give the "
             "joint its `length`, or choose a law with a stiffness, such as `hertz`."
         )
-    return Line(geometry.radial_clearance, geometry.pin_radius, geometry.sleeve_radius, geometry.length, modulus)
+    return ContactLine(geometry.radial_clearance, geometry.pin_radius, geometry.sleeve_radius, geometry.length, modulus)
 
 
 class LineConstants(NamedTuple):
     """Constants of a law of line contact; without restitution there is no `damping_ratio`."""
 
-    line: Line
+    line: ContactLine
     damping_ratio: Scalar | None
 
 

@@ -1,7 +1,7 @@
-"""The impact of a linear oscillator with the damping ratio z = b / (2 sqrt(m k)), and of laws that are one in disguise.
+"""The impact of a linear oscillator with the damping ratio z = b / (2 sqrt(m k)), and of equivalent laws.
 
-For F = K d^n + c d^((n-1)/2) d' the phase plane of x = d^((n+1)/2) and d' is that of a linear oscillator with
-z = c / sqrt(2 (n + 1) m K): the restitution is the same at every speed.
+For F = K d^n + c d^((n-1)/2) d' the phase plane of x = d^((n+1)/2) and d' is that of a linear oscillator with z = c /
+sqrt(2 (n + 1) m K): the restitution is the same at every speed.
 """
 
 import jax

@@ -18,7 +18,7 @@ _NODES, _WEIGHTS = (0.5 * np.asarray(x) for x in np.polynomial.legendre.leggauss
 _NODES = _NODES + 0.5
 
 
-class Line(NamedTuple):
+class ContactLine(NamedTuple):
     """Radial clearance c, radii of pin and sleeve, length of the contact [m], and the modulus E* [Pa]."""
 
     clearance: Scalar
@@ -34,9 +34,9 @@ class Relation(NamedTuple):
     `comparison`: whether it serves for comparison only, and holds nowhere.
     """
 
-    force: Callable[[Line, Scalar], Scalar]
-    work: Callable[[Line, Scalar], Scalar]
-    limit: Callable[[Line], Scalar]
+    force: Callable[[ContactLine, Scalar], Scalar]
+    work: Callable[[ContactLine, Scalar], Scalar]
+    limit: Callable[[ContactLine], Scalar]
     reason: str
     bends: bool = False
     comparison: bool = False
@@ -44,7 +44,7 @@ class Relation(NamedTuple):
 
 # Relations with a logarithm: d = x (C - ln x) with d over 4 c and x = F'/(4 pi E* c) ---------------------------------
 
-# They turn back where w = C - ln x falls to 1. From w = 1.5 on, at 0.91 of that depth, they go on along their tangent.
+# They turn back where w = C - ln x falls to 1. At w = 1.5, 0.91 of that depth, they continue along their tangent.
 STEEPEST = 1.5
 NEWTON = 4
 
@@ -69,7 +69,7 @@ def _logarithm(t: Scalar) -> Scalar:
     return newton(jax.lax.stop_gradient(w), q)
 
 
-def _logarithmic(constant: Callable[[Line], Scalar]) -> Relation:
+def _logarithmic(constant: Callable[[ContactLine], Scalar]) -> Relation:
     """The relation of a constant C."""
 
     def limit(line):
@@ -120,7 +120,7 @@ DUBOWSKY_FREUDENSTEIN = _with_length(3)._replace(
 # Relations in closed form --------------------------------------------------------------------------------------------
 
 
-def work_of(force: Callable[[Line, Scalar], Scalar]) -> Callable[[Line, Scalar], Scalar]:
+def work_of(force: Callable[[ContactLine, Scalar], Scalar]) -> Callable[[ContactLine, Scalar], Scalar]:
     """The integral of a force that is smooth in the root of the penetration, by Gauss and Legendre's quadrature over
     it.
     """
@@ -182,7 +182,7 @@ PEREIRA = Relation(
 WIDEST = np.pi / 2
 
 
-def ellipse_spread(line: Line, force: Scalar) -> Scalar:
+def ellipse_spread(line: ContactLine, force: Scalar) -> Scalar:
     """The sum of the pressures over that of their components along the force, of Hertz's ellipse over the half angle t,
     t^2 = 4 F' / (pi E* c), of a `force` F'/E* [m]: t / (2 J_1(t)), by its series. From 90 deg on it grows no more.
     """
@@ -206,19 +206,19 @@ def _excess(x: Scalar) -> Scalar:
     return jnp.where(x < 1, small * square / 6 * series, x - jnp.sin(x))
 
 
-def _half_angle(line: Line, penetration: Scalar) -> Scalar:
+def _half_angle(line: ContactLine, penetration: Scalar) -> Scalar:
     """T with cos t = c/e, e = c + d, how far a layer is pressed to either side [rad]."""
     depth = positive_part(penetration)
     return 2 * jnp.arcsin(safe_sqrt(0.5 * depth / (line.clearance + depth)))
 
 
-def foundation(line: Line, penetration: Scalar) -> Scalar:
+def foundation(line: ContactLine, penetration: Scalar) -> Scalar:
     """E (t - sin t cos t) with cos t = c/e, e = c + d [m]: the sum of the depths along the force, by the angle."""
     reach = line.clearance + positive_part(penetration)
     return 0.5 * reach * _excess(2 * _half_angle(line, penetration))
 
 
-def foundation_spread(line: Line, penetration: Scalar) -> Scalar:
+def foundation_spread(line: ContactLine, penetration: Scalar) -> Scalar:
     """The sum of a layer's pressures over that of their components along the force, 2 (sin t - t cos t) / (t - sin t
     cos t): 1 for a narrow contact.
     """

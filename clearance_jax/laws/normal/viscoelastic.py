@@ -10,7 +10,7 @@ from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal._power import STIFFNESS, power, power_energy, stiffness_unit
 from clearance_jax.parameters import physical
 
-# A penetration, over the clearance, that the error control takes for usual.
+# A usual penetration for the error control, over the clearance.
 USUAL = 1e-2
 
 
