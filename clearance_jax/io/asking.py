@@ -84,8 +84,8 @@ class Asked:
 
     def metric(self, name: str, span: Span, where: str) -> AbstractMetric:
         """A metric of the study by its name, of a motion of that span; `where` it is asked for."""
-        for own, values, there in self.table.entries("metric"):
-            if own == name:
+        for key, values, there in self.table.entries("metric"):
+            if key == name:
                 return metric_of(variant(values, there, METRIC_KINDS), self.mechanism, span)
         raise ClearanceError(f"{where}: the study has no metric `{name}`. {suggest(name, self.metric_names)}")
 
@@ -95,15 +95,15 @@ class Asked:
         wanted = tuple(tables) if names is None else tuple(names)
         if not wanted:
             raise ClearanceError(f"{where}: nothing scatters. Say how, by tables `[scatter.NAME]`.")
-        found = {}
+        scatters = {}
         for name in wanted:
             if name not in tables:
                 raise ClearanceError(f"{where}: `{name}` does not scatter. {suggest(name, tables)}")
             values, there = tables[name]
             with naming(there):
                 unit = units_of(model, [name])[name]
-            found[name] = _scatter(Table(values, there, SCATTER, {PARAMETER: unit}))
-        return found
+            scatters[name] = _scatter(Table(values, there, SCATTER, {PARAMETER: unit}))
+        return scatters
 
     def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
         """The same as distributions, of a model's numbers (`None`: the mechanism's)."""

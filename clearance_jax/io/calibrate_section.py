@@ -80,12 +80,12 @@ def _signals(table: Table, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any,
     for column, values, where in table.entries("signal"):
         if column not in data:
             raise ClearanceError(f"{where}: the data have no column `{column}`. {suggest(column, map(str, data))}")
-        own = Table(values, where, SIGNAL_TABLE)
-        signals[column] = reading = _reading(own, column, mechanism)
+        signal = Table(values, where, SIGNAL_TABLE)
+        signals[column] = reading = _reading(signal, column, mechanism)
         with naming(where):
             unit = unit_of(mechanism, column, reading)
-        if own.has("deviation"):
-            deviations[column] = own.get("deviation", {SIGNAL: unit})
+        if signal.has("deviation"):
+            deviations[column] = signal.get("deviation", {SIGNAL: unit})
     return signals, deviations
 
 

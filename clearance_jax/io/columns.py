@@ -148,8 +148,8 @@ def _number(cell: str, where: str, gaps: bool) -> float:
     if gaps and cell.lower() in GAPS:
         return math.nan
     if not _is_number(cell):
-        said = f"it is {quote(cell)}" if cell else "nothing is there"
-        raise ClearanceError(f"{where} must be a number, but {said}.")
+        content = f"it is {quote(cell)}" if cell else "nothing is there"
+        raise ClearanceError(f"{where} must be a number, but {content}.")
     value = float(cell)
     if not math.isfinite(value):
         raise ClearanceError(f"{where} must be finite, but it is {quote(cell)}.")

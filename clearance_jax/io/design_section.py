@@ -97,34 +97,34 @@ def _tradeoff(top: Table, problem: ToleranceProblem) -> dict[str, Any] | None:
 
 def _classes(top: Table, tables: dict[str, Table], problem: ToleranceProblem) -> Candidates:
     """The fits to choose from by variable, with their costs where these are given; checked before any solve."""
-    found = {}
+    fits = {}
     for name, table in tables.items():
         if not table.has("classes"):
             if table.has("class_costs"):
                 raise ClearanceError(f"{table.key('class_costs')} has no effect without `classes`. Add them.")
             continue
         names = table.get("classes")
-        found[name] = names
+        fits[name] = names
         if table.has("class_costs"):
             costs = table.get("class_costs")
             if len(costs) != len(names):
                 raise ClearanceError(
                     f"{table.key('class_costs')} must be as many as `classes`, {len(names)}, but they are {len(costs)}."
                 )
-            found[name] = dict(zip(names, costs, strict=True))
+            fits[name] = dict(zip(names, costs, strict=True))
     with naming(top.where):
-        if found:
-            priced(problem.specification, classes_of(problem.specification, found))
-    return found
+        if fits:
+            priced(problem.specification, classes_of(problem.specification, fits))
+    return fits
 
 
 def _trajectories(table: Table, study: Asked, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
     """Drives by the names of trajectories."""
-    found = {}
+    drives = {}
     for name, file, where in table.entries("trajectory"):
         with naming(where):
-            found[name] = read_trajectory(study.path.parent / TRAJECTORY.read(file, where, {}), mechanism)
-    return found
+            drives[name] = read_trajectory(study.path.parent / TRAJECTORY.read(file, where, {}), mechanism)
+    return drives
 
 
 def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
@@ -147,12 +147,12 @@ def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: di
 
 def _variable_tables(top: Table, mechanism: Mechanism) -> dict[str, Table]:
     """The variables' tables by name, each with the unit of its variable."""
-    found = {}
+    tables = {}
     for name, (values, where) in expand_entries(top, "variable", mechanism).items():
         with naming(where):
             unit = units_of(mechanism, [name])[name]
-        found[name] = Table(values, where, VARIABLE, {PARAMETER: unit})
-    return found
+        tables[name] = Table(values, where, VARIABLE, {PARAMETER: unit})
+    return tables
 
 
 def _variables(tables: dict[str, Table]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
@@ -180,9 +180,9 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
             f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
         )
     power = table.get("power") if law.endswith("reciprocal") else 1.0
-    own = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
+    units = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
     # The longer words come first: they have the parameter's in them.
-    table.words = {**(own if unit else dict.fromkeys(own, "")), **table.words}
+    table.words = {**(units if unit else dict.fromkeys(units, "")), **table.words}
     with naming(table.where):
         return COSTS[law](**table.arguments("law"))
 
@@ -222,16 +222,16 @@ def _scatter(study: Asked, table: Table, model: Any, variables: tuple[str, ...])
     """Relative deviations of numbers that scatter about what is designed, or what the scene has; distributions of
     others.
     """
-    found, asked = {}, study.scatter(table.get("of"), model, table.where)
+    scatters, asked = {}, study.scatter(table.get("of"), model, table.where)
     for name, given in asked.items():
         about = given.relative is not None and (given.mean, given.lower, given.upper) == (None, None, None)
         if about and given.distribution in ("normal", "log-normal"):
-            found[name] = given.relative
+            scatters[name] = given.relative
         elif name in variables:
             raise ClearanceError(
                 f"{given.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
                 "and nothing else; it scatters normal or log-normal, not uniform."
             )
         else:
-            found |= study.distributions([name], table.where, model)
-    return found
+            scatters |= study.distributions([name], table.where, model)
+    return scatters

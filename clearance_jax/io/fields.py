@@ -91,11 +91,11 @@ def kinds_of(
     """Of each member its table: the keys of its class, and of some words `more`, which come before those of that name
     in the class.
     """
-    found = {}
+    tables = {}
     for word, member in members.items():
         keys = {key.name: key for key in (*keys_of(_class(member)), *more.get(word, ()))}
-        found[word] = kind_of(name, title, head, word, summary(member), *keys.values())
-    return found
+        tables[word] = kind_of(name, title, head, word, summary(member), *keys.values())
+    return tables
 
 
 def _class(member: Any) -> type:

@@ -72,10 +72,10 @@ def reference() -> list[TableReference]:
 
 def _families(tables: tuple[Keys, ...]) -> list[list[Keys]]:
     """Tables of one name and title together."""
-    found: dict[tuple[str, str], list[Keys]] = {}
+    families: dict[tuple[str, str], list[Keys]] = {}
     for table in tables:
-        found.setdefault((table.name, table.title), []).append(table)
-    return list(found.values())
+        families.setdefault((table.name, table.title), []).append(table)
+    return list(families.values())
 
 
 def _table(file: File, several: list[Keys]) -> TableReference:
@@ -103,12 +103,12 @@ def _word(table: Keys) -> str:
 
 def _told_once(several: list[Keys]) -> list[KeyReference]:
     """The keys of kinds, each once that means the same in all of them; keys of one name stand together."""
-    found: dict[str, dict[Any, list[tuple[str, KeyReference]]]] = {}
+    by_name: dict[str, dict[Any, list[tuple[str, KeyReference]]]] = {}
     for table in several:
         for key in map(_key, table.own):
-            uses = found.setdefault(key.name, {})
+            uses = by_name.setdefault(key.name, {})
             uses.setdefault((key.help, key.unit, key.kind), []).append((f"`{_word(table)}`", key))
-    return [_common(uses, len(meanings) > 1) for meanings in found.values() for uses in meanings.values()]
+    return [_common(uses, len(meanings) > 1) for meanings in by_name.values() for uses in meanings.values()]
 
 
 def _common(uses: list[tuple[str, KeyReference]], is_apart: bool) -> KeyReference:
@@ -119,8 +119,8 @@ def _common(uses: list[tuple[str, KeyReference]], is_apart: bool) -> KeyReferenc
     for word, use in uses:
         defaults.setdefault(use.default or "required", []).append(word)
     if len(defaults) > 1:
-        said = "; ".join(f"{default} ({', '.join(words)})" for default, words in defaults.items())
-        key = key._replace(default=said, required=False)
+        text = "; ".join(f"{default} ({', '.join(words)})" for default, words in defaults.items())
+        key = key._replace(default=text, required=False)
     return key._replace(help=f"of {', '.join(word for word, _ in uses)}: {key.help}") if is_apart else key
 
 
@@ -131,8 +131,8 @@ def example(table: Keys, *skip: str) -> dict[str, str]:
 
 def _key(key: Key) -> KeyReference:
     bounds = getattr(key, "bounds", None) or {}
-    said = [f"{words} {bounds[bound]:g}" for bound, _, words in BOUNDS if bounds.get(bound) is not None]
-    help = key.help + (f" ({', '.join(said)})" if said else "")
+    limits = [f"{words} {bounds[bound]:g}" for bound, _, words in BOUNDS if bounds.get(bound) is not None]
+    help = key.help + (f" ({', '.join(limits)})" if limits else "")
     return KeyReference(key.name, _unit(key.unit), key.kind, _default(key), key.required, key.example, help)
 
 

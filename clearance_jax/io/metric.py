@@ -68,16 +68,16 @@ def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, s
     wanted = {field.name for field in dataclasses.fields(cls)} & set(OF_METRIC)
     for key in (key for key in OF_METRIC if key in table.values and key not in wanted):
         raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
-    found = {}
+    parts = {}
     for key in wanted:
         table.need(key)
-        found[key] = table.get(key)
-        if found[key] not in names[key]:
+        parts[key] = table.get(key)
+        if parts[key] not in names[key]:
             kind = "joint with clearance" if key == "joint" and cls not in OF_ANY_JOINT else key
             raise ClearanceError(
-                f"{table.key(key)}: the scene has no {kind} {quote(found[key])}. " + suggest(found[key], names[key])
+                f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}. " + suggest(parts[key], names[key])
             )
-    return found
+    return parts
 
 
 def _times(table: Table, span: Span) -> list[float]:

@@ -20,11 +20,11 @@ NAMED = 4
 
 def implausible(mechanism: Mechanism) -> str:
     """One sentence with the sizes that are not to be believed; empty where there are none."""
-    found = [*_clearances(mechanism), *_masses(mechanism)]
-    if not found:
+    faults = [*_clearances(mechanism), *_masses(mechanism)]
+    if not faults:
         return ""
-    more = f"; and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return f"These sizes are hardly meant: {'; '.join(found[:NAMED])}{more}. Check their units."
+    more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
+    return f"These sizes are hardly meant: {'; '.join(faults[:NAMED])}{more}. Check their units."
 
 
 def _clearances(mechanism: Mechanism) -> Iterator[str]:
@@ -34,15 +34,13 @@ def _clearances(mechanism: Mechanism) -> Iterator[str]:
         if size < LEAST_CLEARANCE:
             yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
             continue
-        said = _above_pin(joint.clearance)
-        if said:
-            yield f"{joint.name}.{said}"
+        if fault := _above_pin(joint.clearance):
+            yield f"{joint.name}.{fault}"
 
 
 def _above_pin(clearance: AbstractClearance) -> str:
     """Of play in the plane, where a clearance above the pin's radius is not refused."""
-    sizes = (getattr(clearance, name, None) for name in ("radial_clearance", "pin_radius"))
-    radial, pin = sizes
+    radial, pin = (getattr(clearance, name, None) for name in ("radial_clearance", "pin_radius"))
     return "" if radial is None or pin is None else above_pin(radial, pin)
 
 

@@ -85,7 +85,7 @@ PIN = (
                 allowed=tuple(PINS),
                 default="pin",
             ),
-            *_optional(*(key for one in PINS.values() for key in keys_of(one) if key.name not in _SHARED)),
+            *_optional(*(key for pin in PINS.values() for key in keys_of(pin) if key.name not in _SHARED)),
             Sub(
                 "bearing",
                 "a rolling bearing, instead: one with radial play, or one of an arm's joint, whose rings tilt too",

@@ -44,9 +44,8 @@ def load_scene(path: str | Path) -> Scene:
     **Raises:** `ClearanceError` naming the file, the key and the fix.
     """
     scene = read_scene(path)
-    said = implausible(scene.mechanism)
-    if said:
-        warnings.warn(f"{path}: {said}", ImplausibleWarning, stacklevel=2)
+    if warning := implausible(scene.mechanism):
+        warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
     warn_of_notes(path, scene.mechanism)
     return scene
 

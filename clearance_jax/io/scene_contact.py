@@ -76,8 +76,8 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
                 f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
                 "already. Leave one of them out."
             )
-        word, own = table.variant("element", ELEMENT_TABLES)
-        clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.arguments("type")))
+        word, element = table.variant("element", ELEMENT_TABLES)
+        clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
     if play.keys is PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
         clearance = with_wear(clearance, table, path)
     with naming(table.where):
@@ -94,12 +94,12 @@ def _shaft(table: Table, usual: bool) -> AbstractPin:
 
 
 def _in_a_sleeve(make: Any, table: Table, usual: bool) -> AbstractPin:
-    own = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
+    fields = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
     for kind, other in PINS.items():
         for key in (key.name for key in keys_of(other)):
-            if key in table.values and key not in (*own, *COMMON, "length"):
+            if key in table.values and key not in (*fields, *COMMON, "length"):
                 raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
-    for key, required in own.items():
+    for key, required in fields.items():
         if required:
             table.need(key)
     for key in OF_A_FACE:
@@ -109,7 +109,7 @@ def _in_a_sleeve(make: Any, table: Table, usual: bool) -> AbstractPin:
             )
     clearance, pin, tolerance = _radii(table, usual)
     normal, friction = _laws(table, round_contact(clearance) if usual else None)
-    given = {key: table.get(key) for key in ("length", *own) if key in table.values}
+    given = {key: table.get(key) for key in ("length", *fields) if key in table.values}
     with naming(table.where):
         return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **given)
 

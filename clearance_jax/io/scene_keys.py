@@ -253,14 +253,14 @@ _OF_JOINTS = {
 def _joint(word: str, cls: type) -> Keys:
     shared = (JOINT, *_OF_JOINTS.get(cls, ()))
     elsewhere = {key.name for table in shared for key in table.keys}
-    own = (*keys_of(cls), *(keys_of(Ball) if cls in (Spherical, Free) else ()))
+    keys = (*keys_of(cls), *(keys_of(Ball) if cls in (Spherical, Free) else ()))
     table = kind_of(
         "joint.NAME",
         "Joints",
         _TYPE,
         word,
         summary(cls),
-        *(key for key in own if key.name not in elsewhere),
+        *(key for key in keys if key.name not in elsewhere),
     )
     return sum(shared, start=table)
 

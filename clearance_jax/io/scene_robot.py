@@ -39,20 +39,20 @@ NO_ROBOT = Robot()
 def robot_of(top: Table, path: Path) -> Robot:
     """The robot of a scene that has one."""
     table = top.table("robot", ROBOT)
-    found = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
-    joints = {joint.name: joint for joint in found.joints}
+    robot = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
+    joints = {joint.name: joint for joint in robot.joints}
     for name, values, where in table.entries("joint"):
         if name not in joints:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
         joints[name] = _joint(joints[name], values, where, path)
-    carried = [_payload(found, *part) for part in table.parts("payload")]
+    carried = [_payload(robot, *part) for part in table.parts("payload")]
     return Robot(
-        (*found.bodies, *(body for body, _ in carried)),
+        (*robot.bodies, *(body for body, _ in carried)),
         (*joints.values(), *(grip for _, grip in carried)),
-        found.points,
-        found.gravity,
+        robot.points,
+        robot.gravity,
         path.parent / table.get("trajectory") if table.has("trajectory") else None,
-        found.notes,
+        robot.notes,
     )
 
 
@@ -62,13 +62,13 @@ def _joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> Abstrac
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
     kind = type(joint)
     table = Table(values, where, MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
-    given, own = motion_of(table, path), joint.motion
+    given, motion = motion_of(table, path), joint.motion
     if given.drive is None:
-        position = given.position if table.has("position") else own.position
-        rotor = own.rotor_inertia if given.rotor_inertia is None else given.rotor_inertia
-        actuators = *own.actuators, *given.actuators
+        position = given.position if table.has("position") else motion.position
+        rotor = motion.rotor_inertia if given.rotor_inertia is None else given.rotor_inertia
+        actuators = *motion.actuators, *given.actuators
         given = dataclasses.replace(given, position=position, actuators=actuators, rotor_inertia=rotor)
-    motion = dataclasses.replace(given, limits=own.limits)
+    motion = dataclasses.replace(given, limits=motion.limits)
     return dataclasses.replace(joint, motion=motion, **play_of(kind, table, path, usual=True))
 
 
@@ -83,9 +83,9 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
             + suggest(on, bodies | set(points))
         )
     point = points.get(on) or Point(on, on)
-    held = _pose(point.at, point.orientation)
+    carrier = _pose(point.at, point.orientation)
     orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
-    pose = held.of(*_pose(Position(*table.get("at")), orientation))
+    pose = carrier.of(*_pose(Position(*table.get("at")), orientation))
     turned = orientation_of(NOWHERE if is_identity(pose.rotation) else triple(rpy_of(pose.rotation)))
     grip = Fixed(f"{name}_grip", point.body, name, position_of(triple(pose.position)), orientation=turned)
     return body_of(name, table), grip

@@ -62,7 +62,7 @@ def _paths(name: str, file: File) -> list[list[str]]:
         return [[]]
     first, *others = name.replace('"', "").split(", ")
     head = first.split(".")
-    return [head, *([*head[:-1], one.lstrip(".")] for one in others if one != "...")]
+    return [head, *([*head[:-1], part.lstrip(".")] for part in others if part != "...")]
 
 
 def _table(root: dict[str, Any], path: list[str]) -> dict[str, Any]:
@@ -98,9 +98,9 @@ def _unshape(given: dict[str, Any]) -> dict[str, Any]:
 
 def _of(key: Key) -> dict[str, Any]:
     default = "" if key.required or not key.absent else f" Without it: {key.absent}."
-    said = {"description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}
+    description = {"description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}
     if isinstance(key, Word):
-        return {"enum": list(key.allowed)} | said
+        return {"enum": list(key.allowed)} | description
     if isinstance(key, Whole):
-        return {"type": "integer", "minimum": key.least, "maximum": key.most} | said
-    return dict(_VALUES[type(key)]) | said
+        return {"type": "integer", "minimum": key.least, "maximum": key.most} | description
+    return dict(_VALUES[type(key)]) | description

@@ -44,9 +44,8 @@ def load_study(path: str | Path) -> Study:
     path = Path(path)
     with naming(str(path)):
         asked = Asked(path)
-        said = implausible(asked.mechanism)
-        if said:
-            warnings.warn(f"{path}: {said}", ImplausibleWarning, stacklevel=2)
+        if warning := implausible(asked.mechanism):
+            warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
         return _study(asked)
 
 

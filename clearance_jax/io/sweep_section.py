@@ -51,12 +51,12 @@ def _outputs(table: Table, study: Asked, span: Span) -> dict[str, Any]:
     names = study.metric_names if names is None else names
     if not (names or quantities):
         raise ClearanceError(f"{table.where} asks for nothing: add a table `[metric.NAME]`, or `quantities`.")
-    found: dict[str, Any] = {name: study.metric(name, span, table.key("metrics")) for name in names}
+    outputs: dict[str, Any] = {name: study.metric(name, span, table.key("metrics")) for name in names}
     for name in quantities:
-        if name in found:
+        if name in outputs:
             raise ClearanceError(f"{table.key('quantities')}: `{name}` is a metric's name too. Rename the metric.")
-        found[name] = name
-    return found
+        outputs[name] = name
+    return outputs
 
 
 def _unit(name: str, mechanism: Mechanism, where: str) -> dict[str, str]:
@@ -110,9 +110,9 @@ def _range(table: Table, unit: dict[str, str]) -> np.ndarray:
 def _correlation(table: Table) -> dict[tuple[str, ...], float]:
     pairs = {}
     for _, values, where in table.entries("correlation"):
-        own = Table(values, where, CORRELATION)
-        names = own.get("between")
+        pair = Table(values, where, CORRELATION)
+        names = pair.get("between")
         if len(names) != 2:
-            raise ClearanceError(f"{own.key('between')} must be two names, but there are {len(names)}.")
-        pairs[names] = own.get("value")
+            raise ClearanceError(f"{pair.key('between')} must be two names, but there are {len(names)}.")
+        pairs[names] = pair.get("value")
     return pairs

@@ -58,25 +58,25 @@ def read_trajectory(
     times = table[:, [column.name for column in columns].index(TIME)]
     _check_times(times, rows)
     with jax.ensure_compile_time_eval():  # numbers stay numbers inside a jitted function
-        found = {
+        drives = {
             column.name: _spline(times, values, ends, f"`{path}`, column `{column.name}`")
             for column, values in zip(columns, table.T, strict=True)
             if column.name != TIME
         }
-    return found if mechanism is None else _of_motors(found, mechanism, path)
+    return drives if mechanism is None else _of_motors(drives, mechanism, path)
 
 
 def _of_motors(drives: dict[str, Spline], mechanism: Mechanism, path: Path) -> dict[str, Spline]:
     """Drives of the motors, where drives give way."""
-    known, found = drivable(mechanism.joints), {}
+    known, motors = drivable(mechanism.joints), {}
     for name, drive in drives.items():
         moved = motor_of(name) if gives_way(known[name].motion) else name
         if moved != name and moved in drives:
             raise ClearanceError(
                 f"`{path}`: the columns `{name}` and `{moved}` move the same motor. Take one of them away."
             )
-        found[moved] = drive
-    return found
+        motors[moved] = drive
+    return motors
 
 
 def _units(mechanism: Mechanism | None) -> dict[str, str] | None:

@@ -91,21 +91,21 @@ def _check_words(
 
 def only(element: Element, tag: str, where: str) -> Element | None:
     """The child of that tag, if it is there. **Raises** for several."""
-    found = [child for child in element.children if child.tag == tag]
-    if len(found) > 1:
-        raise ClearanceError(f"{where} has {len(found)} <{tag}> (line {found[1].line} too). Leave one.")
-    if not found:
+    children = [child for child in element.children if child.tag == tag]
+    if len(children) > 1:
+        raise ClearanceError(f"{where} has {len(children)} <{tag}> (line {children[1].line} too). Leave one.")
+    if not children:
         return None
-    check_spelling(found[0], where)
-    return found[0]
+    check_spelling(children[0], where)
+    return children[0]
 
 
 def need(element: Element, tag: str, where: str, example: str) -> Element:
     """The child of that tag. **Raises** where it is absent, with an example of it."""
-    found = only(element, tag, where)
-    if found is None:
+    child = only(element, tag, where)
+    if child is None:
         raise ClearanceError(f"{where} lacks <{tag}>. Add one, as {example}.")
-    return found
+    return child
 
 
 def text(element: Element, attribute: str, where: str) -> str:

@@ -47,24 +47,24 @@ def spring_of(element: Element, kind: str, where: str) -> tuple[float, float, fl
 
 def with_extras(joints: Sequence[Joint], top: Element) -> tuple[Joint, ...]:
     """The joints with what elements beside them say of them."""
-    found, extra = {joint.name: joint for joint in joints}, set()
+    by_name, extra = {joint.name: joint for joint in joints}, set()
     for element in top.children:
         for name, given in _extras(element):
             where = place(element)
-            if name not in found:
-                raise ClearanceError(f"{where}: there is no joint `{name[:60]}`. " + suggest(name, found))
-            joint = found[name]
+            if name not in by_name:
+                raise ClearanceError(f"{where}: there is no joint `{name[:60]}`. " + suggest(name, by_name))
+            joint = by_name[name]
             for key, value in given.items():
                 if getattr(joint, key) not in (0.0, value):
                     raise ClearanceError(
                         f"{where}: the {key} of joint `{name}` is {value:g} here and {getattr(joint, key):g} elsewhere "
                         "in the file. Leave one."
                     )
-            found[name] = joint._replace(**given)
+            by_name[name] = joint._replace(**given)
             extra.add(name)
-            _check(joint.kind, found[name].stiffness, found[name].rotor, where)
+            _check(joint.kind, by_name[name].stiffness, by_name[name].rotor, where)
     # Two of one name stay two, and are refused later.
-    return tuple(found[joint.name] if joint.name in extra else joint for joint in joints)
+    return tuple(by_name[joint.name] if joint.name in extra else joint for joint in joints)
 
 
 def _extras(element: Element) -> Iterator[tuple[str, dict[str, float]]]:

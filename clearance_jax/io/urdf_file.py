@@ -118,24 +118,24 @@ def _joint(element: Element) -> Joint:
 
 def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
     """Damping and friction, from whichever element the file's dialect has for them."""
-    found = {"damping": 0.0, "friction": 0.0}
-    said: dict[str, str] = {}
+    losses = {"damping": 0.0, "friction": 0.0}
+    sources: dict[str, str] = {}
     for tag in ("dynamics", "limit", "joint_properties"):
         given = only(element, tag, where)
         if given is None:
             continue
-        for key in found.keys() & given.attributes.keys():
+        for key in losses.keys() & given.attributes.keys():
             value = number(given, key, where)
             if value < 0:
                 raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <{tag}>.")
-            if key in said and value != found[key]:
+            if key in sources and value != losses[key]:
                 raise ClearanceError(
-                    f"{where}: its {key} is {found[key]:g} in <{said[key]}> and {value:g} in <{tag}>. Leave one."
+                    f"{where}: its {key} is {losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>. Leave one."
                 )
-            found[key], said[key] = value, tag
-    if found["friction"] > 0 and kind == "floating":
+            losses[key], sources[key] = value, tag
+    if losses["friction"] > 0 and kind == "floating":
         raise ClearanceError(f"{where} is floating, and turns about no axis of its own: remove its friction.")
-    return found["damping"], found["friction"]
+    return losses["damping"], losses["friction"]
 
 
 def _limits(element: Element, kind: str, where: str) -> Limits | None:

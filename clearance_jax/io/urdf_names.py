@@ -21,9 +21,9 @@ class Names:
 
     def _one(self, name: str, what: str) -> str:
         wanted = name.replace(".", "_").replace("=", "_")
-        found, count = wanted, 1
-        while found in self.taken:
-            found = f"{wanted}_{what}" if count == 1 else f"{wanted}_{what}_{count}"
+        unique, count = wanted, 1
+        while unique in self.taken:
+            unique = f"{wanted}_{what}" if count == 1 else f"{wanted}_{what}_{count}"
             count += 1
-        self.taken.add(found)
-        return found
+        self.taken.add(unique)
+        return unique

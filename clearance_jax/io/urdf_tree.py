@@ -57,17 +57,17 @@ def _say(joint: Joint) -> str:
 
 def _carriers(joints: Sequence[Joint]) -> dict[str, Joint]:
     """The joint that carries each link."""
-    found: dict[str, Joint] = {}
+    carriers: dict[str, Joint] = {}
     for joint in joints:
-        if joint.child in found:
-            other = found[joint.child]
+        if joint.child in carriers:
+            other = carriers[joint.child]
             raise ClearanceError(
                 f"{_say(joint)} closes a loop: the link `{joint.child}` hangs on joint `{other.name}` (line "
                 f"{other.line}) already. URDF knows trees only. Remove one of both, and close the loop in Python "
                 "(`Mechanism(..., loops=...)`)."
             )
-        found[joint.child] = joint
-    return found
+        carriers[joint.child] = joint
+    return carriers
 
 
 def _root(links: Sequence[Link], carried: Mapping[str, Joint]) -> str:
@@ -103,12 +103,12 @@ def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
     children = collections.defaultdict(list)
     for joint in joints:
         children[joint.parent].append(joint)
-    found, waiting = [], children[root][::-1]
+    ordered, waiting = [], children[root][::-1]
     while waiting:
         joint = waiting.pop()
-        found.append(joint)
+        ordered.append(joint)
         waiting += children[joint.child][::-1]
-    return tuple(found)
+    return tuple(ordered)
 
 
 def _check_reached(root: str, links: Sequence[Link], ordered: Sequence[Joint], carried: Mapping[str, Joint]) -> None:

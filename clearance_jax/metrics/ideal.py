@@ -52,11 +52,11 @@ def _condition_count(loop) -> int:
 def ideal_state(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """The state of the ideal mechanism, where drives and closures determine it: the actual one's, loops closed."""
     ideal = mechanism.ideal()
-    plan, own = layout(mechanism), layout(ideal)
-    if own.free == 0:
+    plan, ideal_plan = layout(mechanism), layout(ideal)
+    if ideal_plan.free == 0:
         return jnp.zeros(0)
     state = plan.split(y)
-    places = (state.q[plan.positions.index(name)] for name in own.positions)
-    rates = (state.v[plan.velocities.index(name)] for name in own.velocities)
+    places = (state.q[plan.positions.index(name)] for name in ideal_plan.positions)
+    rates = (state.v[plan.velocities.index(name)] for name in ideal_plan.velocities)
     guess = jnp.stack([*places, *rates])
     return project(time, guess, ideal, ASSEMBLE)

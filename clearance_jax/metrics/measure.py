@@ -193,12 +193,12 @@ class Function(AbstractMetric):
     def of(self, mechanism: Mechanism, solution: Solution) -> Array:
         """The function's value."""
         given = (solution,) if arguments(self.function) == 1 else (mechanism, solution)
-        found = self.function(*given)
+        answer = self.function(*given)
         try:
-            return jnp.asarray(found)
+            return jnp.asarray(answer)
         except (TypeError, ValueError):
             raise ClearanceError(
-                f"The metric `{self.called}` must return a number or an array, but it returned {type(found).__name__}."
+                f"The metric `{self.called}` must return a number or an array, but it returned {type(answer).__name__}."
             ) from None
 
 
@@ -219,10 +219,10 @@ def arguments(function: Callable) -> int:
     demanded = [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
     swapped = placed[:1] == ["solution"] and len(placed) == 2
     if len(placed) not in (1, 2) or demanded or swapped or isinstance(function, type):
-        found = f"`{_function_name(function)}({', '.join([*placed, *demanded])})`"
+        signature = f"`{_function_name(function)}({', '.join([*placed, *demanded])})`"
         raise ClearanceError(
             f"A metric is one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`; "
-            f"{found} is neither."
+            f"{signature} is neither."
         )
     return len(placed)
 
@@ -283,7 +283,7 @@ def measure_settings(
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
     times = [_times(request, begins[name]) for name, request in requests.items()]
-    together = [one for one in times if one is not None]
+    together = [samples for samples in times if samples is not None]
     energy_balance = options.energy_balance or any(request.energy_balance for request in requests.values())
     solution = run(
         mechanism,
@@ -297,21 +297,21 @@ def measure_settings(
     for (name, request), asked in zip(requests.items(), times, strict=True):
         count = len(request.observers)
         part = slice(seen, seen + count)
-        own = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
+        view = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
         seen += count
         first = solution.initial
         if asked is not None:
             size = asked.shape[0]
-            own = dataclasses.replace(own, time=asked, y=solution.y[samples : samples + size], sampled=True)
+            view = dataclasses.replace(view, time=asked, y=solution.y[samples : samples + size], sampled=True)
             samples += size
         if request.since is not None:
-            first = own.y[-1]
-            own = dataclasses.replace(own, time=own.time[:-1], y=own.y[:-1])
+            first = view.y[-1]
+            view = dataclasses.replace(view, time=view.time[:-1], y=view.y[:-1])
         if request.times is None:
-            own = dataclasses.replace(own, time=own.end_time[None], y=own.final[None], sampled=False)
+            view = dataclasses.replace(view, time=view.end_time[None], y=view.final[None], sampled=False)
         sums = _integrals(solution.final - first, summed, sizes[name])
         summed += sum(sizes[name])
-        value = wanted[name].value(Reply(mechanism, t1, options, own, sums, begins[name], first))
+        value = wanted[name].value(Reply(mechanism, t1, options, view, sums, begins[name], first))
         # A lane of a batch in which nothing is left to count has no value.
         if request.since is not None:
             some = jnp.where(begins[name] < t1, 1.0, jnp.nan)

@@ -126,8 +126,8 @@ class PathDeviation(AbstractSignal):
         if self.against_free(mechanism):
             y = self._freely(mechanism, t1, times, options)
         elif layout(ideal).free:
-            own = options._replace(save_at=times, y0=None, atol=None, energy_balance=False, fidelity=DYNAMICS)
-            y = run(ideal, t1, own).y
+            settings = options._replace(save_at=times, y0=None, atol=None, energy_balance=False, fidelity=DYNAMICS)
+            y = run(ideal, t1, settings).y
         else:
             y = jnp.zeros((self.samples, layout(ideal).size))
         ready, apart = ideal.prepare(), (t1 - options.t0) / (self.samples - 1)
@@ -141,8 +141,8 @@ def _error(places: Array, moves: Array) -> Scalar:
     """By how much the cubics between samples may miss the path, at most: what those between every second sample miss
     the samples between them by, across the path, over 2^4.
     """
-    found = hermite(places[:-2:2], 2 * moves[:-2:2], places[2::2], 2 * moves[2::2], 0.5)
-    off, way = places[1::2] - found, moves[1::2]
+    middles = hermite(places[:-2:2], 2 * moves[:-2:2], places[2::2], 2 * moves[2::2], 0.5)
+    off, way = places[1::2] - middles, moves[1::2]
     squares = jnp.sum(way * way, axis=1)
     along = jnp.sum(off * way, axis=1) / jnp.where(squares > 0, squares, 1.0)
     return jnp.max(jnp.sqrt(jnp.sum((off - along[:, None] * way) ** 2, axis=1))) / 16

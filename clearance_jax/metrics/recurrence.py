@@ -105,9 +105,9 @@ class PoincareSection(AbstractMetric):
         return Request(times=jax.lax.stop_gradient(timed.times(t1, options.t0)))
 
     def form(self, mechanism):
-        known, one = quantities(mechanism, energy_balance=True), isinstance(self.quantities, str)
-        names = (self.quantities,) if one else self.quantities
-        axes = (("instant", ()), *(() if one else (("quantity", names),)))
+        known, single = quantities(mechanism, energy_balance=True), isinstance(self.quantities, str)
+        names = (self.quantities,) if single else self.quantities
+        axes = (("instant", ()), *(() if single else (("quantity", names),)))
         return Form(", ".join(known[name].unit for name in names), axes)
 
     def value(self, reply):
@@ -119,8 +119,8 @@ class PoincareSection(AbstractMetric):
         parts = {name: jnp.asarray(reply.solution[name], float) for name in names}
         for name in (name for name, part in parts.items() if part.ndim != 1):
             raise ClearanceError(f"A Poincare section is of numbers, but `{name}` has several: name one, `{name}.x`.")
-        found = jnp.stack([factor * part for part in parts.values()], axis=-1)
-        return found[:, 0] if isinstance(self.quantities, str) else found
+        points = jnp.stack([factor * part for part in parts.values()], axis=-1)
+        return points[:, 0] if isinstance(self.quantities, str) else points
 
 
 class LyapunovExponent(AbstractMetric):
@@ -194,10 +194,10 @@ class LyapunovExponent(AbstractMetric):
         grown = factor * _constant(metric, (reply.mechanism, begin, reply.solution.y[0], reply.options))
         rates = grown if self.exponents > 1 else grown[:, 0]
         counted = jnp.arange(1, self.count + 1).reshape(-1, *(1,) * (rates.ndim - 1))
-        found = jnp.cumsum(rates, axis=0) / (period * counted)
+        estimates = jnp.cumsum(rates, axis=0) / (period * counted)
         if self.uncertainty:
-            return jnp.stack([found[-1], uncertainty(rates, period)], axis=-1)
-        return found if self.running else found[-1]
+            return jnp.stack([estimates[-1], uncertainty(rates, period)], axis=-1)
+        return estimates if self.running else estimates[-1]
 
 
 def uncertainty(grown: Array, period: Any) -> Array:

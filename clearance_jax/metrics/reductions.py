@@ -66,10 +66,10 @@ class Peak(AbstractMetric):
         assert picked is not None
         if reply.mechanism.has_manifold or self.signal.against_free(reply.mechanism):
             # What was seen was seen of a state not yet projected, or against an interpolated ideal.
-            found = _at_peaks(self.signal, reply, picked)
+            peaks = _at_peaks(self.signal, reply, picked)
         else:
-            found = _as_seen(picked.value, (self.signal, reply, picked))
-        return found[0] if self.count == 1 else found
+            peaks = _as_seen(picked.value, (self.signal, reply, picked))
+        return peaks[0] if self.count == 1 else peaks
 
     def times(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Float[Array, " count"]:
         """When the peaks are [s], the highest first."""
@@ -232,8 +232,8 @@ class EnergyLost(AbstractMetric):
         ready, size = reply.mechanism.prepare(), layout(reply.mechanism).size
 
         def loss(time, y):
-            held = energies(jnp.asarray(time, float), y, ready).contacts
-            energy_balance = read_balance(y[size : size + len(BALANCE_TERMS)], held)
+            contacts = energies(jnp.asarray(time, float), y, ready).contacts
+            energy_balance = read_balance(y[size : size + len(BALANCE_TERMS)], contacts)
             return energy_balance["damping_loss"] + energy_balance["friction_loss"]
 
         # `y0` may come with an energy balance that is not empty.

@@ -59,23 +59,23 @@ class AbstractSignal(Module):
 
     def bind(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
-        own = self.prepare(mechanism, t1, options)
-        if not own.against_free(mechanism):
-            return Instant(own)
+        signal = self.prepare(mechanism, t1, options)
+        if not signal.against_free(mechanism):
+            return Instant(signal)
         times = evenly(options.t0, t1, TABLE)
         y = self._freely(mechanism, t1, times, options)
         ready = mechanism.ideal().prepare()
-        return Tabulated(own, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
+        return Tabulated(signal, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
 
     def integrand(self, mechanism: Mechanism, t1: Any, options: Settings, power: int) -> "Integrand":
         """A power of the signal, to be integrated along with the motion."""
-        own = self.prepare(mechanism, t1, options)
-        if own.against_free(mechanism):
+        signal = self.prepare(mechanism, t1, options)
+        if signal.against_free(mechanism):
             raise ClearanceError(
                 "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive "
                 "its joints, or average samples: `At(signal, times)`."
             )
-        return Integrand(own, power)
+        return Integrand(signal, power)
 
     def prepare(self, mechanism: Mechanism, t1: Any, options: Settings) -> "AbstractSignal":
         """The signal with what it needs of the whole ideal motion, which is not computed at every step; by default it
@@ -100,8 +100,8 @@ class AbstractSignal(Module):
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             )
-        own = options._replace(save_at=times, atol=None, energy_balance=False, fidelity=DYNAMICS)
-        return run(mechanism.ideal(), t1, own).y
+        settings = options._replace(save_at=times, atol=None, energy_balance=False, fidelity=DYNAMICS)
+        return run(mechanism.ideal(), t1, settings).y
 
 
 @solo_jit
@@ -324,11 +324,11 @@ class Quantity(AbstractSignal):
         return self
 
     def value(self, time, y, mechanism, reference):
-        found = quantities(mechanism, energy_balance=False)[self.quantity]
-        if found.place is not None:
-            return jnp.asarray(y[found.place], float)
+        quantity = quantities(mechanism, energy_balance=False)[self.quantity]
+        if quantity.place is not None:
+            return jnp.asarray(y[quantity.place], float)
         # Without what is integrated along, which would be read as work and losses.
-        return evaluate(found.variable, time, y[: layout(mechanism).size], mechanism)[found.index]
+        return evaluate(quantity.variable, time, y[: layout(mechanism).size], mechanism)[quantity.index]
 
 
 def numbers_of(mechanism: AbstractMechanism) -> list[str]:

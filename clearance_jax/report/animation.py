@@ -114,11 +114,11 @@ def _views(figure: Any, joint: Play) -> list:
         ]
     if joint.length is not None:
         sides, ends = figure.subplots(2, 2)
-        found: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
+        views: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
         for axis, station in zip(ends, (0, -1), strict=True):
             place = f"{1e3 * joint.heights[station]:+.3g} mm".replace("-", "−")
-            found.append(Section(_title(axis, f"across the edge at z = {place}"), joint, station))
-        return found
+            views.append(Section(_title(axis, f"across the edge at z = {place}"), joint, station))
+        return views
     if joint.place.shape[1] == 3:
         views = []
         for axis, pair in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):

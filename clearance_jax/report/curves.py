@@ -14,8 +14,8 @@ def envelope(time: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.nda
     """Least and greatest value in each of so many equal columns of time that holds any, and the columns' middles."""
     edges = np.linspace(time[0], time[-1], columns + 1)
     column = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, columns - 1)
-    held, first = np.unique(column, return_index=True)
-    middles = 0.5 * (edges[:-1] + edges[1:])[held]
+    filled, first = np.unique(column, return_index=True)
+    middles = 0.5 * (edges[:-1] + edges[1:])[filled]
     return middles, np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
 
 

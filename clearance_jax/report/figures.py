@@ -90,14 +90,13 @@ def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     joints = [str(name) for name in dataset["joint"].values]
     for place, joint in enumerate(bearing_most(dataset)):
-        index = joints.index(joint)
         time, force = at_steps(dataset, joint, "contact_force")
         colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
-            own = dataset["episode_joint"].values == index
+            episodes = dataset["episode_joint"].values == joints.index(joint)
             axis.plot(
-                dataset["peak_time"].values[own] * factor,
-                dataset["peak_force"].values[own],
+                dataset["peak_time"].values[episodes] * factor,
+                dataset["peak_force"].values[episodes],
                 "v",
                 ms=4,
                 color=colour,

@@ -33,13 +33,13 @@ def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Play
     """A joint with its play exaggerated, by default so that it is seen. **Raises** `ClearanceError` for a joint of
     which there is no view.
     """
-    found = play(dataset, name)
-    if found is None:
+    joint = play(dataset, name)
+    if joint is None:
         raise ClearanceError(
             f"`{name}` cannot be magnified: of what it is ({kind(dataset, name) or 'an older result does not say'}) "
             "there is no view, or not all is known. Choose a joint with a pin, a ball, or a block in the tree."
         )
-    return found._replace(factor=factor or round_factor(SHOWN * found.radius / found.clearance))
+    return joint._replace(factor=factor or round_factor(SHOWN * joint.radius / joint.clearance))
 
 
 def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple[Polygon, Circle]:

@@ -54,8 +54,8 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
     """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; efforts of
     drives and actuators, or where there are none reactions in the joints; the points' paths.
     """
-    found = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
-    found += of_points(dataset)
+    motions = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
+    motions += of_points(dataset)
     efforts = _of_each_unit(dataset, "drive_force", "drive", {"N m": "torques of drives", "N": "forces of drives"})
     titles = {"N m": "torques of actuators", "N": "forces of actuators"}
     efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
@@ -63,9 +63,9 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
         names = [str(name) for name in dataset["any_joint"].values]
         efforts = [Panel("reactions in joints", partial(_curves, "joint_reaction", "any_joint", names, "force, N"))]
     if "position" not in dataset:
-        return found + efforts
+        return motions + efforts
     projection = "3d" if dataset.sizes["axis"] == 3 else None
-    return [*found, *efforts, Panel(f"path of {_list(dataset)}", _path, projection)]
+    return [*motions, *efforts, Panel(f"path of {_list(dataset)}", _path, projection)]
 
 
 def of_points(dataset: xr.Dataset) -> list[Panel]:
@@ -88,12 +88,12 @@ def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str
     """A panel for the entries of each unit."""
     if variable not in dataset:
         return []
-    units, names, found = dataset[f"{dim}_unit"].values, dataset[dim].values, []
+    units, names, parts = dataset[f"{dim}_unit"].values, dataset[dim].values, []
     for unit, title in titles.items():
-        own = [str(name) for name in names[units == unit]]
-        if own:
-            found.append(Panel(title, partial(_curves, variable, dim, own, unit)))
-    return found
+        members = [str(name) for name in names[units == unit]]
+        if members:
+            parts.append(Panel(title, partial(_curves, variable, dim, members, unit)))
+    return parts
 
 
 def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:

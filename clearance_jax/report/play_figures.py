@@ -78,12 +78,12 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     factor = time_axis(axis, float(dataset["time"][-1]))
     labelled: set[str] = set()
     for row, joint in enumerate(joints):
-        found = spans(dataset, joint)
-        for words, colour, chosen in _tell(dataset, joint, found):
+        bearing = spans(dataset, joint)
+        for words, colour, chosen in _tell(dataset, joint, bearing):
             # One joint's shares of the time stand in the legend; of several they would not be the same.
-            label = words if len(joints) > 1 else with_share(words, found.share(chosen))
+            label = words if len(joints) > 1 else with_share(words, bearing.share(chosen))
             where = (row + BAR / 2, FACE_BAR) if words == FACES[0] else (row - BAR / 2, BAR)
-            bars = factor * np.stack([found.begin, found.end - found.begin], axis=1)[chosen]
+            bars = factor * np.stack([bearing.begin, bearing.end - bearing.begin], axis=1)[chosen]
             axis.broken_barh(bars, where, facecolors=colour, lw=0, label=None if label in labelled else label)
             labelled.add(label)
     axis.set(ylim=(len(joints) - 0.4, -0.6), yticks=range(len(joints)), yticklabels=joints)
@@ -92,12 +92,12 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(PATTERNS) + 1, frameon=False, borderpad=0)
 
 
-def _tell(dataset: xr.Dataset, joint: str, found: Spans) -> list[tuple[str, str, np.ndarray]]:
+def _tell(dataset: xr.Dataset, joint: str, bearing: Spans) -> list[tuple[str, str, np.ndarray]]:
     """Words, colour and which spans, of every way to bear that there is."""
-    radial = found.pattern % FACE
+    radial = bearing.pattern % FACE
     names = PATTERNS if kind(dataset, joint) == SLEEVE else (PATTERNS[0], TOUCHING)
     told = [(words, colour, radial == code) for code, (words, colour) in enumerate(names)]
-    told.append((*FACES, found.pattern >= FACE))
+    told.append((*FACES, bearing.pattern >= FACE))
     return [entry for entry in told if np.any(entry[2])]
 
 
@@ -107,29 +107,29 @@ def with_share(words: str, share: float) -> str:
 
 
 def _paths(dataset: xr.Dataset, joint: str, edges: bool) -> list[PinPath]:
-    found = station_paths(dataset, joint)
-    return [found[0], found[-1]] if edges and len(found) > 1 else found
+    paths = station_paths(dataset, joint)
+    return [paths[0], paths[-1]] if edges and len(paths) > 1 else paths
 
 
-def _draw(figure: Any, found: list[PinPath]) -> None:
+def _draw(figure: Any, paths: list[PinPath]) -> None:
     """One beside another; those of one joint on one scale."""
-    columns, one = min(ROW, len(found)), len({path.joint for path in found}) == 1
-    rows = -(-len(found) // columns)
-    axes = figure.subplots(rows, columns, sharex=one, sharey=one, squeeze=False)
-    for path, axis in zip(found, axes.flat, strict=False):
+    columns, same_joint = min(ROW, len(paths)), len({path.joint for path in paths}) == 1
+    rows = -(-len(paths) // columns)
+    axes = figure.subplots(rows, columns, sharex=same_joint, sharey=same_joint, squeeze=False)
+    for path, axis in zip(paths, axes.flat, strict=False):
         draw_path(axis, path, BEARING)
         named = path.joint
-        if one and len(found) > 1:
-            edge = ", edge" if path.height in (found[0].height, found[-1].height) else ""
+        if same_joint and len(paths) > 1:
+            edge = ", edge" if path.height in (paths[0].height, paths[-1].height) else ""
             named = f"z = {1e3 * path.height:+.3g} mm{edge}".replace("-", "−")
         axis.set_title(f"{named}: bears {path.share(1):.0%}", fontsize=9)
-    for axis in axes.flat[len(found) :]:
+    for axis in axes.flat[len(paths) :]:
         axis.set_axis_off()
     for axis in axes[:, 0]:
         axis.set_ylabel("e_y, µm")
     for axis in axes[-1]:
         axis.set_xlabel("e_x, µm")
-    of = f" of {found[0].joint}" if one and len(found) > 1 else ""
+    of = f" of {paths[0].joint}" if same_joint and len(paths) > 1 else ""
     figure.suptitle(f"path of the pin's centre{of} in the sleeve's axes, and how long it bears there", fontsize=10)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)

@@ -47,19 +47,19 @@ def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
 
     **Raises:** `ClearanceError` for a result that is none.
     """
-    one = result(dataset, name)
-    own = [str(dim) for dim in one.dims if dim not in lanes_of(dataset)]
-    if len(own) == 1:
-        return [one]
-    if len(own) != 2:
+    points = result(dataset, name)
+    dims = [str(dim) for dim in points.dims if dim not in lanes_of(dataset)]
+    if len(dims) == 1:
+        return [points]
+    if len(dims) != 2:
         raise ClearanceError(
-            f"`{name}` is no Poincare section: beside those of samples it has {len(own)} dimensions, not 1 or 2."
+            f"`{name}` is no Poincare section: beside those of samples it has {len(dims)} dimensions, not 1 or 2."
         )
-    units = str(one.attrs.get("units", "")).split(", ")
-    units = units if len(units) == one.sizes[own[1]] else units[:1] * one.sizes[own[1]]
-    labels = one[own[1]].values  # where there are no labels, whole numbers
+    units = str(points.attrs.get("units", "")).split(", ")
+    units = units if len(units) == points.sizes[dims[1]] else units[:1] * points.sizes[dims[1]]
+    labels = points[dims[1]].values  # where there are no labels, whole numbers
     return [
-        one.isel({own[1]: k}).rename(str(label)).assign_attrs(units=units[k], long_name=words(str(label)))
+        points.isel({dims[1]: k}).rename(str(label)).assign_attrs(units=units[k], long_name=words(str(label)))
         for k, label in enumerate(labels)
     ]
 
@@ -106,7 +106,7 @@ def draw_bifurcation(
     kinds = [(np.ones(len(x), bool), "black", None)]
     if exponent is not None:
         rate = exponent_of(dataset, exponent)
-        kinds = [(rate.sign == k, COLOURS[k], said) for k, said in _words(rate).items()]
+        kinds = [(rate.sign == k, COLOURS[k], label) for k, label in _words(rate).items()]
     for chosen, colour, label in kinds:
         where = np.broadcast_to(x[chosen, None], y[chosen].shape)
         axes.scatter(where, y[chosen], s=size, lw=0, color=colour, label=label, rasterized=True)
@@ -179,7 +179,7 @@ def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exp
     panels: Any = figure.subplots(rows, columns, squeeze=False).ravel()
     rate = None if exponent is None else exponent_of(dataset, exponent)
     across, up = (display(part) for part in parts)
-    x, y = (one.factor * of_lanes(dataset, part) for one, part in zip((across, up), parts, strict=True))
+    x, y = (axis.factor * of_lanes(dataset, part) for axis, part in zip((across, up), parts, strict=True))
     for panel, lane in zip(panels, chosen, strict=False):
         colour = "black" if rate is None else COLOURS[int(rate.sign[lane])]
         panel.scatter(x[lane], y[lane], s=LARGE if len(x[lane]) > FEW else 4 * LARGE, lw=0, color=colour)
@@ -207,9 +207,9 @@ def _tell(dataset: xr.Dataset, lane: int, rate: Exponent | None) -> str:
     """A lane's numbers, and its exponent."""
     told = []
     for name in variables(dataset):
-        one = display(number(dataset, name))
-        value = one.factor * of_lanes(dataset, number(dataset, name))[lane]
-        told.append(f"{one.name} {value:.4g} {one.unit}".strip())
+        axis = display(number(dataset, name))
+        value = axis.factor * of_lanes(dataset, number(dataset, name))[lane]
+        told.append(f"{axis.name} {value:.4g} {axis.unit}".strip())
     if rate is not None:
         beside = "" if rate.uncertainty is None else f" ± {rate.uncertainty.values.ravel()[lane]:.2g}"
         told.append(f"exponent {rate.value.values.ravel()[lane]:+.3g}{beside} 1/s")

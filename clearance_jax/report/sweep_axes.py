@@ -74,13 +74,13 @@ def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
 def variables(dataset: xr.Dataset) -> tuple[str, ...]:
     """The numbers that vary over the lanes, in the order of their dimensions."""
     lanes = lanes_of(dataset)
-    found = [
-        (lanes.index(str(one.dims[0])), str(name))
-        for name, one in dataset.coords.items()
+    entries = [
+        (lanes.index(str(coordinate.dims[0])), str(name))
+        for name, coordinate in dataset.coords.items()
         # What only counts its lanes is whole numbers.
-        if np.issubdtype(one.dtype, np.floating) and one.dims and set(one.dims) <= set(lanes)
+        if np.issubdtype(coordinate.dtype, np.floating) and coordinate.dims and set(coordinate.dims) <= set(lanes)
     ]
-    return tuple(name for _, name in sorted(found, key=lambda entry: entry[0]))
+    return tuple(name for _, name in sorted(entries, key=lambda entry: entry[0]))
 
 
 def results(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -88,14 +88,14 @@ def results(dataset: xr.Dataset) -> tuple[str, ...]:
     lanes = set(lanes_of(dataset))
     return tuple(
         str(name)
-        for name, one in dataset.data_vars.items()
-        if name not in ENDINGS and set(one.dims) == lanes and np.issubdtype(one.dtype, np.floating)
+        for name, values in dataset.data_vars.items()
+        if name not in ENDINGS and set(values.dims) == lanes and np.issubdtype(values.dtype, np.floating)
     )
 
 
 def results_of(dataset: xr.Dataset, metric: str) -> tuple[str, ...]:
     """The results of a kind of metric."""
-    return tuple(str(name) for name, one in dataset.data_vars.items() if one.attrs.get("metric") == metric)
+    return tuple(str(name) for name, values in dataset.data_vars.items() if values.attrs.get("metric") == metric)
 
 
 def endings(dataset: xr.Dataset) -> tuple[int, int]:
@@ -122,10 +122,10 @@ class Exponent(NamedTuple):
 
 def exponent_of(dataset: xr.Dataset, name: str) -> Exponent:
     """A largest Lyapunov exponent, lanes in the order of `code`."""
-    one = result(dataset, name).transpose(*dataset[CODE].dims, ...)
-    if "estimate" in one.dims:
-        return Exponent(*(one.sel(estimate=which, drop=True) for which in ("value", "uncertainty")))
-    return Exponent(one, None)
+    exponent = result(dataset, name).transpose(*dataset[CODE].dims, ...)
+    if "estimate" in exponent.dims:
+        return Exponent(*(exponent.sel(estimate=which, drop=True) for which in ("value", "uncertainty")))
+    return Exponent(exponent, None)
 
 
 def result(dataset: xr.Dataset, name: str) -> xr.DataArray:
@@ -142,16 +142,16 @@ def number(dataset: xr.Dataset, name: str) -> xr.DataArray:
     return dataset[name]
 
 
-def of_lanes(dataset: xr.Dataset, one: xr.DataArray) -> np.ndarray:
+def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
     """A number or a result lane by lane: shape (lanes, ...), real."""
     code = dataset[CODE]
-    values = one.broadcast_like(code).transpose(*code.dims, ...).values.astype(float)
+    values = array.broadcast_like(code).transpose(*code.dims, ...).values.astype(float)
     return values.reshape(code.size, *values.shape[code.ndim :])
 
 
-def display(one: xr.DataArray, name: str | None = None) -> Shown:
+def display(array: xr.DataArray, name: str | None = None) -> Shown:
     """How a number or a result is shown, by its size."""
-    unit, values = str(one.attrs.get("units", "")), np.abs(one.values.astype(float))
+    unit, values = str(array.attrs.get("units", "")), np.abs(array.values.astype(float))
     finite = values[np.isfinite(values)]
     largest, factor = float(finite.max()) if finite.size else 0.0, 1.0
     for bound, times, other in PREFIXES.get(unit, ()):
@@ -159,9 +159,9 @@ def display(one: xr.DataArray, name: str | None = None) -> Shown:
             factor, unit = times, other
             break
     # A metric knows what it is, and not what its user calls it.
-    own, said = str(one.name), str(one.attrs.get("long_name", one.name))
-    said = words(own) if "metric" in one.attrs or said == own else said
-    return Shown(factor, said if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
+    key, title = str(array.name), str(array.attrs.get("long_name", array.name))
+    title = words(key) if "metric" in array.attrs or title == key else title
+    return Shown(factor, title if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
 
 
 def scale(values: np.ndarray) -> str:
@@ -187,8 +187,8 @@ def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
     told = []
     for dim, k in place.items():
         if dim in variables(dataset):
-            one = display(number(dataset, dim))
-            told.append(f"{one.name} {one.factor * float(dataset[dim][k]):.4g} {one.unit}".strip())
+            axis = display(number(dataset, dim))
+            told.append(f"{axis.name} {axis.factor * float(dataset[dim][k]):.4g} {axis.unit}".strip())
         else:
             told.append(str(dataset[dim].values[k]) if dim in dataset.coords else f"{dim} {k}")
     return ", ".join(told)

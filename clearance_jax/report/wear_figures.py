@@ -36,10 +36,8 @@ def overview(dataset: xr.Dataset) -> Figure:
     grid = figure.add_gridspec(2, 5)
     profiles(figure.add_subplot(grid[0, :3]), dataset)
     bore(figure.add_subplot(grid[0, 3:]), dataset)
-    rest: Any = figure.add_subplot(grid[1, :3]), figure.add_subplot(grid[1, 3:])
-    one, other = rest
-    growth(one, dataset)
-    criterion(other, dataset) if "watched" in dataset else volume(other, dataset)
+    growth(figure.add_subplot(grid[1, :3]), dataset)
+    (criterion if "watched" in dataset else volume)(figure.add_subplot(grid[1, 3:]), dataset)
     end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
     figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
     return figure
@@ -148,10 +146,10 @@ def criterion(axis: Any, dataset: xr.Dataset) -> None:
 
     **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
     """
-    one = dataset["watched"]
-    told = display(one)
-    axis.plot(dataset["cycle"], told.factor * one, "o-", ms=2.5, lw=1)
-    axis.axhline(told.factor * one.attrs["bound"], color=MARK, lw=1, ls="--", label="bound")
+    watched = dataset["watched"]
+    told = display(watched)
+    axis.plot(dataset["cycle"], told.factor * watched, "o-", ms=2.5, lw=1)
+    axis.axhline(told.factor * watched.attrs["bound"], color=MARK, lw=1, ls="--", label="bound")
     axis.set(title=told.name, ylabel=told.unit)
     _over_life(axis, dataset)
     legend_below(axis, fontsize=7)

@@ -47,8 +47,8 @@ def kind(dataset: xr.Dataset, joint: str) -> str:
 
 def number(dataset: xr.Dataset, joint: str, name: str) -> float | None:
     """A number of a clearance joint, if it has it."""
-    found = dataset.attrs.get(f"parameter.{joint}.{name}")
-    return None if found is None else float(found)
+    attribute = dataset.attrs.get(f"parameter.{joint}.{name}")
+    return None if attribute is None else float(attribute)
 
 
 def spans(dataset: xr.Dataset, joint: str) -> Spans:
@@ -56,8 +56,8 @@ def spans(dataset: xr.Dataset, joint: str) -> Spans:
     one. Without step ends (of a `Solution`) the samples have to do.
     """
     name = "contact_pattern" if "contact_pattern" in dataset else "contact_state"
-    time, found = at_steps(dataset, require_joint(dataset, joint), name)
-    codes = found.astype(int)
+    time, patterns = at_steps(dataset, require_joint(dataset, joint), name)
+    codes = patterns.astype(int)
     if "contact_pattern" not in dataset:
         codes = np.minimum(codes, 1)  # an impact is a contact
     if len(time) < 2:

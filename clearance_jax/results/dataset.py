@@ -77,14 +77,14 @@ def to_dataset(
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
     if extremes:
         coords["after"] = ("after", extremes["after"], {"units": "s"})
-    said = _attributes(mechanism, solved, solution.message or "successful")
+    attrs = _attributes(mechanism, solved, solution.message or "successful")
     if mechanism.notes:
-        said["notes"] = "; ".join(mechanism.notes)
+        attrs["notes"] = "; ".join(mechanism.notes)
     if solved.rests:
-        said["start"] = solved.rests
+        attrs["start"] = solved.rests
     if solved.validity is not None:
-        said["validity"] = str(solved.validity)
-    return xr.Dataset(data, coords, said | provenance)
+        attrs["validity"] = str(solved.validity)
+    return xr.Dataset(data, coords, attrs | provenance)
 
 
 def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
@@ -114,8 +114,8 @@ def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) ->
     program = blocks.observed_with_rates if mechanism.clearance_joints() else blocks.observed
 
     def some(*given):
-        found = program(*given)  # far more than is wanted of as many states as there are steps
-        return {name: found[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in found}
+        seen = program(*given)  # far more than is wanted of as many states as there are steps
+        return {name: seen[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in seen}
 
     return in_blocks(some, mechanism, np.asarray(trace.time), np.asarray(trace.y), progress=progress)
 
@@ -129,10 +129,10 @@ def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]
         spans = episodes.spans(t, ends.penetration)
         inside = _inside(mechanism, y, joint, ends)
         top, work = peaks(ends, spans, inside), works(ends, spans, inside)
-        if said := doubt(mechanism.clearance_joints()[joint].name, work.restitution):
-            warnings.warn(said, ContactWarning, stacklevel=3)
-        own = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
-        tables.append(own | episodes.table(ends, spans) | {"restitution": work.restitution})
+        if message := doubt(mechanism.clearance_joints()[joint].name, work.restitution):
+            warnings.warn(message, ContactWarning, stacklevel=3)
+        columns = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
+        tables.append(columns | episodes.table(ends, spans) | {"restitution": work.restitution})
         impacts.append((t[spans.first], episodes.impact_ends(t, ends.penetration_rate, spans)))
     steps = {
         "step_time": t,
@@ -151,16 +151,15 @@ def _inside(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.Step
     def look(step, s):
         begin = ends.time[step]
         arrays = begin, y[step], ends.time[step + 1] - begin, s
-        found = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)["contact"]
-        return blocks.Inside(*(values[:, joint] for values in found))
+        contact = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)["contact"]
+        return blocks.Inside(*(values[:, joint] for values in contact))
 
     return look
 
 
 def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndarray:
     """The contact states of every joint (time, joint)."""
-    columns = [episodes.contact_states(time, penetration[:, j], *own) for j, own in enumerate(impacts)]
-    return np.stack(columns, axis=1)
+    return np.stack([episodes.contact_states(time, penetration[:, j], *ends) for j, ends in enumerate(impacts)], axis=1)
 
 
 def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[str, Any]:
@@ -180,14 +179,14 @@ def _numbers(mechanism: Mechanism) -> dict[str, Any]:
     """Every number of the mechanism, and of every clearance joint its kind, `clearance.NAME`, and what of it is no
     number but chosen.
     """
-    found: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
+    numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
-        found[f"clearance.{joint.name}"] = joint.clearance.kind
+        numbers[f"clearance.{joint.name}"] = joint.clearance.kind
         for field in dataclasses.fields(joint.clearance):
             value = getattr(joint.clearance, field.name)
             if field.metadata.get("static", False) and isinstance(value, int | float | str):
-                found[f"clearance.{joint.name}.{field.name}"] = value
-    return found
+                numbers[f"clearance.{joint.name}.{field.name}"] = value
+    return numbers
 
 
 def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:

@@ -76,22 +76,22 @@ def spans(time: np.ndarray, penetration: np.ndarray) -> Spans:
     return Spans(first[kept], last[kept], lasting[kept])
 
 
-def members(found: Spans) -> Members:
+def members(spans: Spans) -> Members:
     """The step ends of all spans in one row."""
-    length = found.last - found.first + 1
+    length = spans.last - spans.first + 1
     start = np.cumsum(length) - length
-    index = np.arange(np.sum(length, dtype=int)) + np.repeat(found.first - start, length)
+    index = np.arange(np.sum(length, dtype=int)) + np.repeat(spans.first - start, length)
     return Members(index, np.repeat(np.arange(length.size), length), start)
 
 
-def impact_ends(time: np.ndarray, rate: np.ndarray, found: Spans) -> np.ndarray:
+def impact_ends(time: np.ndarray, rate: np.ndarray, spans: Spans) -> np.ndarray:
     """When each episode stops being an impact: at separation, or, where contact goes on, when the penetration has been
     through one compression and restitution (the second change of sign of its rate), or the rate has died away.
     """
-    ends = time[found.last]
+    ends = time[spans.last]
     if ends.size == 0:
         return ends
-    index, span, start = members(found)
+    index, span, start = members(spans)
     t, r = time[index], rate[index]
     turns = (np.sign(r[1:]) != np.sign(r[:-1])) & (span[1:] == span[:-1])
     count = np.concatenate([[0], np.cumsum(turns)])
@@ -105,7 +105,7 @@ def impact_ends(time: np.ndarray, rate: np.ndarray, found: Spans) -> np.ndarray:
     calmed, first = np.unique(span[calm], return_index=True)
     ends[calmed] = np.minimum(ends[calmed], t[calm[first]])
     # Of a contact that goes on without such a pause, what comes after the last lively step end is one.
-    restless = found.lasting.copy()
+    restless = spans.lasting.copy()
     restless[calmed] = False
     last = lively[np.searchsorted(span[lively], np.flatnonzero(restless), side="right") - 1]
     ends[restless] = np.minimum(ends[restless], t[last])
@@ -122,13 +122,13 @@ def contact_states(time: np.ndarray, penetration: np.ndarray, begins: np.ndarray
     return states
 
 
-def table(seen: StepEnds, found: Spans) -> dict[str, np.ndarray]:
+def table(seen: StepEnds, spans: Spans) -> dict[str, np.ndarray]:
     """What the step ends themselves tell of every episode. A contact that is there from the start has no impact."""
-    start, end = seen.time[found.first], seen.time[found.last]
-    speed, parting = seen.penetration_rate[found.first], -seen.penetration_rate[found.last]
+    start, end = seen.time[spans.first], seen.time[spans.last]
+    speed, parting = seen.penetration_rate[spans.first], -seen.penetration_rate[spans.last]
     return {
         "episode_start": start,
-        "episode_end": np.where(found.lasting, np.nan, end),
-        "impact_speed": np.where(found.first > 0, speed, np.nan),
-        "separation_speed": np.where(found.lasting, np.nan, parting),
+        "episode_end": np.where(spans.lasting, np.nan, end),
+        "impact_speed": np.where(spans.first > 0, speed, np.nan),
+        "separation_speed": np.where(spans.lasting, np.nan, parting),
     }

@@ -47,8 +47,8 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
 
         def look(step, s, name=name):
             arrays = time[step], y[step], time[step + 1] - time[step], s
-            found = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)[name]
-            return np.linalg.norm(found, axis=-1)
+            vectors = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)[name]
+            return np.linalg.norm(vectors, axis=-1)
 
         for begin in begins:
             for point in range(sizes.shape[1]):
@@ -76,10 +76,10 @@ def largest(time: np.ndarray, values: np.ndarray, look: Look) -> Extreme:
     near = 1.0 / PLACES
     for _ in range(CLOSER):
         closer = np.clip(place + near * np.linspace(-1, 1, PLACES + 2)[1:-1], 0.0, 1.0)
-        found = _best(look, np.full(PLACES, step), closer)
+        candidate = _best(look, np.full(PLACES, step), closer)
         near *= 2 / (PLACES + 1)
-        if found[2] > value:
-            step, place, value = found
+        if candidate[2] > value:
+            step, place, value = candidate
     end = int(np.argmax(values))
     if values[end] >= value:
         return Extreme(float(values[end]), float(time[end]))
@@ -99,6 +99,6 @@ def _candidates(values: np.ndarray) -> np.ndarray:
 
 def _best(look: Look, steps: np.ndarray, places: np.ndarray) -> tuple[int, float, float]:
     """The step, the place in it and the value that are largest."""
-    found = look(steps, places)
-    k = int(np.argmax(found))
-    return int(steps[k]), float(places[k]), float(found[k])
+    values = look(steps, places)
+    k = int(np.argmax(values))
+    return int(steps[k]), float(places[k]), float(values[k])

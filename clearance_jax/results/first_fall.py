@@ -46,7 +46,7 @@ def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
 
 def first_falls_over(time: np.ndarray, states: np.ndarray) -> np.ndarray:
     """The same from the times [s] and contact states (steps, joints) of the step ends."""
-    return np.array([_end(time, own) for own in states.T])
+    return np.array([_end(time, column) for column in states.T])
 
 
 def _end(time: np.ndarray, states: np.ndarray) -> float:
@@ -64,10 +64,10 @@ def loads(dataset: xr.Dataset) -> Loads | None:
         return None
     joints = list(dataset["joint"].values)
     largest = max(every)
-    own = joints.index(largest.joint)
+    joint = joints.index(largest.joint)
     later = [load for load in every if load.time > ends[joints.index(load.joint)]]
-    centred = not np.any(dataset["step_eccentricity"].values[0, own])
-    return Loads(largest, largest.time <= ends[own], centred, max(later, default=None))
+    centred = not np.any(dataset["step_eccentricity"].values[0, joint])
+    return Loads(largest, largest.time <= ends[joint], centred, max(later, default=None))
 
 
 def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:

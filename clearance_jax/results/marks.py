@@ -35,20 +35,20 @@ def marks(mechanism: AbstractMechanism) -> Iterator[Mark]:
     """What the ground carries, and every body; one that carries one thing only has its centre of mass beside it."""
     joints, springs = mechanism.all_joints(), mechanism.springs
     for body in (GROUND, *(b.name for b in mechanism.bodies)):
-        found = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
-        found += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
-        found += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
-        found += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
-        found += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
-        if len(found) == 1:
-            found += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
-        yield from found
+        carried = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
+        carried += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
+        carried += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
+        carried += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
+        carried += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
+        if len(carried) == 1:
+            carried += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
+        yield from carried
 
 
 def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
     """What labels the marks of a dataset: their names, and the bodies that they are on."""
-    found = list(marks(mechanism))
-    return {"mark": ("mark", [m.name for m in found]), "mark_body": ("mark", [m.body for m in found])}
+    drawn = list(marks(mechanism))
+    return {"mark": ("mark", [m.name for m in drawn]), "mark_body": ("mark", [m.body for m in drawn])}
 
 
 def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "marks axes"]:
@@ -62,5 +62,5 @@ def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Floa
 def picture(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
     """What a picture shows of one state of a prepared mechanism, by the names of a dataset."""
     seen = observe(time, y[: layout(mechanism).size], mechanism)
-    found = {name: seen[name] for name in SHOWN if name in seen}
-    return found | {"mark_position": mark_positions(mechanism, time, y)}
+    shown = {name: seen[name] for name in SHOWN if name in seen}
+    return shown | {"mark_position": mark_positions(mechanism, time, y)}

@@ -46,11 +46,11 @@ def cubic_top(value0, slope0, value1, slope1) -> tuple[np.ndarray, np.ndarray]:
     return np.where(turns, x, np.nan), np.where(turns, top, np.nan)
 
 
-def peaks(seen: StepEnds, found: Spans, look: Look) -> Peaks:
+def peaks(seen: StepEnds, spans: Spans, look: Look) -> Peaks:
     """The largest force of every episode of one joint."""
-    if found.first.size == 0:
+    if spans.first.size == 0:
         return Peaks(np.zeros(0), np.zeros(0))
-    row = members(found)
+    row = members(spans)
     highest = _first_largest(seen.force[row.index], row)
     time, height = seen.time[row.index[highest]], seen.force[row.index[highest]]
     steps, span = candidates(seen, row, highest)

@@ -82,7 +82,7 @@ def places(dataset: xr.Dataset) -> Places:
         bodies.setdefault(owner, []).append(mark)
     ends = {name: [mark for mark, other in enumerate(names) if other == name] for name in names}
     at = dataset["mark_position"].values
-    found = Places(
+    placed = Places(
         dataset["time"].values,
         at,
         bodies.pop(GROUND, []),
@@ -95,8 +95,8 @@ def places(dataset: xr.Dataset) -> Places:
         frozenset(loose),
     )
     apart = {name: np.diff(at[:, pair[:2]], axis=1)[:, 0] for name, pair in ends.items() if len(pair) > 1}
-    apart = {name: between for name, between in apart.items() if np.abs(between).max() > APART * found.size}
-    return found._replace(
+    apart = {name: between for name, between in apart.items() if np.abs(between).max() > APART * placed.size}
+    return placed._replace(
         pairs={name: ends[name][:2] for name in apart},
         slides={
             name: _directions(between, owners[ends[name][0]] == GROUND)
@@ -120,9 +120,9 @@ def outline(dataset: xr.Dataset) -> Outline:
     """At the sample at which the mechanism is stretched out least: joints in a line hide each other. Seen along the
     axis along which it is thinnest. **Raises** `ClearanceError` as `places`.
     """
-    found, axes, seen = places(dataset), [0, 1], ""
-    if found.at.shape[-1] == 3:
-        low, high = bounds(found.at)
+    placed, axes, seen = places(dataset), [0, 1], ""
+    if placed.at.shape[-1] == 3:
+        low, high = bounds(placed.at)
         along = int(np.argmin(high - low))
         axes, seen = [k for k in range(3) if k != along], "xyz"[along]
     flat = places(dataset.isel(axis=axes))

@@ -103,25 +103,25 @@ def play(dataset: xr.Dataset, joint: str) -> Play | None:
         block, ends = (radius, number(dataset, joint, "width")), np.array([-0.5, 0.5]) * (length or 0.0)
         return Play(place, tilt, None, radius / 2, clearance, length or 0.0, through=False, heights=ends, block=block)
     turn = dataset["q"].sel(coordinate=joint).values if joint in dataset["coordinate"].values else None
-    found = Play(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
+    pin = Play(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
     if of != SLEEVE:
-        return found
-    said = f"clearance.{joint}"
-    return found._replace(
+        return pin
+    prefix = f"clearance.{joint}"
+    return pin._replace(
         length=length,
         axial=number(dataset, joint, "axial_clearance"),
         collar=number(dataset, joint, "collar_radius") or COLLAR_RADIUS * radius,
-        ring=int(dataset.attrs[f"{said}.ring"]),
-        through=dataset.attrs[f"{said}.pin"] == "through",
-        heights=0.5 * (length or 0.0) * lobatto(int(dataset.attrs[f"{said}.stations"]))[0],
+        ring=int(dataset.attrs[f"{prefix}.ring"]),
+        through=dataset.attrs[f"{prefix}.pin"] == "through",
+        heights=0.5 * (length or 0.0) * lobatto(int(dataset.attrs[f"{prefix}.stations"]))[0],
     )
 
 
 def _sizes(dataset: xr.Dataset, joint: str) -> tuple[float, float] | None:
     """How large a joint of a known kind is, and how much play it has [m]."""
     known = ([number(dataset, joint, name) for name in names] for names in SIZES)
-    found = [(size, play) for size, play in known if size is not None and play is not None]
-    return found[0] if found and kind(dataset, joint) else None
+    complete = [(size, play) for size, play in known if size is not None and play is not None]
+    return complete[0] if complete and kind(dataset, joint) else None
 
 
 def _tilt(dataset: xr.Dataset, joint: str) -> np.ndarray | None:
@@ -183,14 +183,14 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
 
     **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
     """
-    found = play(dataset, require_joint(dataset, joint))
-    if found is None or kind(dataset, joint) not in PINS:
+    pin = play(dataset, require_joint(dataset, joint))
+    if pin is None or kind(dataset, joint) not in PINS:
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
-    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if found.length is not None else []))
-    centres = found._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(found.heights)
+    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if pin.length is not None else []))
+    centres = pin._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(pin.heights)
     out = []
-    for k, height in enumerate(found.heights):
-        places, wall = centres[:, k], (found.clearance, found.wear_depth(k))
+    for k, height in enumerate(pin.heights):
+        places, wall = centres[:, k], (pin.clearance, pin.wear_depth(k))
         state = (penetration(places, *wall) > 0).astype(int)
         out.append(PinPath(joint, float(height), time, places, state, pin_travel(*wall)))
     return out

@@ -47,6 +47,6 @@ def attributes(variable: Variable, labelled: dict[str, tuple[str, list[str]]]) -
     """A variable's attributes: its unit where that is one for all its entries, and what it means."""
     unit = variable.unit
     if unit.startswith("see "):
-        own = set(labelled[unit.removeprefix("see ")][1])
-        unit = own.pop() if len(own) == 1 else unit
+        units = set(labelled[unit.removeprefix("see ")][1])
+        unit = units.pop() if len(units) == 1 else unit
     return {"units": unit, "long_name": variable.meaning}

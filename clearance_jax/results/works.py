@@ -42,12 +42,12 @@ class Powers(NamedTuple):
     known: np.ndarray
 
 
-def works(seen: StepEnds, found: Spans, inside: Look) -> Works:
+def works(seen: StepEnds, spans: Spans, inside: Look) -> Works:
     """The works of every episode of one joint, of what is seen of it."""
-    powers, place = _powers(seen, found, inside)
+    powers, place = _powers(seen, spans, inside)
     until = [np.append(0.0, np.cumsum(part)) for part in _exchange(powers)]
-    taken, given = (work[place[found.last]] - work[place[found.first]] for work in until)
-    whole = (found.first > 0) & ~found.lasting & (taken > 0)
+    taken, given = (work[place[spans.last]] - work[place[spans.first]] for work in until)
+    whole = (spans.first > 0) & ~spans.lasting & (taken > 0)
     return Works(taken, given, np.where(whole, np.sqrt(given / np.where(whole, taken, 1.0)), np.nan))
 
 
@@ -62,9 +62,9 @@ def doubt(joint: str, restitution: np.ndarray) -> str:
     )
 
 
-def _powers(seen: StepEnds, found: Spans, inside: Look) -> tuple[Powers, np.ndarray]:
+def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[Powers, np.ndarray]:
     """The powers at the step ends and inside the first and last steps, and the places of the step ends among them."""
-    first, last = found.first[found.first > 0], found.last[~found.lasting]
+    first, last = spans.first[spans.first > 0], spans.last[~spans.lasting]
     known, here = np.ones(seen.time.size, bool), np.arange(seen.time.size)
     known[first] = known[last] = False
     whole = Powers(seen.time, seen.power, seen.power_rate, known)

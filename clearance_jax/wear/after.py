@@ -134,7 +134,7 @@ class AfterWear(AbstractAged):
         names, begin = tuple(by), model.begin(self._sectors(mechanism, options))
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         solve, now = settings_of(model.mechanism, t1, options), list(values_of(model, names).values())
-        found, done = [], 0
+        answers, done = [], 0
         for cycles in self.cycles:
             if cycles > done:
 
@@ -145,10 +145,10 @@ class AfterWear(AbstractAged):
                 assert leg.slopes is not None
                 stack, done = np.concatenate([leg.depth[-1:], leg.slopes[-1]]), cycles
             worn = Worn(names, jnp.asarray(stack), jnp.asarray(now, float), model)
-            one = answer(Question(worn, {"": self.metric}, t1, solve, names))
-            value = np.ravel(one.values[""])
-            found.append((value, np.reshape(one.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0))))
-        values_, slopes = zip(*found, strict=True)
+            outcome = answer(Question(worn, {"": self.metric}, t1, solve, names))
+            value = np.ravel(outcome.values[""])
+            answers.append((value, np.reshape(outcome.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0))))
+        values_, slopes = zip(*answers, strict=True)
         return np.concatenate(values_), np.concatenate(slopes)
 
     def lives(self, mechanism, values, t1, bound, most, **options):

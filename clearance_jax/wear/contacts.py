@@ -88,14 +88,14 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
     pin_of(mechanism, joint)
     size, count = layout(mechanism).size, trace.time.size - 1
     time, y = np.asarray(trace.time), np.asarray(trace.y)[:, :size]
-    found = []
+    chunks = []
     for first in range(0, count, CHUNK):
         # The last chunk is filled up with steps of no length.
         taken = np.minimum(np.arange(first, first + CHUNK + 1), count)
         seen = _look(mechanism, joint, jnp.asarray(time[taken]), jnp.asarray(y[taken]), parts)
         kept = A_STEP * parts * (min(first + CHUNK, count) - first)
-        found.append(jax.tree.map(lambda x, kept=kept: np.asarray(x)[:kept], seen))
-    whole = Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*found, strict=True)))
+        chunks.append(jax.tree.map(lambda x, kept=kept: np.asarray(x)[:kept], seen))
+    whole = Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*chunks, strict=True)))
     return whole._replace(time=whole.time - time[0])
 
 

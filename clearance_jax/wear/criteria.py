@@ -113,8 +113,8 @@ class ImpactSpeed(AbstractCriterion):
         motion = trace(mechanism, float(self.t1), **{**self.options, "save_at": None})
         if motion.message:
             raise ClearanceError(f"The motion stopped: {motion.message}")
-        found = to_dataset(mechanism, motion)
-        speeds = found["impact_speed"].values[found["episode_joint"].values == [*found["joint"].values].index(joint)]
+        dataset = to_dataset(mechanism, motion)
+        speeds = dataset["impact_speed"].values[dataset["episode_joint"].values == [*dataset["joint"].values].index(joint)]
         return float(np.nanmax(speeds, initial=0.0))
 
 

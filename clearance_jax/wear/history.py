@@ -219,8 +219,8 @@ def _end(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, c
     done = done._replace(beyond=beyond)
     if beyond < 0:
         return done
-    found = scipy.optimize.brentq(lambda n: float(until(_profile(profile(n)))), 0.0, float(whole), xtol=1e-12 * whole)
-    n = float(found)  # pyright: ignore[reportArgumentType]
+    root = scipy.optimize.brentq(lambda n: float(until(_profile(profile(n)))), 0.0, float(whole), xtol=1e-12 * whole)
+    n = float(root)  # pyright: ignore[reportArgumentType]
     ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + np.floor(n) / jump * (then - first))[:1]]
     return done._replace(end=now.cycles + n, ending=np.array(ending).tolist())
 
@@ -290,8 +290,8 @@ def simulate_wear(
         )
 
     def rate(depth: Profile, after: int) -> np.ndarray:
-        found = model.cycle_wears(np.atleast_2d(depth), names, after, how_to_solve)
-        return found if names else found[0]
+        worn = model.cycle_wears(np.atleast_2d(depth), names, after, how_to_solve)
+        return worn if names else worn[0]
 
     def beyond(depth: Profile) -> float:
         assert criterion is not None
@@ -305,11 +305,11 @@ def simulate_wear(
         stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         ends = None if criterion is None else beyond
         blocks = _march(rate, stack, cycles, tolerance, longest, ends, kept, progress)
-    found = _history(blocks)._replace(names=names, until=criterion)
+    history = _history(blocks)._replace(names=names, until=criterion)
     if not names or criterion is None or blocks[-1].ending is None:
-        return found
+        return history
     ending = jnp.asarray(blocks[-1].ending)
-    return found._replace(end_slopes=np.asarray(end_slopes(criterion, model, names, ending)))
+    return history._replace(end_slopes=np.asarray(end_slopes(criterion, model, names, ending)))
 
 
 def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> WearHistory | None:

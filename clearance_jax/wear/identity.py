@@ -10,6 +10,6 @@ from clearance_jax.wear.model import WearModel
 def description(model: WearModel, until: AbstractCriterion | None, **rest: Any) -> dict[str, Any]:
     """A question by the names of its parts, each a number or a short text; `rest`: its other arguments."""
     parts = {"law of wear": model.wear, "pressure": model.pressure, "until": until}
-    own = [numbers(part, f" ({what})") for what, part in parts.items() if part is not None]
+    named = [numbers(part, f" ({what})") for what, part in parts.items() if part is not None]
     rest = {"joint": model.joint, "cycle": float(model.cycle), **rest}
-    return versions() | {k: v for one in (numbers(model.mechanism), *own) for k, v in one.items()} | settings(rest)
+    return versions() | {k: v for group in (numbers(model.mechanism), *named) for k, v in group.items()} | settings(rest)

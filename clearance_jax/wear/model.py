@@ -100,9 +100,9 @@ class WearModel(Module):
         profile = jnp.asarray(stack[0])
         if after == 0:
             self._doubt(seen, stack.shape[-1])
-        found = wear_of(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
-        off = np.asarray(found.depth)
-        self._check(off.max(), float(found.relief), after)
+        worn = wear_of(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
+        off = np.asarray(worn.depth)
+        self._check(off.max(), float(worn.relief), after)
         if not names:
             return off
         # Filled up, so that motions of about as many steps are one program.
@@ -127,8 +127,8 @@ class WearModel(Module):
         """Warn of sectors that are too wide for the patch."""
         if surely_fine(seen, sections_of(self.mechanism, self.joint), self.pressure, sectors):
             return
-        if said := doubt(self._wear_round(seen), sectors, self.joint):
-            warnings.warn(said, SectorsWarning, stacklevel=4)
+        if message := doubt(self._wear_round(seen), sectors, self.joint):
+            warnings.warn(message, SectorsWarning, stacklevel=4)
 
     def _check(self, deepest: float, relief: float, after: int) -> None:
         """Raise where a cycle wears off too much to be taken at one profile."""
@@ -171,8 +171,8 @@ class WearModel(Module):
 
     def sizes(self, names: tuple[str, ...]) -> Array:
         """By what the named numbers are moved: themselves, or one."""
-        found = jnp.asarray([jnp.abs(value) for value in values_of(self, names).values()], float)
-        return jnp.where(found == 0, 1.0, found)
+        sizes = jnp.asarray([jnp.abs(value) for value in values_of(self, names).values()], float)
+        return jnp.where(sizes == 0, 1.0, sizes)
 
 
 @eqx.filter_jit

@@ -54,8 +54,8 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
     until = history.until
     if until is not None and history.beyond is not None:
         words = {"units": until.unit, "bound": float(until.bound)}
-        said = provenance.pop("watched", until.label)
-        data["watched"] = "cycle", history.beyond + float(until.bound), {"long_name": said, **words}
+        long_name = provenance.pop("watched", until.label)
+        data["watched"] = "cycle", history.beyond + float(until.bound), {"long_name": long_name, **words}
     coords = {
         "cycle": ("cycle", history.cycles, {"units": "1", "long_name": "cycles lived"}),
         "angle": ("sector", angle, {"units": "rad", "long_name": "angle around the sleeve"}),

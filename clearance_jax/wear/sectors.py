@@ -41,7 +41,7 @@ def wear_round(
     turn = 0.0 if of == "sleeve" or seen.turn is None else np.asarray(seen.turn)[:, None]
     loads, halves = _patches(seen, sleeve, pressure)
     angles = np.asarray(seen.angle) - turn
-    place, found = 2 * np.pi * (np.arange(PLACES) + 0.5) / PLACES, np.zeros((loads.shape[1], PLACES))
+    place, worn = 2 * np.pi * (np.arange(PLACES) + 0.5) / PLACES, np.zeros((loads.shape[1], PLACES))
     for section in range(loads.shape[1]):
         # A patch between two places would be overlooked. Widened to this, it is still too narrow for any sectors.
         load, half = loads[:, section], np.maximum(halves[:, section], NARROW)
@@ -57,8 +57,8 @@ def wear_round(
             high = load[some] / (half[some] * float(sleeve.geometry.sleeve_radius))
             columns = (np.asarray(v)[some, section, None] for v in (seen.speed, seen.traction))
             at = SlidingState(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
-            found[section] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
-    return found
+            worn[section] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
+    return worn
 
 
 def surely_fine(seen: Contacts, sleeve: Sections, pressure: AbstractPressure, sectors: int) -> bool:

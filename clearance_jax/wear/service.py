@@ -85,7 +85,7 @@ class ServiceLives(NamedTuple):
         ended = int(np.isfinite(self.end).sum())
         shortest = f", the first at cycle {self.end.min():.6g}" if ended else ""
         ranges = ", ".join(
-            f"{name} " + " to ".join(format_quantity(float(one), self.units[name]) for one in (v.min(), v.max()))
+            f"{name} " + " to ".join(format_quantity(float(bound), self.units[name]) for bound in (v.min(), v.max()))
             for name, v in self.values.items()
         )
         return f"{len(self.end)} lives over {ranges}: {ended} ended within {self.cycles} cycles{shortest}"
@@ -136,7 +136,7 @@ def service_lives(
     if sectors is None:
         sectors = max(row.sectors(dict(options)) for row in rows)
 
-    def one(i: int):
+    def life(i: int):
         return simulate_wear(
             rows[i],
             cycles,
@@ -148,12 +148,12 @@ def service_lives(
             **options,
         )
 
-    found = []
+    histories = []
     with ThreadPoolExecutor(cores or cores_here()) as pool:
         # The first compiles for all.
-        for ended in chain([one(0)], pool.map(one, range(1, *count))):
-            found.append(ended)
+        for history in chain([life(0)], pool.map(life, range(1, *count))):
+            histories.append(history)
             if progress is not None:
-                progress(len(found) / len(rows))
-    end = np.array([np.inf if one.end is None else one.end for one in found])
-    return ServiceLives(columns, end, cycles, sum(one.evaluations for one in found), units)
+                progress(len(histories) / len(rows))
+    end = np.array([np.inf if history.end is None else history.end for history in histories])
+    return ServiceLives(columns, end, cycles, sum(history.evaluations for history in histories), units)
