@@ -16,7 +16,7 @@ from clearance_jax.io.metric_keys import METRIC_KINDS
 from clearance_jax.io.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
-from clearance_jax.io.table import Table, naming, variant
+from clearance_jax.io.table import TomlTable, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
@@ -39,7 +39,7 @@ class Scatter(NamedTuple):
     where: str
 
 
-class Asked:
+class StudyFile:
     """A study file: its `path`, `text` and `name`, its top `table`, the `scene`, and its `mechanism` with the numbers
     set; how it is solved (`options`).
     """
@@ -49,7 +49,7 @@ class Asked:
         self.text, values = read_toml(path, "study file")
         if "scene" not in values and ("body" in values or "joint" in values):
             raise ClearanceError(f"`{path}` is a scene, and not a study: use `clearance simulate`, or `cj.load`.")
-        self.table = Table(values, f"{path}:", STUDY)
+        self.table = TomlTable(values, f"{path}:", STUDY)
         self.name = self.table.get("name") or path.stem
         self.scene: Scene = read_scene(path.parent / self.table.get("scene"))
         given = values_by_name(self.table.entries("set"), self.scene.mechanism)
@@ -102,7 +102,7 @@ class Asked:
             values, there = tables[name]
             with naming(there):
                 unit = units_of(model, [name])[name]
-            scatters[name] = _scatter(Table(values, there, SCATTER, {PARAMETER: unit}))
+            scatters[name] = _scatter(TomlTable(values, there, SCATTER, {PARAMETER: unit}))
         return scatters
 
     def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
@@ -111,7 +111,7 @@ class Asked:
         return {name: _distribution(name, given, model) for name, given in self.scatter(names, model, where).items()}
 
 
-def expand_entries(table: Table, key: str, model: Any) -> dict[str, tuple[Any, str]]:
+def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[Any, str]]:
     """Of each entry of a key's table, whose names are numbers of a model, its value and where it stands; an entry whose
     name has a star is one for each number that it fits.
     """
@@ -120,7 +120,7 @@ def expand_entries(table: Table, key: str, model: Any) -> dict[str, tuple[Any, s
         return expand(given, parameters(model)) if any("*" in name for name in given) else given
 
 
-def _scatter(table: Table) -> Scatter:
+def _scatter(table: TomlTable) -> Scatter:
     given, relative = table.values.get("deviation"), None
     deviation = None
     if isinstance(given, str) and given.split()[-1:] in (["percent"], ["%"]):

@@ -1,6 +1,6 @@
 """What scenes, studies and sections of studies share: how motions are solved, units that a name decides."""
 
-from clearance_jax.io.kinds import Quantity, Whole, Word
+from clearance_jax.io.kinds import QuantityKey, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.attempt import STARTS
 from clearance_jax.solve.settings import MAX_STEPS, SOLVER_WORDS
@@ -13,7 +13,7 @@ SOLVING = Keys(
     "Accuracy and solver",
     "The same in a scene and in a study.",
     (
-        Quantity(
+        QuantityKey(
             "rtol",
             "accuracy: the relative tolerance of the solve",
             "1e-8",

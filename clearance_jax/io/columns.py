@@ -31,7 +31,7 @@ class Meant(NamedTuple):
     example: str
 
 
-class Line(NamedTuple):
+class CsvLine(NamedTuple):
     """A line that says something: its text, and how messages name it."""
 
     text: str
@@ -46,28 +46,28 @@ class Head(NamedTuple):
     where: str
 
 
-class Columns(NamedTuple):
+class CsvTable(NamedTuple):
     """A table as it was read: its header, its rows as texts, and their numbers, shape (rows, columns)."""
 
     heads: list[Head]
-    rows: list[Line]
+    rows: list[CsvLine]
     values: np.ndarray
 
 
-def read_columns(path: Path, meant: Meant, gaps: bool = False) -> Columns:
+def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
     """A CSV file in UTF-8 with a header; empty lines, and those that begin with `#`, say nothing. `gaps`: cells may be
     empty or `nan`, which are NaN. **Raises** `ClearanceError` naming file, line and column.
     """
     head, *rows = _lines(path, meant)
     heads = _header(head, meant)
     values = np.array([_row(line, heads, meant, gaps) for line in rows]).reshape(-1, len(heads))
-    return Columns(heads, rows, values)
+    return CsvTable(heads, rows, values)
 
 
 # Text to cells -------------------------------------------------------------------------------------------------------
 
 
-def _lines(path: Path, meant: Meant) -> list[Line]:
+def _lines(path: Path, meant: Meant) -> list[CsvLine]:
     """The header, and the rows of numbers as texts."""
     text = read_text(path, meant.what, LARGEST_TABLE).removeprefix("\ufeff")
     if "\0" in text:
@@ -75,7 +75,7 @@ def _lines(path: Path, meant: Meant) -> list[Line]:
             f"`{path}` is no text, but binary data. Give a CSV file with a header such as {meant.example}."
         )
     numbered = enumerate(re.split(r"\r\n|\r|\n", text), start=1)
-    lines = [Line(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
+    lines = [CsvLine(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
     if not lines:
         raise ClearanceError(f"`{path}` is empty. Give a CSV file with a header such as {meant.example}.")
     head, count = lines[0], len(lines) - 1
@@ -89,7 +89,7 @@ def _lines(path: Path, meant: Meant) -> list[Line]:
     return lines
 
 
-def _cells(line: Line, meant: Meant) -> list[str]:
+def _cells(line: CsvLine, meant: Meant) -> list[str]:
     if len(line.text) > LONGEST_LINE:
         raise ClearanceError(f"{line.where} is longer than {LONGEST_LINE} characters. Is it a {meant.what}?")
     try:
@@ -101,7 +101,7 @@ def _cells(line: Line, meant: Meant) -> list[str]:
 # Header --------------------------------------------------------------------------------------------------------------
 
 
-def _header(line: Line, meant: Meant) -> list[Head]:
+def _header(line: CsvLine, meant: Meant) -> list[Head]:
     cells, where = _cells(line, meant), line.where
     if all(_is_number(cell) for cell in cells):
         raise ClearanceError(
@@ -136,7 +136,7 @@ def _head(cell: str, where: str) -> Head:
 # Numbers -------------------------------------------------------------------------------------------------------------
 
 
-def _row(line: Line, columns: list[Head], meant: Meant, gaps: bool) -> list[float]:
+def _row(line: CsvLine, columns: list[Head], meant: Meant, gaps: bool) -> list[float]:
     cells = _cells(line, meant)
     if len(cells) != len(columns):
         hint = " Are there decimal commas?" if len(cells) > len(columns) else ""

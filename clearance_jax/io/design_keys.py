@@ -12,11 +12,11 @@ from clearance_jax.io.kinds import (
     Flag,
     Moments,
     Names,
-    Place,
     Quantities,
-    Quantity,
+    QuantityKey,
     Sub,
     Text,
+    VectorKey,
     Whole,
     Wholes,
     Word,
@@ -97,8 +97,8 @@ PAYLOAD = Keys(
     "What a body carries: it becomes heavier, with another centre of mass and another inertia.",
     (
         Text("body", "the body that carries it", '"slider"', required=True),
-        Quantity("mass", "its mass", '"0.5 kg"', unit="kg", bounds={"least": 0.0}, required=True),
-        Place(
+        QuantityKey("mass", "its mass", '"0.5 kg"', unit="kg", bounds={"least": 0.0}, required=True),
+        VectorKey(
             "center_of_mass",
             "its centre of mass in the body's frame",
             '["60 mm", "0 mm"]',
@@ -120,7 +120,7 @@ LIMIT = Keys(
     "Limits",
     "What a metric of the study must not exceed, by the metric's name.",
     (
-        Quantity("bound", "the bound", '"0.2 mm"', unit=METRIC, bounds={"above": 0.0}, required=True),
+        QuantityKey("bound", "the bound", '"0.2 mm"', unit=METRIC, bounds={"above": 0.0}, required=True),
         Wholes(
             "cycles",
             "after how many cycles of wear it must hold, with a section `wear`; 0: as new too",
@@ -171,8 +171,8 @@ VARIABLE = Keys(
     "Variables",
     "A number that is looked for, by its dotted name; its unit is the parameter's.",
     (
-        Quantity("lower", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
-        Quantity("upper", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
+        QuantityKey("lower", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
+        QuantityKey("upper", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
         Sub(
             "cost",
             "what it costs to make; for all variables or for none",

@@ -10,7 +10,7 @@ from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.asking import Asked, expand_entries
+from clearance_jax.io.asking import StudyFile, expand_entries
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.design_keys import (
     COST_TABLES,
@@ -24,7 +24,7 @@ from clearance_jax.io.design_keys import (
     VERIFY,
 )
 from clearance_jax.io.settings import values_by_name
-from clearance_jax.io.table import Chosen, Table, entries, naming
+from clearance_jax.io.table import Chosen, TomlTable, entries, naming
 from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -44,7 +44,7 @@ class DesignAsked(NamedTuple):
     tradeoff: dict[str, Any] | None = None
 
 
-def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
+def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
     """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
@@ -55,7 +55,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         model = mechanism = mechanism.with_drives(drives)
     tables = _variable_tables(table, mechanism)
     variables, costs = _variables(tables)
-    limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.entries("limit")]
+    limits = [_limit(name, TomlTable(given, at, LIMIT), study, wear) for name, given, at in table.entries("limit")]
     problem = ToleranceProblem(
         mechanism,
         study.span.t1,
@@ -77,7 +77,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     return DesignAsked(problem, search, verify.arguments(), _tradeoff(table, problem))
 
 
-def _tradeoff(top: Table, problem: ToleranceProblem) -> dict[str, Any] | None:
+def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | None:
     """Options of a trade-off, if one is asked for."""
     if not top.has("tradeoff"):
         return None
@@ -95,7 +95,7 @@ def _tradeoff(top: Table, problem: ToleranceProblem) -> dict[str, Any] | None:
     return table.arguments()
 
 
-def _classes(top: Table, tables: dict[str, Table], problem: ToleranceProblem) -> Candidates:
+def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: ToleranceProblem) -> Candidates:
     """The fits to choose from by variable, with their costs where these are given; checked before any solve."""
     fits = {}
     for name, table in tables.items():
@@ -118,7 +118,7 @@ def _classes(top: Table, tables: dict[str, Table], problem: ToleranceProblem) ->
     return fits
 
 
-def _trajectories(table: Table, study: Asked, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
+def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
     """Drives by the names of trajectories."""
     drives = {}
     for name, file, where in table.entries("trajectory"):
@@ -127,14 +127,14 @@ def _trajectories(table: Table, study: Asked, mechanism: Mechanism) -> dict[str,
     return drives
 
 
-def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
+def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
     """Every condition that is written down, along every trajectory, with every payload, at every speed."""
     tables = table.entries("condition")
     given = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
     payloads = {}
     for name, values, where in table.entries("payload"):
         with naming(where):
-            payloads[name] = Payload(**Table(values, where, PAYLOAD).arguments())
+            payloads[name] = Payload(**TomlTable(values, where, PAYLOAD).arguments())
     speeds = table.get("speed") if table.has("speed") else None
     if not (trajectories or payloads or speeds):
         return given
@@ -145,17 +145,17 @@ def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: di
 # Variables and what they cost ----------------------------------------------------------------------------------------
 
 
-def _variable_tables(top: Table, mechanism: Mechanism) -> dict[str, Table]:
+def _variable_tables(top: TomlTable, mechanism: Mechanism) -> dict[str, TomlTable]:
     """The variables' tables by name, each with the unit of its variable."""
     tables = {}
     for name, (values, where) in expand_entries(top, "variable", mechanism).items():
         with naming(where):
             unit = units_of(mechanism, [name])[name]
-        tables[name] = Table(values, where, VARIABLE, {PARAMETER: unit})
+        tables[name] = TomlTable(values, where, VARIABLE, {PARAMETER: unit})
     return tables
 
 
-def _variables(tables: dict[str, Table]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
+def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
     """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
     for name, table in tables.items():
@@ -190,7 +190,7 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
 # Limits --------------------------------------------------------------------------------------------------------------
 
 
-def _limit(name: str, table: Table, study: Asked, wear: WearAsked | None) -> Limit:
+def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None) -> Limit:
     metric: Any = study.metric(name, study.span, table.where)
     bound = table.get("bound", {METRIC: metric.unit})
     if table.has("cycles"):
@@ -208,17 +208,17 @@ def _limit(name: str, table: Table, study: Asked, wear: WearAsked | None) -> Lim
 # Manufacture ---------------------------------------------------------------------------------------------------------
 
 
-def _manufacture(top: Table, study: Asked, model: Any, variables: tuple[str, ...]) -> AbstractManufacture | None:
+def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str, ...]) -> AbstractManufacture | None:
     if not top.has("manufacture"):
         return None
     kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
     given = table.arguments("kind", "of")
     if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
-        given["scatter"] = _scatter(study, table, model, variables)
+        given["scatter"] = _scatter(study, table, model, names)
     return MANUFACTURE[kind](**given)
 
 
-def _scatter(study: Asked, table: Table, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
+def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
     """Relative deviations of numbers that scatter about what is designed, or what the scene has; distributions of
     others.
     """

@@ -12,12 +12,12 @@ from clearance_jax.io.kinds import (
     Key,
     Moments,
     Names,
-    Place,
     Quantities,
-    Quantity,
+    QuantityKey,
     Sub,
     Text,
     Triple,
+    VectorKey,
     Whole,
     Word,
 )
@@ -43,13 +43,13 @@ def _key(field: dataclasses.Field) -> Key:
     words = field.name, about["help"], about["example"]
     kinds = set(get_args(field.type)) | {field.type}
     if Position in kinds:
-        return Place(*words, unit="m", **common)
+        return VectorKey(*words, unit="m", **common)
     if Axis in kinds:
         return Direction(*words, default=field.default, **common)
     if Orientation in kinds:
         return Triple(*words, unit="rad", **common)
     if Force in kinds:
-        return Place(*words, unit="N", **common)
+        return VectorKey(*words, unit="N", **common)
     if Torque in kinds:
         return Triple(*words, unit="N*m", **common)
     if Spin in kinds:
@@ -62,7 +62,7 @@ def _key(field: dataclasses.Field) -> Key:
         common |= {"unit": about["unit"], "default": None if required else field.default}
         # A table of numbers has a dimension in its annotation, one number none; either may be optional.
         many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))
-        return Quantities(*words, **common) if many else Quantity(*words, bounds=about, **common)
+        return Quantities(*words, **common) if many else QuantityKey(*words, bounds=about, **common)
     common |= {"default": None if required else field.default}
     if field.type == tuple[str, ...]:
         return Names(*words, **common)

@@ -47,7 +47,7 @@ class Key(abc.ABC):
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity(Key):
+class QuantityKey(Key):
     """One number: with a unit a string, without a bare number. `bounds` as those of a number's field."""
 
     bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
@@ -81,7 +81,7 @@ class Quantities(Key):
 
 
 @dataclasses.dataclass(frozen=True)
-class Place(Key):
+class VectorKey(Key):
     """A vector: a pair in the plane, a triple in space. A component that is exactly zero is left out of the compiled
     program.
     """

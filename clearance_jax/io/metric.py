@@ -8,7 +8,7 @@ from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.metric_keys import COUNTS, OF_ANY_JOINT, OF_METRIC, OF_SIGNAL, RECURRENCES, REDUCTIONS, SIGNALS
 from clearance_jax.io.recurrence_keys import recurrence_of
-from clearance_jax.io.table import Chosen, Table
+from clearance_jax.io.table import Chosen, TomlTable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.metrics.signals import AbstractSignal, numbers_of
@@ -47,7 +47,7 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     return make(**given)
 
 
-def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:
+def signal_of(table: TomlTable, mechanism: Mechanism) -> AbstractSignal:
     """The `signal` of a table, of the `point`, `body` or `joint` beside it."""
     word = table.get("signal")
     given = _of(SIGNALS[word], word, table, mechanism)
@@ -56,7 +56,7 @@ def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:
     return SIGNALS[word](**given)
 
 
-def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:
+def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[str, str]:
     """What a signal or a count is of, by the names that its class has for it."""
     joints = mechanism.all_joints() if cls in OF_ANY_JOINT else mechanism.clearance_joints()
     names = {
@@ -80,7 +80,7 @@ def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, s
     return parts
 
 
-def _times(table: Table, span: Span) -> list[float]:
+def _times(table: TomlTable, span: Span) -> list[float]:
     times = table.get("times")
     increasing = all(a < b for a, b in itertools.pairwise(times))
     if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
@@ -91,7 +91,7 @@ def _times(table: Table, span: Span) -> list[float]:
     return times
 
 
-def _since(table: Table, span: Span) -> float:
+def _since(table: TomlTable, span: Span) -> float:
     since = table.get("since")
     if not span.t0 <= since < span.t1:
         raise ClearanceError(

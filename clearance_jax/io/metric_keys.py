@@ -5,7 +5,7 @@ from typing import Any
 
 from clearance_jax import metrics
 from clearance_jax.io.fields import kind_of, summary
-from clearance_jax.io.kinds import Key, Quantities, Quantity, Text, Word
+from clearance_jax.io.kinds import Key, Quantities, QuantityKey, Text, Word
 from clearance_jax.io.recurrence_keys import RECURRENCE_KEYS, RECURRENCES
 from clearance_jax.io.table import Keys
 from clearance_jax.metrics.crossing import DIRECTIONS, RISING
@@ -35,7 +35,7 @@ RENAMED = {"metric": "kind", "bound": "design.limit.NAME.bound"}
 _KIND = Word(
     "kind", "what is asked of the motion", '"peak"', allowed=(*REDUCTIONS, *COUNTS, *RECURRENCES), required=True
 )
-_SINCE = Quantity("since", "only what comes later counts", '"4 ms"', unit="s", absent="the start")
+_SINCE = QuantityKey("since", "only what comes later counts", '"4 ms"', unit="s", absent="the start")
 # What a signal or a count is of; which of them it wants, its class says.
 OF = {
     "point": Text("point", "the point, of position-error, path-deviation and acceleration", '"piston"'),
@@ -48,11 +48,11 @@ OF_METRIC = OF | {
     "quantity": Text("quantity", "the name of a number of the motion, of quantity", '"wrist.penetration"')
 }
 _SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
-_BAND = Quantity(
+_BAND = QuantityKey(
     "band", "what it must not exceed any more", '"0.05 mm"', unit=OF_SIGNAL, bounds={"above": 0.0}, required=True
 )
-_END = Quantity("since", "when the move ends", '"4 ms"', unit="s", absent="where the last drive ends its move")
-_LEVEL = Quantity("level", "the value that it crosses", '"0.05 mm"', unit=OF_SIGNAL, absent="0")
+_END = QuantityKey("since", "when the move ends", '"4 ms"', unit="s", absent="where the last drive ends its move")
+_LEVEL = QuantityKey("level", "the value that it crosses", '"0.05 mm"', unit=OF_SIGNAL, absent="0")
 _DIRECTION = Word("direction", "in which it crosses the level", '"falling"', allowed=DIRECTIONS, absent=RISING)
 _TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
 

@@ -12,20 +12,20 @@ Matrix3 = Float[np.ndarray, "3 3"]
 ROUNDING = 8 * np.finfo(float).eps
 
 
-class Pose(NamedTuple):
+class FramePose(NamedTuple):
     """A frame in another one: its origin there [m], and the rotation from its axes to the other's."""
 
     position: Vector3
     rotation: Matrix3
 
-    def of(self, position: Vector3, rotation: Matrix3) -> "Pose":
+    def of(self, position: Vector3, rotation: Matrix3) -> "FramePose":
         """In the outer frame, what has this pose in the frame."""
         moved = self.rotation @ position
         scale = max(np.abs(self.position).max(), np.abs(position).max())
-        return Pose(clean(self.position + moved, scale), clean(self.rotation @ rotation))
+        return FramePose(clean(self.position + moved, scale), clean(self.rotation @ rotation))
 
 
-HERE = Pose(np.zeros(3), np.eye(3))
+HERE = FramePose(np.zeros(3), np.eye(3))
 
 
 def clean(values: np.ndarray, scale: float = 1.0) -> np.ndarray:

@@ -13,7 +13,7 @@ from clearance_jax.io.plausible import ImplausibleWarning, implausible
 from clearance_jax.io.scene_joint import drive_of, joints_of, read_drive
 from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
 from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
-from clearance_jax.io.table import Table, naming
+from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf import read_robot, warn_of_notes
 from clearance_jax.mechanism.body import Body, Point, Spring
@@ -62,7 +62,7 @@ def read_scene(path: str | Path) -> Scene:
     with naming(str(path)), jax.ensure_compile_time_eval(), warnings.catch_warnings():
         warnings.simplefilter("ignore", ImplausibleWarning)
         # Numbers stay numbers where a scene is loaded inside a jitted function.
-        top = Table(values, f"{path}:", SCENE)
+        top = TomlTable(values, f"{path}:", SCENE)
         mechanism, trajectory = _whole(top, path)
         return Scene(mechanism, _solve(top.table("solve", SOLVE)), text, trajectory)
 
@@ -77,7 +77,7 @@ def load(path: str | Path) -> Mechanism:
     return load_scene(path).mechanism
 
 
-def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
+def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
     """The mechanism, and what drives its robot."""
     robot = robot_of(top, path) if top.has("robot") else NO_ROBOT
     placed = {joint.child for joint in robot.joints}
@@ -118,13 +118,13 @@ def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mech
     """The mechanism with a drive that gives way."""
     with naming(where):
         words = SLIDING if isinstance(mechanism.joint(name), Prismatic) else TURNING
-    table = Table(values, where, COMPLIANCE, words)
+    table = TomlTable(values, where, COMPLIANCE, words)
     table.need("stiffness")
     with naming(where):
         return with_compliance(mechanism, name, Compliance(**table.arguments()))
 
 
-def _solve(table: Table) -> dict[str, Any]:
+def _solve(table: TomlTable) -> dict[str, Any]:
     options = table.arguments()
     if options.get("t0", 0.0) >= options.get("t1", float("inf")):
         raise ClearanceError(f"{table.key('t1')} must be greater than t0, but it is {options['t1']:g} s.")
@@ -132,18 +132,18 @@ def _solve(table: Table) -> dict[str, Any]:
 
 
 def _body(name: str, values: Any, where: str) -> Body:
-    table = Table(values, where, BODY)
+    table = TomlTable(values, where, BODY)
     return body_of(name, table)
 
 
 def _point(name: str, values: Any, where: str) -> Point:
-    table = Table(values, where, POINT)
+    table = TomlTable(values, where, POINT)
     orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
     return Point(name, table.get("body"), Position(*table.get("at")), orientation)
 
 
 def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:
-    table = Table(values, where, WRENCH, {"coordinate": ""})
+    table = TomlTable(values, where, WRENCH, {"coordinate": ""})
     force = Force(*table.get("force")) if table.has("force") else Force()
     torque = Torque(*table.get("torque")) if table.has("torque") else Torque()
     course = drive_of(table, "course", path) if table.has("course") else None
@@ -151,7 +151,7 @@ def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:
 
 
 def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mechanism) -> ComputedTorque:
-    table, references = Table(values, where, CONTROLLER), []
+    table, references = TomlTable(values, where, CONTROLLER), []
     free = {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
     table.need("target")
     for coordinate, given, there in table.entries("target"):
@@ -166,7 +166,7 @@ def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mecha
 
 
 def _spring(name: str, values: Any, where: str) -> Spring:
-    table = Table(values, where, SPRING)
+    table = TomlTable(values, where, SPRING)
     numbers = {key: table.get(key) for key in ("stiffness", "damping", "free_length")}
     places = {key: Position(*table.get(key)) for key in ("at_a", "at_b")}
     return Spring(name, table.get("body_a"), table.get("body_b"), **numbers, **places)

@@ -22,7 +22,7 @@ from clearance_jax.io.play_keys import (
     STIFFNESS,
 )
 from clearance_jax.io.scene_worn import with_wear
-from clearance_jax.io.table import Keys, Table, naming
+from clearance_jax.io.table import Keys, TomlTable, naming
 from clearance_jax.joints import (
     AbstractClearance,
     AbstractPin,
@@ -53,7 +53,7 @@ LAYER = '"2e13 Pa/m"'
 WITH_A_BEARING = ("bearing", "friction", "element", "eccentricity")
 
 
-def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[str, Any]:
+def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> dict[str, Any]:
     """The `clearance` of a joint of a kind (`None`: it is ideal) and its `eccentricity` at the start.
 
     **Arguments:** `path`: of the scene, beside which files are; `usual`: whether laws that are not given are those of
@@ -85,15 +85,15 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
     return {"clearance": clearance, "eccentricity": start}
 
 
-def _pin(table: Table, usual: bool) -> AbstractPin:
+def _pin(table: TomlTable, usual: bool) -> AbstractPin:
     return _bearing(table) if table.has("bearing") else _in_a_sleeve(PINS[table.get("kind")], table, usual)
 
 
-def _shaft(table: Table, usual: bool) -> AbstractPin:
+def _shaft(table: TomlTable, usual: bool) -> AbstractPin:
     return _in_a_sleeve(SleeveClearance, table, usual)
 
 
-def _in_a_sleeve(make: Any, table: Table, usual: bool) -> AbstractPin:
+def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
     fields = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
     for kind, other in PINS.items():
         for key in (key.name for key in keys_of(other)):
@@ -114,14 +114,14 @@ def _in_a_sleeve(make: Any, table: Table, usual: bool) -> AbstractPin:
         return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **given)
 
 
-def _ball(table: Table, usual: bool) -> SphericalClearance:
+def _ball(table: TomlTable, usual: bool) -> SphericalClearance:
     table.need("ball_radius")
     clearance = table.get(RADIAL)
     laws = _laws(table, round_contact(clearance) if usual else None)
     return SphericalClearance(clearance, table.get("ball_radius"), *laws)
 
 
-def _guide(table: Table, usual: bool) -> GuideClearance:
+def _guide(table: TomlTable, usual: bool) -> GuideClearance:
     for key in ("length", *(() if usual else ("height",))):
         table.need(key)
     length, width = table.get("length"), table.get("width")
@@ -133,7 +133,7 @@ def _guide(table: Table, usual: bool) -> GuideClearance:
     )
 
 
-def _bearing(table: Table) -> AbstractPin:
+def _bearing(table: TomlTable) -> AbstractPin:
     for key in PIN.keys:
         if key.name not in WITH_A_BEARING and table.has(key.name):
             raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
@@ -149,25 +149,25 @@ BEARINGS_MADE: dict[str, Callable] = {
 }
 
 
-class Play(NamedTuple):
+class PlayReader(NamedTuple):
     """How the play of a kind of joint is read: its keys, those of which one must be there (or both `radii`)."""
 
     keys: Keys
     makes: tuple[str, ...]
-    read: Callable[[Table, bool], AbstractClearance]
+    read: Callable[[TomlTable, bool], AbstractClearance]
     radii: bool = False
 
 
 PLAYS = {
-    Revolute: Play(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
-    Cylindrical: Play(SHAFT, (RADIAL, DIAMETRAL, "fit"), _shaft, True),
-    Spherical: Play(BALL, (RADIAL,), _ball),
-    Prismatic: Play(GUIDE, ("side_clearance",), _guide),
+    Revolute: PlayReader(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
+    Cylindrical: PlayReader(SHAFT, (RADIAL, DIAMETRAL, "fit"), _shaft, True),
+    Spherical: PlayReader(BALL, (RADIAL,), _ball),
+    Prismatic: PlayReader(GUIDE, ("side_clearance",), _guide),
 }
 """By the kind of joint, of those that may have play."""
 
 
-def _radii(table: Table, usual: bool) -> tuple[Any, float, Tolerance | None]:
+def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]:
     """Radial clearance and pin radius [m], from a fit or from two of clearance, pin radius and sleeve radius."""
     pin, sleeve = table.get(PIN_RADIUS), table.get(SLEEVE)
     if usual and pin is None and sleeve is None and table.has("length"):
@@ -201,7 +201,7 @@ def _radii(table: Table, usual: bool) -> tuple[Any, float, Tolerance | None]:
     return clearance, pin, None
 
 
-def _fit(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
+def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
     for key in (RADIAL, DIAMETRAL, SLEEVE):
         if table.has(key):
             raise ClearanceError(f"{table.key(key)} has no effect beside a `fit`, which gives the clearance.")
@@ -217,18 +217,18 @@ def _fit(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
     return clearance, pin, tolerance
 
 
-def _given_clearance(table: Table) -> float | None:
+def _given_clearance(table: TomlTable) -> float | None:
     if table.has(RADIAL) and table.has(DIAMETRAL):
         raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
     return table.get(DIAMETRAL) / 2 if table.has(DIAMETRAL) else table.get(RADIAL)
 
 
-def _laws(joint: Table, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
+def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
     """Normal and friction law; `usual`: the normal law where none is given, if there is one."""
     return _normal(joint) if usual is None or joint.has("normal") else usual, _friction(joint)
 
 
-def _normal(joint: Table) -> AbstractNormalLaw:
+def _normal(joint: TomlTable) -> AbstractNormalLaw:
     if not joint.has("normal"):
         raise ClearanceError(
             f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
@@ -250,7 +250,7 @@ def _normal(joint: Table) -> AbstractNormalLaw:
     return make(stiffness=table.get("stiffness", provisional.units()), **values)
 
 
-def _friction(joint: Table) -> AbstractFrictionLaw | None:
+def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
     if not joint.has("friction") or joint.get("friction") in ("none", {}):
         return None
     word, table = joint.variant("friction", FRICTION_TABLES)

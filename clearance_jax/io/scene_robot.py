@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.poses import Pose, is_identity, rotation_of, rpy_of
+from clearance_jax.io.poses import FramePose, is_identity, rotation_of, rpy_of
 from clearance_jax.io.scene_contact import PLAYS, play_of
 from clearance_jax.io.scene_joint import motion_of
 from clearance_jax.io.scene_keys import MOTION, PAYLOAD, ROBOT
-from clearance_jax.io.table import Table
+from clearance_jax.io.table import TomlTable
 from clearance_jax.io.urdf import read_robot
 from clearance_jax.io.urdf_joints import orientation_of, position_of
 from clearance_jax.io.urdf_merge import triple
@@ -22,7 +22,7 @@ from clearance_jax.mechanism.placement import Gravity, Orientation, Position
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 
 
-class Robot(NamedTuple):
+class RobotParts(NamedTuple):
     """What a robot brings into a scene; `trajectory`: the file that drives it; `notes`: what of it was not read."""
 
     bodies: tuple[Body, ...] = ()
@@ -33,10 +33,10 @@ class Robot(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-NO_ROBOT = Robot()
+NO_ROBOT = RobotParts()
 
 
-def robot_of(top: Table, path: Path) -> Robot:
+def robot_of(top: TomlTable, path: Path) -> RobotParts:
     """The robot of a scene that has one."""
     table = top.table("robot", ROBOT)
     robot = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
@@ -46,7 +46,7 @@ def robot_of(top: Table, path: Path) -> Robot:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
         joints[name] = _joint(joints[name], values, where, path)
     carried = [_payload(robot, *part) for part in table.parts("payload")]
-    return Robot(
+    return RobotParts(
         (*robot.bodies, *(body for body, _ in carried)),
         (*joints.values(), *(grip for _, grip in carried)),
         robot.points,
@@ -61,7 +61,7 @@ def _joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> Abstrac
     if not isinstance(joint, (Revolute, Prismatic)):
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
     kind = type(joint)
-    table = Table(values, where, MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
+    table = TomlTable(values, where, MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
     given, motion = motion_of(table, path), joint.motion
     if given.drive is None:
         position = given.position if table.has("position") else motion.position
@@ -74,7 +74,7 @@ def _joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> Abstrac
 
 def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body, Fixed]:
     """A payload, and the fixed joint that carries it."""
-    table = Table(values, where, PAYLOAD)
+    table = TomlTable(values, where, PAYLOAD)
     on, points = table.get("on"), {point.name: point for point in robot.points}
     bodies = {GROUND, *(body.name for body in robot.bodies)}
     if on not in points and on not in bodies:
@@ -91,13 +91,13 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
     return body_of(name, table), grip
 
 
-def _pose(at: Position, orientation: Orientation | None) -> Pose:
+def _pose(at: Position, orientation: Orientation | None) -> FramePose:
     angles = (None,) * 3 if orientation is None else (orientation.roll, orientation.pitch, orientation.yaw)
     rpy = [0.0 if angle is None else float(angle) for angle in angles]
-    return Pose(np.array([float(x) for x in at.vector]), rotation_of(rpy))
+    return FramePose(np.array([float(x) for x in at.vector]), rotation_of(rpy))
 
 
-def body_of(name: str, table: Table) -> Body:
+def body_of(name: str, table: TomlTable) -> Body:
     """A body, by the table that describes it."""
     numbers = {key: table.get(key) for key in ("mass", "inertia", "picked_up", "put_down")}
     return Body(name, center_of_mass=Position(*table.get("center_of_mass")), **numbers)

@@ -7,7 +7,7 @@ import numpy as np
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.files import read_table
 from clearance_jax.io.play_keys import WORN
-from clearance_jax.io.table import Table, naming
+from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.joints import AbstractPin
 from clearance_jax.units import to_si
 
@@ -15,7 +15,7 @@ from clearance_jax.units import to_si
 OFF = 0.01
 
 
-def with_wear(clearance: AbstractPin, joint: Table, path: Path) -> AbstractPin:
+def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:
     """The clearance of a joint with its sleeve worn as the table says, of one that has a length all along it; `path`:
     the scene's.
     """
@@ -36,7 +36,7 @@ def with_wear(clearance: AbstractPin, joint: Table, path: Path) -> AbstractPin:
         return clearance.worn(depth)
 
 
-def _of_life(table: Table, file: Path) -> np.ndarray:
+def _of_life(table: TomlTable, file: Path) -> np.ndarray:
     """The profile at an age."""
     _none_of(table, "unit")
     where = table.key("file")
@@ -56,7 +56,7 @@ def _of_life(table: Table, file: Path) -> np.ndarray:
     return dataset["depth"].interp(cycle=age).values
 
 
-def _of_table(table: Table, file: Path) -> np.ndarray:
+def _of_table(table: TomlTable, file: Path) -> np.ndarray:
     _none_of(table, "cycles")
     table.need("unit")
     angle, depth = read_table(file, table.key("file"), "angle [deg] and depth")
@@ -67,7 +67,7 @@ def _of_table(table: Table, file: Path) -> np.ndarray:
     return depth * to_si(f"1 {table.get('unit')}", "m", table.key("unit"))
 
 
-def _none_of(table: Table, *names: str) -> None:
+def _none_of(table: TomlTable, *names: str) -> None:
     for name in names:
         if table.has(name):
             raise ClearanceError(f"{table.key(name)} has no effect here. Remove it.")

@@ -13,12 +13,12 @@ from clearance_jax.io.kinds import (
     Key,
     Moments,
     Names,
-    Place,
     Quantities,
-    Quantity,
+    QuantityKey,
     Sub,
     Text,
     Triple,
+    VectorKey,
     Whole,
     Wholes,
     Word,
@@ -31,9 +31,9 @@ _SEVERAL = {"type": "array", "items": _NUMBER}
 _SHAPE = ("type", "items", "minItems", "maxItems", "enum", "minimum", "maximum")
 # Of each kind of key what its values may be in TOML; a table of its own stands where it is declared.
 _VALUES: dict[type[Key], dict[str, Any]] = {
-    Quantity: _NUMBER,
+    QuantityKey: _NUMBER,
     Quantities: _SEVERAL | {"minItems": 1},
-    Place: _SEVERAL | {"minItems": 2, "maxItems": 3},
+    VectorKey: _SEVERAL | {"minItems": 2, "maxItems": 3},
     Triple: _SEVERAL | {"minItems": 3, "maxItems": 3},
     Direction: {"type": ["string", "array"]},
     Moments: {"type": ["string", "number", "array"]},

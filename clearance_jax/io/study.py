@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.calibrate_section import calibration_of
 from clearance_jax.io.design_section import DesignAsked, design_of
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
@@ -43,13 +43,13 @@ def load_study(path: str | Path) -> Study:
     """
     path = Path(path)
     with naming(str(path)):
-        asked = Asked(path)
+        asked = StudyFile(path)
         if warning := implausible(asked.mechanism):
             warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
         return _study(asked)
 
 
-def _study(asked: Asked) -> Study:
+def _study(asked: StudyFile) -> Study:
     has = {section: asked.table.has(section) for section in ("sweep", "design", "wear", "calibrate")}
     if not any(has.values()):
         raise ClearanceError(

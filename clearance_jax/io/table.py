@@ -38,7 +38,7 @@ class Keys(NamedTuple):
         return tuple(key for key in self.keys if key.name not in others)
 
 
-class Table:
+class TomlTable:
     """A TOML table, where it stands, and what is declared of it.
 
     **Arguments:** `values` as read; `where` it stands, for messages; its `keys`; `words`: units that depend on what
@@ -87,9 +87,9 @@ class Table:
         """Those of the keys that are there."""
         return {name: self.get(name) for name in names if self.has(name)}
 
-    def table(self, name: str, keys: Keys, words: Words = NO_WORDS) -> "Table":
+    def table(self, name: str, keys: Keys, words: Words = NO_WORDS) -> "TomlTable":
         """The key's sub-table (empty where absent)."""
-        return Table(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
+        return TomlTable(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
 
     def variant(self, name: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> "Chosen":
         """The key's sub-table, one of several kinds."""
@@ -109,7 +109,7 @@ class Chosen(NamedTuple):
     """A table of one of several kinds, and the word that chose the kind."""
 
     word: str
-    table: Table
+    table: TomlTable
 
 
 def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
@@ -124,7 +124,7 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
         given.get(head.name, head.default), below(where, head.name), words
     )
     _check_kind(given, where, tables, word, head.name)
-    return Chosen(word, Table(given, where, tables[word], words))
+    return Chosen(word, TomlTable(given, where, tables[word], words))
 
 
 def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.columns import TIME, Head, Line, Meant, read_columns
+from clearance_jax.io.columns import TIME, CsvLine, Head, Meant, read_columns
 from clearance_jax.mechanism.driving import drivable, gives_way, motor_of
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import Spline
@@ -109,7 +109,7 @@ def _scale(column: Head, units: Mapping[str, str] | None) -> float:
     raise ClearanceError(f"{column.where}: `{column.name}` must be in a unit of {meant}, not in {quote(column.unit)}.")
 
 
-def _check_times(times: np.ndarray, lines: list[Line]) -> None:
+def _check_times(times: np.ndarray, lines: list[CsvLine]) -> None:
     with np.errstate(all="ignore"):
         stays = np.flatnonzero(~(np.diff(times) > 0))
     if stays.size:

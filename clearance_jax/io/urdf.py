@@ -15,7 +15,7 @@ from clearance_jax.io.urdf_bodies import check_bodies
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_joints import joint_of, orientation_of, position_of
 from clearance_jax.io.urdf_merge import Assembly, Rigid, merge, triple
-from clearance_jax.io.urdf_names import Names
+from clearance_jax.io.urdf_names import UniqueNames
 from clearance_jax.io.urdf_parts import NOWHERE, Joint, Robot
 from clearance_jax.mechanism.body import GROUND, Body, Point
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -139,7 +139,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     _check_base(whole, free)
     moving = {joint.child: whole.bodies[joint.child] for joint in joints}
     check_bodies(joints, moving)
-    names = Names()
+    names = UniqueNames()
     bodies = {GROUND: GROUND, **names.of(moving, "link")}
     if not free:
         bodies[whole.root] = GROUND

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.poses import HERE, Matrix3, Pose, Vector3, rotation_of
+from clearance_jax.io.poses import HERE, FramePose, Matrix3, Vector3, rotation_of
 from clearance_jax.io.urdf_merge import Rigid
 from clearance_jax.io.urdf_parts import Joint
 
@@ -16,7 +16,7 @@ NOTHING = 1e-12
 X, Y, Z = np.eye(3)
 
 
-class Column(NamedTuple):
+class JointTwist(NamedTuple):
     """The motion at unit rate of one coordinate: a slide along an axis, or a turn about the axis through a pivot."""
 
     slides: bool
@@ -65,12 +65,14 @@ def mass_matrix(
     return matrix, [joint for joint in joints for _ in _twists(joint, HERE)]
 
 
-def _kinematics(joints: Sequence[Joint], seed: int) -> tuple[list[Column], dict[str, list[int]], dict[str, Pose]]:
+def _kinematics(
+    joints: Sequence[Joint], seed: int
+) -> tuple[list[JointTwist], dict[str, list[int]], dict[str, FramePose]]:
     """The twists of all coordinates; for each body the indices of those that move it, and its pose."""
     rng = np.random.default_rng(seed)
-    twists: list[Column] = []
+    twists: list[JointTwist] = []
     moving: dict[str, list[int]] = {}
-    poses: dict[str, Pose] = {}
+    poses: dict[str, FramePose] = {}
     for joint in joints:
         frame = poses.get(joint.parent, HERE).of(np.array(joint.xyz), rotation_of(joint.rpy))
         count = len(twists)
@@ -80,14 +82,14 @@ def _kinematics(joints: Sequence[Joint], seed: int) -> tuple[list[Column], dict[
     return twists, moving, poses
 
 
-def _twists(joint: Joint, frame: Pose) -> list[Column]:
+def _twists(joint: Joint, frame: FramePose) -> list[JointTwist]:
     """The twists of a joint's coordinates at zero. Those of several coordinates span the same motions at any value."""
     axis = np.array(joint.axis)
     across = np.cross(axis, X if abs(axis[0]) < 0.9 else Y)
     slides = {"prismatic": [axis], "planar": [across, np.cross(axis, across)], "floating": [X, Y, Z]}
     turns = {"revolute": [axis], "continuous": [axis], "planar": [axis], "floating": [X, Y, Z]}
     return [
-        Column(is_slide, frame.rotation @ axis, frame.position)
+        JointTwist(is_slide, frame.rotation @ axis, frame.position)
         for is_slide, axes in ((True, slides), (False, turns))
         for axis in axes.get(joint.kind, [])
     ]

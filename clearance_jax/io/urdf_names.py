@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from clearance_jax.mechanism.body import GROUND
 
 
-class Names:
+class UniqueNames:
     """Gives every part a name of its own: the one in the file where it can.
 
     `.` and `=` separate names and values, and become `_`. Where two parts have one name, the later one has what it is

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.kinds import Words
-from clearance_jax.io.table import Chosen, Table, naming
+from clearance_jax.io.table import Chosen, TomlTable, naming
 from clearance_jax.io.wear_keys import COEFFICIENT_UNIT, GRADED, LAW_TABLES, MATERIAL, PRESSURE_TABLES, RUNNING_IN
 from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
@@ -17,7 +17,7 @@ from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
 
 
-def wear_model(top: Table, mechanism: Mechanism, cycle: float) -> WearModel:
+def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
     """What a table with the keys `WEARING` says, of cycles that end at `cycle` [s]; the joint has the length and the
     materials that the table gives it. **Raises:** `ClearanceError` naming the key and the fix.
     """
@@ -32,7 +32,7 @@ def wear_model(top: Table, mechanism: Mechanism, cycle: float) -> WearModel:
     return WearModel(mechanism, joint, law, pressure, cycle)
 
 
-def _with_joint_values(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
+def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism, str]:
     """The mechanism, whose joint knows the length and the materials that the table gives it."""
     name, known = top.get("joint"), {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
@@ -49,11 +49,11 @@ def _with_joint_values(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str
     return mechanism.with_clearance(name, clearance), name
 
 
-def _material(table: Table, key: str) -> Material:
+def _material(table: TomlTable, key: str) -> Material:
     return Material(**table.table(key, MATERIAL).arguments())
 
 
-def _coefficient(top: Table) -> Words:
+def _coefficient(top: TomlTable) -> Words:
     """In which unit the coefficient is: beside a hardness in none."""
     given = top.values.get("law")
     return {COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}

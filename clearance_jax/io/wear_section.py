@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.metric import Span
-from clearance_jax.io.table import Chosen, Table
+from clearance_jax.io.table import Chosen, TomlTable
 from clearance_jax.io.wear_keys import UNTIL_TABLES, WEAR
 from clearance_jax.io.wear_model import wear_model
 from clearance_jax.wear import WearModel
@@ -32,7 +32,7 @@ class WearAsked(NamedTuple):
     journal: Path | None
 
 
-def wear_of(study: Asked) -> WearAsked:
+def wear_of(study: StudyFile) -> WearAsked:
     """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("wear", WEAR)
     span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
@@ -55,7 +55,7 @@ def wear_of(study: Asked) -> WearAsked:
     )
 
 
-def _until(read: Chosen, study: Asked, span: Span) -> tuple[AbstractCriterion, str]:
+def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterion, str]:
     kind, table = read
     if kind == "depth":
         return Deepest(table.get("bound")), "largest depth of wear"
@@ -68,5 +68,5 @@ def _until(read: Chosen, study: Asked, span: Span) -> tuple[AbstractCriterion, s
     return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, study.options), name
 
 
-def _is_one_number(table: Table, metric: Any) -> bool:
+def _is_one_number(table: TomlTable, metric: Any) -> bool:
     return getattr(metric, "times", None) is None or callable(metric.times)

@@ -51,8 +51,8 @@ class Farthest(AbstractSignal):
             return self.signal.value(time, displaced(time, mechanism, split(play), reference), mechanism, reference)
 
         def corner(weights, given):
-            joints = given[1].clearance_joints()
-            return jnp.concatenate([farthest(j.clearance.joint, w) for j, w in zip(joints, split(weights), strict=True)])
+            pins = [joint.clearance.joint for joint in given[1].clearance_joints()]
+            return jnp.concatenate([farthest(pin, w) for pin, w in zip(pins, split(weights), strict=True)])
 
         def climb(weights):
             def once(_, weights):
@@ -61,8 +61,8 @@ class Farthest(AbstractSignal):
             weights = jax.lax.fori_loop(0, CLIMB, once, weights)
             return weights, error(corner(weights, fixed), fixed)
 
-        sizes = jnp.concatenate([jnp.stack([play.scale for play in j.joint.play()]) for j in fixed[1].clearance_joints()])
-        weights, reached = jax.vmap(climb)(
-            np.random.default_rng(0).standard_normal((STARTS, sum(counts))) / sizes[None]
-        )
+        plays = [joint.joint.play() for joint in fixed[1].clearance_joints()]
+        sizes = jnp.concatenate([jnp.stack([play.scale for play in joint_play]) for joint_play in plays])
+        directions = np.random.default_rng(0).standard_normal((STARTS, sum(counts)))
+        weights, reached = jax.vmap(climb)(directions / sizes[None])
         return error(corner(weights[jnp.argmax(reached)], given), given)

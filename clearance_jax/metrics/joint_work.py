@@ -33,7 +33,7 @@ class JointWork(AbstractMetric):
 
     def request(self, mechanism, t1, options):
         clearance_index(mechanism, self.joint)  # an unknown name raises here
-        return Request(integrands=(Powers(self.joint),))
+        return Request(integrands=(JointPowers(self.joint),))
 
     def value(self, reply):
         pressed, rubbed, absorbed = reply.integrals[0]
@@ -43,7 +43,7 @@ class JointWork(AbstractMetric):
         return Work(pressed / reply.span, rubbed, absorbed - gained)
 
 
-class Powers(Module):
+class JointPowers(Module):
     """Normal force [N], power lost in friction and power absorbed beside it [W] of a joint, shape (3,)."""
 
     joint: str = eqx.field(static=True)

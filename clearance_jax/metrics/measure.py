@@ -71,7 +71,7 @@ class Reply(NamedTuple):
         return self.t1 - self.begin
 
 
-class Form(NamedTuple):
+class MetricForm(NamedTuple):
     """How the values of a metric are to be read: their `unit`, and their `axes`, of each its name and the labels along
     it (none: it only counts).
     """
@@ -134,10 +134,10 @@ class AbstractMetric(AbstractMeasure):
     def unit(self) -> str:
         return getattr(getattr(self, "signal", None), "unit", "")
 
-    def form(self, mechanism: Mechanism) -> Form:
+    def form(self, mechanism: Mechanism) -> MetricForm:
         """How its values of a mechanism's motion are to be read; axes are not named by default."""
         del mechanism
-        return Form(self.unit)
+        return MetricForm(self.unit)
 
     def static_bound(self) -> "AbstractMetric":
         """The metric of the largest errors that play alone allows, of a metric that has an error as its `signal`.

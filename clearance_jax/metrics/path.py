@@ -26,7 +26,7 @@ HALVINGS = 30
 OF_PLAY, OF_LENGTH = 1e-3, 1e-8
 
 
-class Curve(Module):
+class SampledPath(Module):
     """A path: places [m] at equal distances in time, and what they move in one of these at their velocity [m]; `known`:
     whether these say well enough where it is between them.
     """
@@ -74,7 +74,7 @@ class OnPath(AbstractSignal):
     word: ClassVar[str] = "path-deviation"
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
-    curve: Curve
+    curve: SampledPath
 
     def scale(self, mechanism):
         return play_size(mechanism)  # a distance has a kink at zero
@@ -121,7 +121,7 @@ class PathDeviation(AbstractSignal):
     def value(self, time, y, mechanism, reference):
         raise ClearanceError("A path deviation is of a whole motion: `prepare` it by the mechanism and its span.")
 
-    def _curve(self, mechanism: Mechanism, t1: Any, options: Settings) -> Curve:
+    def _curve(self, mechanism: Mechanism, t1: Any, options: Settings) -> SampledPath:
         times, ideal = evenly(options.t0, t1, self.samples), mechanism.ideal()
         if self.against_free(mechanism):
             y = self._freely(mechanism, t1, times, options)
@@ -134,7 +134,7 @@ class PathDeviation(AbstractSignal):
         places, velocities = jax.vmap(lambda t, y: motion_of(self.point, ready, t, y))(times, y)
         moves = apart * velocities
         tolerance = OF_PLAY * play_size(mechanism) + OF_LENGTH * largest_length(mechanism)
-        return Curve(places, moves, jax.lax.stop_gradient(_error(places, moves) <= tolerance))
+        return SampledPath(places, moves, jax.lax.stop_gradient(_error(places, moves) <= tolerance))
 
 
 def _error(places: Array, moves: Array) -> Scalar:

@@ -22,7 +22,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.breaks import sampling_periods
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.metrics.measure import AbstractMetric, Form, Request
+from clearance_jax.metrics.measure import AbstractMetric, MetricForm, Request
 from clearance_jax.parameters import units_of, values_of
 from clearance_jax.solve.flow import Inputs, flow
 from clearance_jax.solve.problem import Problem
@@ -108,7 +108,7 @@ class PoincareSection(AbstractMetric):
         known, single = quantities(mechanism, energy_balance=True), isinstance(self.quantities, str)
         names = (self.quantities,) if single else self.quantities
         axes = (("instant", ()), *(() if single else (("quantity", names),)))
-        return Form(", ".join(known[name].unit for name in names), axes)
+        return MetricForm(", ".join(known[name].unit for name in names), axes)
 
     def value(self, reply):
         period = seconds(self.period, reply.mechanism)
@@ -172,7 +172,7 @@ class LyapunovExponent(AbstractMetric):
 
     def form(self, mechanism):
         axes = [("period", ())] * self.running + [("exponent", ())] * (self.exponents > 1)
-        return Form(self.unit, (*axes, *((("estimate", ESTIMATE),) if self.uncertainty else ())))
+        return MetricForm(self.unit, (*axes, *((("estimate", ESTIMATE),) if self.uncertainty else ())))
 
     def request(self, mechanism, t1, options):
         size = layout(mechanism).size

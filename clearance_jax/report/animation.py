@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
-from clearance_jax.report.magnified import Section, Side, magnify
+from clearance_jax.report.magnified import CrossSection, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
 from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import round_down
 from clearance_jax.results.bearing import require_joint
 from clearance_jax.results.places import places
-from clearance_jax.results.play import Play
+from clearance_jax.results.play import JointPlay
 
 # How long a film lasts if nothing is said [s]: slowed by the roundest factor that makes it no longer.
 LASTS = 10.0
@@ -72,7 +72,7 @@ class Film(AbstractFilm):
         of = f", {self.joint} with its play x {self.exaggeration:g}" if self.joint else ""
         return f"Film of {self.name}{of}: {len(self)} frames, {self.fps:.3g} a second"
 
-    def _lay_out(self, dataset: xr.Dataset, enlarged: Play | None) -> tuple[list, list]:
+    def _lay_out(self, dataset: xr.Dataset, enlarged: JointPlay | None) -> tuple[list, list]:
         """Draw what stays; the views that follow the motion, and the cursors on time axes."""
         projection = "3d" if dataset.sizes["axis"] == 3 else None
         if enlarged is None:
@@ -94,14 +94,14 @@ class Film(AbstractFilm):
         return views, [axis.axvline(0.0, color="k", lw=1.2, zorder=9) for axis in (force, bar)]
 
 
-def _scale(joint: Play) -> str:
+def _scale(joint: JointPlay) -> str:
     """How large the play is drawn, and how large it is."""
     size = f"{1e6 * joint.clearance:g} µm"
     known = f"{size} to either side" if joint.block is not None else f"dashed: clearance {size}"
     return f"play × {joint.factor:g} ({known})"
 
 
-def _views(figure: Any, joint: Play) -> list:
+def _views(figure: Any, joint: JointPlay) -> list:
     """What is seen of a joint: of a pin without tilt one section, of a ball two, of a sleeve both ends and both sides,
     of a block its sides.
     """
@@ -117,14 +117,14 @@ def _views(figure: Any, joint: Play) -> list:
         views: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
         for axis, station in zip(ends, (0, -1), strict=True):
             place = f"{1e3 * joint.heights[station]:+.3g} mm".replace("-", "−")
-            views.append(Section(_title(axis, f"across the edge at z = {place}"), joint, station))
+            views.append(CrossSection(_title(axis, f"across the edge at z = {place}"), joint, station))
         return views
     if joint.place.shape[1] == 3:
         views = []
         for axis, pair in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
-            views.append(Section(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair))
+            views.append(CrossSection(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair))
         return views
-    return [Section(figure.subplots(), joint)]
+    return [CrossSection(figure.subplots(), joint)]
 
 
 def _title(axis: Any, title: str) -> Any:

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.bearing import kind
-from clearance_jax.results.play import Play, penetration, pin_travel, play
+from clearance_jax.results.play import JointPlay, penetration, pin_travel, play
 
 # What the play is exaggerated to if nothing is said: this part of the pin's radius, or a little less.
 SHOWN = 0.35
@@ -29,7 +29,7 @@ def round_factor(value: float) -> float:
     return float(power * np.floor(max(value, 1.0) / power))
 
 
-def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Play:
+def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> JointPlay:
     """A joint with its play exaggerated, by default so that it is seen. **Raises** `ClearanceError` for a joint of
     which there is no view.
     """
@@ -52,13 +52,13 @@ def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple
     return wall, pin
 
 
-class Section:
+class CrossSection:
     """The joint cut across: the sleeve's circle, the pin's, and the pin's centre's path so far.
 
     **Arguments:** `station`: at which of its heights; `axes`: which two of the sleeve's axes to look at.
     """
 
-    def __init__(self, axis: Any, joint: Play, station: int = 0, axes: tuple[int, int] = (0, 1)):
+    def __init__(self, axis: Any, joint: JointPlay, station: int = 0, axes: tuple[int, int] = (0, 1)):
         self.joint, self.station, depth = joint, station, joint.wear_depth(station)
         ball = joint.place.shape[1] == 3 and joint.length is None
         across = joint.place[:, list(axes)] if ball else joint.centres(joint.heights)[:, station]
@@ -94,7 +94,7 @@ class Side:
     **Arguments:** `up`: which of the sleeve's axes across is upright, 0 or 1.
     """
 
-    def __init__(self, axis: Any, joint: Play, up: int):
+    def __init__(self, axis: Any, joint: JointPlay, up: int):
         if joint.block is not None:
             joint = joint._replace(radius=(joint.block[up] or 0.0) / 2)
         self.joint, self.up, half = joint, up, (joint.length or 0.0) / 2

@@ -14,7 +14,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.report.curves import flights
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.style import STYLED
-from clearance_jax.results.bearing import FACE, PLANE, SLEEVE, Spans, kind, spans
+from clearance_jax.results.bearing import FACE, PLANE, SLEEVE, BearingSpans, kind, spans
 from clearance_jax.results.play import PinPath, station_paths
 
 # Of contact patterns, faces apart: words and colour. Where a joint has no edges, the first two.
@@ -92,7 +92,7 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(PATTERNS) + 1, frameon=False, borderpad=0)
 
 
-def _tell(dataset: xr.Dataset, joint: str, bearing: Spans) -> list[tuple[str, str, np.ndarray]]:
+def _tell(dataset: xr.Dataset, joint: str, bearing: BearingSpans) -> list[tuple[str, str, np.ndarray]]:
     """Words, colour and which spans, of every way to bear that there is."""
     radial = bearing.pattern % FACE
     names = PATTERNS if kind(dataset, joint) == SLEEVE else (PATTERNS[0], TOUCHING)

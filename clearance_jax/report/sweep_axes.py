@@ -29,7 +29,7 @@ PREFIXES = {
 }
 
 
-class Shown(NamedTuple):
+class AxisScale(NamedTuple):
     """By what numbers are multiplied to be drawn in a unit that suits them, their name, and that unit."""
 
     factor: float
@@ -149,7 +149,7 @@ def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
     return values.reshape(code.size, *values.shape[code.ndim :])
 
 
-def display(array: xr.DataArray, name: str | None = None) -> Shown:
+def display(array: xr.DataArray, name: str | None = None) -> AxisScale:
     """How a number or a result is shown, by its size."""
     unit, values = str(array.attrs.get("units", "")), np.abs(array.values.astype(float))
     finite = values[np.isfinite(values)]
@@ -161,7 +161,7 @@ def display(array: xr.DataArray, name: str | None = None) -> Shown:
     # A metric knows what it is, and not what its user calls it.
     key, title = str(array.name), str(array.attrs.get("long_name", array.name))
     title = words(key) if "metric" in array.attrs or title == key else title
-    return Shown(factor, title if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
+    return AxisScale(factor, title if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
 
 
 def scale(values: np.ndarray) -> str:

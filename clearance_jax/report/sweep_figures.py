@@ -18,7 +18,7 @@ from clearance_jax.report.recurrence_figures import bifurcation, exponents, sect
 from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.report.sweep_axes import (
     CODE,
-    Shown,
+    AxisScale,
     display,
     endings,
     lanes_of,
@@ -203,7 +203,7 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
     for i, k in enumerate(places):
         part = dataset if k is None else dataset.isel({by: [k]})
         label = None if k is None else place_words(dataset, {by: k})
-        _band(axes, part, name, x, (across, of), f"C{i}", label, alone=len(places) == 1)
+        _band(axes, part, name, x, across, of, f"C{i}", label, alone=len(places) == 1)
     axes.set(xlabel=across.label, ylabel=of.label)
     axes.set_xscale(scale(dataset[x].values) if x in lanes_of(dataset) else "linear")
     axes.margins(x=0.01)
@@ -212,9 +212,10 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
         legend_below(axes)
 
 
-def _band(axes: Any, part: xr.Dataset, name: str, x: str, how: tuple[Shown, Shown], colour, label, alone: bool) -> None:
-    """A curve with its bands; how many results each place has decides what there is to show."""
-    across, of = how
+def _band(
+    axes: Any, part: xr.Dataset, name: str, x: str, across: AxisScale, of: AxisScale, colour, label, alone: bool
+) -> None:
+    """Draw the medians as a curve, with quantile bands where a place has several results."""
     where, values = of_lanes(part, number(part, x)), of_lanes(part, result(part, name))
     places, groups = _groups(where, values, on_axis=x in part.dims)
     middles = np.array([np.median(group) if group.size else np.nan for group in groups])

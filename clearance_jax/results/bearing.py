@@ -13,7 +13,7 @@ from clearance_jax.results.episodes import SHORTEST
 FACE = 4
 
 
-class Spans(NamedTuple):
+class BearingSpans(NamedTuple):
     """Stretches of time [s] throughout which a joint bears in one way, one after another; of each its contact pattern
     (in a plane 0 apart, 1 in contact).
     """
@@ -51,7 +51,7 @@ def number(dataset: xr.Dataset, joint: str, name: str) -> float | None:
     return None if attribute is None else float(attribute)
 
 
-def spans(dataset: xr.Dataset, joint: str) -> Spans:
+def spans(dataset: xr.Dataset, joint: str) -> BearingSpans:
     """When a joint bears how: what is known at a step's end holds until the next one, for every touch and separation is
     one. Without step ends (of a `Solution`) the samples have to do.
     """
@@ -68,7 +68,7 @@ def spans(dataset: xr.Dataset, joint: str) -> Spans:
     codes, begin = codes[lasting], begin[lasting]
     first = np.flatnonzero(np.concatenate([[True], codes[1:] != codes[:-1]]))
     begin = begin[first]
-    return Spans(begin, np.append(begin[1:], time[-1]), codes[first])
+    return BearingSpans(begin, np.append(begin[1:], time[-1]), codes[first])
 
 
 def at_steps(dataset: xr.Dataset, joint: str, name: str) -> tuple[np.ndarray, np.ndarray]:

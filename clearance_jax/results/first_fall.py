@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 
-class Load(NamedTuple):
+class ForcePeak(NamedTuple):
     """A contact force [N], when it acts [s], and in which joint."""
 
     force: float
@@ -23,10 +23,10 @@ class Loads(NamedTuple):
     whether that pin fell from the sleeve's centre; the largest one `after` the first falls (`None`: there is none).
     """
 
-    largest: Load
+    largest: ForcePeak
     falling: bool
     centred: bool
-    after: Load | None
+    after: ForcePeak | None
 
     def __str__(self) -> str:
         text = f"largest force {_words(self.largest)}"
@@ -92,13 +92,13 @@ def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
     return f"{text}, as pins first fall" + (f"; after it {say(values[1], times[1])}" if len(values) > 1 else "")
 
 
-def _all(dataset: xr.Dataset) -> list[Load]:
+def _all(dataset: xr.Dataset) -> list[ForcePeak]:
     """The peak of every episode, and of every joint the highest peak at a step's end after its first fall (an episode
     that goes on after the fall has its largest force in it).
     """
     joints, time = dataset["joint"].values, dataset["step_time"].values
     out = [
-        Load(float(force), float(at), str(joints[int(joint)]))
+        ForcePeak(float(force), float(at), str(joints[int(joint)]))
         for joint, at, force in zip(
             *(dataset[name].values for name in ("episode_joint", "peak_time", "peak_force")), strict=True
         )
@@ -107,7 +107,7 @@ def _all(dataset: xr.Dataset) -> list[Load]:
         forces = np.where((time > end) & _peaks(forces), forces, 0.0)
         k = int(np.argmax(forces))
         if np.isfinite(end) and forces[k] > 0:
-            out.append(Load(float(forces[k]), float(time[k]), str(joint)))
+            out.append(ForcePeak(float(forces[k]), float(time[k]), str(joint)))
     return out
 
 
@@ -117,7 +117,7 @@ def _peaks(forces: np.ndarray) -> np.ndarray:
     return rises & (np.diff(forces, append=-np.inf) <= 0)
 
 
-def _words(load: Load) -> str:
+def _words(load: ForcePeak) -> str:
     return f"{load.force:.6g} N at {seconds(load.time)}"
 
 

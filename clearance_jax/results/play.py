@@ -18,7 +18,7 @@ COLLAR_RADIUS = 1.5
 SIZES = ("pin_radius", "radial_clearance"), ("ball_radius", "radial_clearance"), ("height", "side_clearance")
 
 
-class Play(NamedTuple):
+class JointPlay(NamedTuple):
     """What of a joint is drawn, at every sample: the pin's place in its sleeve [m], (times, 2 or 3), what its axis has
     across, (times, 2), its turn (times,) [rad] if that is known; its size and its play; of what has a length more
     sizes [m], the heights at which it may touch, and of a block its height and width; how deep its sleeve is worn off,
@@ -92,7 +92,7 @@ def penetration(places: np.ndarray, clearance: float, depth: np.ndarray) -> np.n
     return np.max(places @ np.stack([np.cos(angle), np.sin(angle)]) - depth, axis=-1) - clearance
 
 
-def play(dataset: xr.Dataset, joint: str) -> Play | None:
+def play(dataset: xr.Dataset, joint: str) -> JointPlay | None:
     """Of a clearance joint; `None` of one of a user's own class, or of which not all is known."""
     sizes, tilt, length = _sizes(dataset, joint), _tilt(dataset, joint), number(dataset, joint, "length")
     if sizes is None or tilt is None:
@@ -100,10 +100,11 @@ def play(dataset: xr.Dataset, joint: str) -> Play | None:
     of, (radius, clearance) = kind(dataset, joint), sizes
     place = dataset["eccentricity"].sel(joint=joint).values
     if of == GUIDE:
-        block, ends = (radius, number(dataset, joint, "width")), np.array([-0.5, 0.5]) * (length or 0.0)
-        return Play(place, tilt, None, radius / 2, clearance, length or 0.0, through=False, heights=ends, block=block)
+        block, length = (radius, number(dataset, joint, "width")), length or 0.0
+        ends = np.array([-0.5, 0.5]) * length
+        return JointPlay(place, tilt, None, radius / 2, clearance, length, through=False, heights=ends, block=block)
     turn = dataset["q"].sel(coordinate=joint).values if joint in dataset["coordinate"].values else None
-    pin = Play(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
+    pin = JointPlay(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
     if of != SLEEVE:
         return pin
     prefix = f"clearance.{joint}"

@@ -33,7 +33,7 @@ class Works(NamedTuple):
     restitution: np.ndarray
 
 
-class Powers(NamedTuple):
+class ContactPowers(NamedTuple):
     """Of instants: the power taken up [W], its rate [W/s], and whether it is the rate of the contact."""
 
     time: np.ndarray
@@ -62,12 +62,12 @@ def doubt(joint: str, restitution: np.ndarray) -> str:
     )
 
 
-def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[Powers, np.ndarray]:
+def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[ContactPowers, np.ndarray]:
     """The powers at the step ends and inside the first and last steps, and the places of the step ends among them."""
     first, last = spans.first[spans.first > 0], spans.last[~spans.lasting]
     known, here = np.ones(seen.time.size, bool), np.arange(seen.time.size)
     known[first] = known[last] = False
-    whole = Powers(seen.time, seen.power, seen.power_rate, known)
+    whole = ContactPowers(seen.time, seen.power, seen.power_rate, known)
     first = first[first + 1 < seen.time.size]
     asked = [(step, s) for some, places in ((first, FIRST), (last - 1, LAST)) for step in some for s in places]
     if not asked:
@@ -76,12 +76,12 @@ def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[Powers, np.ndar
     steps = steps.astype(int)
     h = seen.time[steps + 1] - seen.time[steps]
     looked = inside(steps, places)
-    more = Powers(seen.time[steps] + places * h, looked.power, looked.power_slope / h, np.ones(steps.size, bool))
-    joined = Powers(*(np.insert(a, steps + 1, b) for a, b in zip(whole, more, strict=True)))
+    more = ContactPowers(seen.time[steps] + places * h, looked.power, looked.power_slope / h, np.ones(steps.size, bool))
+    joined = ContactPowers(*(np.insert(a, steps + 1, b) for a, b in zip(whole, more, strict=True)))
     return joined, here + np.searchsorted(steps + 1, here, side="right")
 
 
-def _exchange(powers: Powers) -> tuple[np.ndarray, np.ndarray]:
+def _exchange(powers: ContactPowers) -> tuple[np.ndarray, np.ndarray]:
     """The work taken up and given back between instants: of the cubic through powers and rates at both; of a parabola,
     where one of the rates is not known.
     """

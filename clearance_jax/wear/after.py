@@ -134,7 +134,7 @@ class AfterWear(AbstractAged):
         names, begin = tuple(by), model.begin(self._sectors(mechanism, options))
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         solve, now = settings_of(model.mechanism, t1, options), list(values_of(model, names).values())
-        answers, done = [], 0
+        rows, done = [], 0
         for cycles in self.cycles:
             if cycles > done:
 
@@ -147,8 +147,10 @@ class AfterWear(AbstractAged):
             worn = Worn(names, jnp.asarray(stack), jnp.asarray(now, float), model)
             outcome = answer(Question(worn, {"": self.metric}, t1, solve, names))
             value = np.ravel(outcome.values[""])
-            answers.append((value, np.reshape(outcome.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0))))
-        values_, slopes = zip(*answers, strict=True)
+            rows.append(
+                (value, np.reshape(outcome.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0)))
+            )
+        values_, slopes = zip(*rows, strict=True)
         return np.concatenate(values_), np.concatenate(slopes)
 
     def lives(self, mechanism, values, t1, bound, most, **options):

@@ -114,8 +114,8 @@ class ImpactSpeed(AbstractCriterion):
         if motion.message:
             raise ClearanceError(f"The motion stopped: {motion.message}")
         dataset = to_dataset(mechanism, motion)
-        speeds = dataset["impact_speed"].values[dataset["episode_joint"].values == [*dataset["joint"].values].index(joint)]
-        return float(np.nanmax(speeds, initial=0.0))
+        in_joint = dataset["episode_joint"].values == [*dataset["joint"].values].index(joint)
+        return float(np.nanmax(dataset["impact_speed"].values[in_joint], initial=0.0))
 
 
 class Of(AbstractCriterion):

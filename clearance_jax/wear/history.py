@@ -82,7 +82,7 @@ class WearHistory(NamedTuple):
         return "\n".join([head, *slopes])
 
 
-class Block(NamedTuple):
+class WearBlock(NamedTuple):
     """A block that is done: after how many cycles, the jump of the next one, the profile (or stack), and what has been
     asked; how far `beyond` its bound the criterion is, if there is one; where life ended within the block, when, and
     the stack then with what a cycle wore off below it.
@@ -148,15 +148,15 @@ def _journal(path: str | Path | None) -> AbstractContextManager[Journal | None]:
     return nullcontext() if path is None else closing(Journal(path, ordered=True))
 
 
-def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) -> list[Block]:
+def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) -> list[WearBlock]:
     """The blocks, from those that the journal has."""
-    first = Block(0, 1, stack.tolist(), 0)
+    first = WearBlock(0, 1, stack.tolist(), 0)
     if until is not None:
         beyond = _beyond(until, stack, 0)
         first = first._replace(beyond=beyond)
         if not beyond < 0:
             return [first._replace(end=0.0)]
-    blocks = [first, *(Block(**record) for record in (() if journal is None else journal.records))]
+    blocks = [first, *(WearBlock(**record) for record in (() if journal is None else journal.records))]
     while blocks[-1].cycles < cycles and blocks[-1].end is None:
         blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
         if journal is not None:
@@ -166,7 +166,7 @@ def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) ->
     return blocks
 
 
-def _history(blocks: list[Block]) -> WearHistory:
+def _history(blocks: list[WearBlock]) -> WearHistory:
     every = np.array([block.depth for block in blocks])
     depth, slopes = (every, None) if every.ndim == 2 else (every[:, 0], every[:, 1:])
     cycles = np.array([block.cycles for block in blocks])
@@ -174,7 +174,7 @@ def _history(blocks: list[Block]) -> WearHistory:
     return WearHistory(cycles, depth, blocks[-1].evaluations, blocks[-1].end, beyond, slopes=slopes)
 
 
-def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int | None, until: Any) -> Block:
+def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: int | None, until: Any) -> WearBlock:
     """One block further."""
     h, count, left = np.array(now.depth), now.evaluations + 1, cycles - now.cycles
     jump = max(1, min(now.jump, left // 2))
@@ -201,7 +201,7 @@ def _profile(stack: np.ndarray) -> np.ndarray:
     return stack if stack.ndim == 1 else stack[0]
 
 
-def _end(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> Block:
+def _end(now: WearBlock, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> WearBlock:
     """The block after jumps that are good: where life ends within it, if it does."""
     first, then = rates
 
@@ -212,7 +212,7 @@ def _end(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, c
 
     whole = round(2 * jump)
     last = profile(whole)
-    done = Block(now.cycles + whole, wanted, last.tolist(), count)
+    done = WearBlock(now.cycles + whole, wanted, last.tolist(), count)
     if until is None:
         return done
     beyond = _beyond(until, last, done.cycles)
@@ -318,7 +318,7 @@ def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> We
     **Arguments:** `model`, `journal`, `until`: as of `simulate_wear`.
     """
     with closing(Journal(journal, ordered=True)) as kept:
-        blocks = [Block(**record) for record in kept.records]
+        blocks = [WearBlock(**record) for record in kept.records]
     if not blocks:
         return None
     criterion, size = criterion_of(until), np.atleast_2d(blocks[0].depth).shape[-1]
@@ -326,4 +326,4 @@ def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> We
     beyond = None if criterion is None else float(criterion.beyond(model.at(begin), model.joint))
     stack = np.zeros(np.shape(blocks[0].depth))
     stack[... if stack.ndim == 1 else 0] = begin
-    return _history([Block(0, 1, stack.tolist(), 0, beyond), *blocks])._replace(until=criterion)
+    return _history([WearBlock(0, 1, stack.tolist(), 0, beyond), *blocks])._replace(until=criterion)

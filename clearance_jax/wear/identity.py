@@ -10,6 +10,7 @@ from clearance_jax.wear.model import WearModel
 def description(model: WearModel, until: AbstractCriterion | None, **rest: Any) -> dict[str, Any]:
     """A question by the names of its parts, each a number or a short text; `rest`: its other arguments."""
     parts = {"law of wear": model.wear, "pressure": model.pressure, "until": until}
-    named = [numbers(part, f" ({what})") for what, part in parts.items() if part is not None]
-    rest = {"joint": model.joint, "cycle": float(model.cycle), **rest}
-    return versions() | {k: v for group in (numbers(model.mechanism), *named) for k, v in group.items()} | settings(rest)
+    question = versions() | numbers(model.mechanism)
+    for what, part in parts.items():
+        question |= {} if part is None else numbers(part, f" ({what})")
+    return question | settings({"joint": model.joint, "cycle": float(model.cycle), **rest})

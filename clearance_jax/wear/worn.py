@@ -153,7 +153,7 @@ def wear_of(
     return Wear(angle, heights, totals.depth, totals.volume, flat, totals.sliding, totals.half_angle, totals.relief)
 
 
-class Found(NamedTuple):
+class WearTotals(NamedTuple):
     """See `Wear`; `missed`: the largest part of a force that its pressures do not bear."""
 
     depth: Any
@@ -165,7 +165,7 @@ class Found(NamedTuple):
     missed: Any
 
 
-def _check(totals: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
+def _check(totals: WearTotals, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
     """Raise where pressures are not the force's, or the volume not the law's."""
     if pressure.is_narrow and totals.half_angle > WIDEST:
         raise WearFailure(
@@ -196,7 +196,7 @@ def accumulate(
     of: str,
     depth: Array,
     before: Scalar,
-) -> Found:
+) -> WearTotals:
     """What wears off."""
     inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
@@ -234,7 +234,7 @@ def accumulate(
     flat = jnp.sum(seen.weight[:, None] * law.rate(SlidingState(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
     half = pressure.half_angle(sleeve.geometry, largest)
-    return Found(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
+    return WearTotals(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
