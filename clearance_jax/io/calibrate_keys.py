@@ -8,7 +8,7 @@ from clearance_jax.io.table import Keys
 from clearance_jax.parameters import PARAMETER
 
 SIGNAL = "the signal's"
-"""The unit of a deviation, which the signal decides."""
+"""Placeholder for the unit of a deviation, which is the signal's."""
 
 CALIBRATE = Keys(
     "calibrate",

@@ -72,7 +72,7 @@ def _bounds(name: str, values: Any, where: str, mechanism: Mechanism) -> tuple[f
 
 
 def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any, dict[str, float]]:
-    """What the columns are (`None`: quantities by their names), and the deviations of those that have one."""
+    """Signals by column (`None`: every column is the quantity of its name), and the deviations that are given."""
     if not table.has("signal"):
         return None, {}
     signals: dict[str, str | AbstractSignal] = {}
@@ -101,7 +101,7 @@ def _reading(table: TomlTable, column: str, mechanism: Mechanism) -> str | Abstr
 
 
 def _end(study: StudyFile, measured: Measurement) -> float | None:
-    """The study's end, or else that of the data."""
+    """End of the motion [s]; `None`: the end of the data."""
     t1 = study.table.get("t1")
     if t1 is not None and measured.times[-1] > t1:
         raise ClearanceError(

@@ -1,4 +1,4 @@
-"""Tables with a header: a CSV file of times and named columns with units. Every message names file, line and column."""
+"""Reads CSV files with a header of times and named columns with units. Messages name file, line and column."""
 
 import csv
 import math
@@ -16,15 +16,13 @@ TIME = "time"
 # Every time of a trajectory ends a step of the solve, and each step looks at all of them.
 MOST_ROWS = 100_000
 LONGEST_LINE = 100_000
-# What stands in a cell where nothing was measured.
+# Contents of cells without a measurement.
 GAPS = ("", "nan", "na")
 _HEAD = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 
 class Meant(NamedTuple):
-    """How messages speak of a table: what it is (`what`), what a column beside the times is of (`column`), and the
-    header of one (`example`).
-    """
+    """Words for messages about a table: `what` it is, what a `column` beside the times holds, an `example` header."""
 
     what: str
     column: str
@@ -32,14 +30,14 @@ class Meant(NamedTuple):
 
 
 class CsvLine(NamedTuple):
-    """A line that says something: its text, and how messages name it."""
+    """A line with content: its text, and its name in messages."""
 
     text: str
     where: str
 
 
 class Head(NamedTuple):
-    """A cell of the header: a column's name, its unit (`None`: that of SI), and how messages name it."""
+    """A header cell: column name, unit (`None`: SI), and its name in messages."""
 
     name: str
     unit: str | None
@@ -47,7 +45,7 @@ class Head(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """A table as it was read: its header, its rows as texts, and their numbers, shape (rows, columns)."""
+    """A CSV table: header, rows as text, and `values`, shape (rows, columns)."""
 
     heads: list[Head]
     rows: list[CsvLine]
@@ -55,8 +53,8 @@ class CsvTable(NamedTuple):
 
 
 def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
-    """A CSV file in UTF-8 with a header; empty lines, and those that begin with `#`, say nothing. `gaps`: cells may be
-    empty or `nan`, which are NaN. **Raises** `ClearanceError` naming file, line and column.
+    """Read a CSV file in UTF-8 with a header. Empty lines and lines that begin with `#` are ignored. `gaps`: empty
+    cells and `nan` become NaN. **Raises** `ClearanceError` naming file, line and column.
     """
     head, *rows = _lines(path, meant)
     heads = _header(head, meant)
@@ -68,7 +66,7 @@ def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
 
 
 def _lines(path: Path, meant: Meant) -> list[CsvLine]:
-    """The header, and the rows of numbers as texts."""
+    """The lines with content: the header, then the rows."""
     text = read_text(path, meant.what, LARGEST_TABLE).removeprefix("\ufeff")
     if "\0" in text:
         raise ClearanceError(
@@ -157,7 +155,7 @@ def _number(cell: str, where: str, gaps: bool) -> float:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether Python reads it as a number; `1_000`, which only a program would write so, is none."""
+    """Whether a cell is a number. `1_000`, which Python accepts, is not."""
     try:
         float(cell)
     except ValueError:

@@ -216,7 +216,7 @@ COST_TABLES = kinds_of(
 )
 
 _KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=tuple(MANUFACTURE), required=True)
-# What scatters is said once, for all that asks: here only which numbers.
+# The table `scatter` describes the distributions; here the numbers are only named.
 _OF = Names(
     "of",
     "the numbers, which scatter as `scatter` says: normal, log-normal from 20 percent on",

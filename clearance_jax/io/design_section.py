@@ -34,9 +34,7 @@ from clearance_jax.wear import AfterWear
 
 
 class DesignAsked(NamedTuple):
-    """What the section says: the problem, and how to solve and to verify it (arguments of `solve` and `verify`), and to
-    trade it off, if that is asked for (of `tradeoff`).
-    """
+    """The section as read: the problem, and the arguments of `solve`, `verify` and, if asked for, `tradeoff`."""
 
     problem: ToleranceProblem
     solve: dict[str, Any]
@@ -45,7 +43,7 @@ class DesignAsked(NamedTuple):
 
 
 def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
-    """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
+    """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
     trajectories = _trajectories(table, study, mechanism)
@@ -78,7 +76,7 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
 
 
 def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | None:
-    """Options of a trade-off, if one is asked for."""
+    """The arguments of `tradeoff`; `None`: not asked for."""
     if not top.has("tradeoff"):
         return None
     table, limit = top.table("tradeoff", TRADEOFF), None
@@ -96,7 +94,7 @@ def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | Non
 
 
 def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: ToleranceProblem) -> Candidates:
-    """The fits to choose from by variable, with their costs where these are given; checked before any solve."""
+    """Candidate fits by variable, with their costs if given. They are checked before any solve."""
     fits = {}
     for name, table in tables.items():
         if not table.has("classes"):
@@ -128,7 +126,7 @@ def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> d
 
 
 def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
-    """Every condition that is written down, along every trajectory, with every payload, at every speed."""
+    """The product of conditions, trajectories, payloads and speeds: numbers by the name of each condition."""
     tables = table.entries("condition")
     given = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
     payloads = {}
@@ -173,7 +171,7 @@ def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, flo
 
 
 def _cost(read: Chosen, unit: str) -> AbstractCost:
-    """Constants are in a currency times or over a power of the variable's unit: `factor = "20 um"`."""
+    """The cost law. Its constants have powers of the variable's unit: `factor = "20 um"`."""
     law, table = read
     if law == "table" and any(b > a for a, b in itertools.pairwise(table.get("costs"))):
         raise ClearanceError(
@@ -181,7 +179,7 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
         )
     power = table.get("power") if law.endswith("reciprocal") else 1.0
     units = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
-    # The longer words come first: they have the parameter's in them.
+    # Longer placeholders come first: they contain the parameter's.
     table.words = {**(units if unit else dict.fromkeys(units, "")), **table.words}
     with naming(table.where):
         return COSTS[law](**table.arguments("law"))
@@ -219,7 +217,7 @@ def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str,
 
 
 def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
-    """Relative deviations of numbers that scatter about what is designed, or what the scene has; distributions of
+    """The relative deviation of each number that scatters about its designed or given value; the distributions of
     others.
     """
     scatters, asked = {}, study.scatter(table.get("of"), model, table.where)

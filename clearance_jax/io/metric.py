@@ -1,4 +1,4 @@
-"""Metrics as files describe them: a reduction over a signal of a point, body or joint; or a count."""
+"""Metrics from tables of a study: a reduction over a signal, a count, or a recurrence."""
 
 import dataclasses
 import itertools
@@ -15,16 +15,14 @@ from clearance_jax.metrics.signals import AbstractSignal, numbers_of
 
 
 class Span(NamedTuple):
-    """From when to when the motion is looked at [s]."""
+    """Time span of a motion [s]."""
 
     t0: float
     t1: float
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
-    """A metric of a `kind`: of a `signal` of a `point`, `body`, `joint` or `quantity` ("at" given `times`); a settling
-    time, or that of a crossing; a count of a `joint`; or what repeats with the drive.
-    """
+    """The metric of a table, for a motion over `span`: of a signal, a count, or a recurrence."""
     kind, table = read
     if kind in RECURRENCES:
         return recurrence_of(read)
@@ -57,7 +55,7 @@ def signal_of(table: TomlTable, mechanism: Mechanism) -> AbstractSignal:
 
 
 def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[str, str]:
-    """What a signal or a count is of, by the names that its class has for it."""
+    """The point, body, joint or quantity of a signal or count, by the field names of its class."""
     joints = mechanism.all_joints() if cls in OF_ANY_JOINT else mechanism.clearance_joints()
     names = {
         "point": [point.name for point in mechanism.points],

@@ -52,7 +52,7 @@ CONTACT = Keys(
 
 
 def _optional(*keys: Key, **absent: str) -> tuple[Key, ...]:
-    """The keys, none of which must be there; `absent`: what the absence of some means."""
+    """The keys, made optional; `absent`: what their absence means, by name."""
     return tuple(dataclasses.replace(key, required=False, absent=absent.get(key.name, key.absent)) for key in keys)
 
 

@@ -1,6 +1,4 @@
-"""The keys of what repeats with the drive: Poincare sections and Lyapunov exponents and their
-reader.
-"""
+"""Keys and reader of Poincare sections and Lyapunov exponents."""
 
 from typing import Any
 
@@ -39,7 +37,7 @@ RECURRENCE_KEYS = {
         Whole("count", _COUNT, "100", least=FEWEST, most=MOST_SAMPLES, default=50),
     ),
 }
-"""Of each metric its keys."""
+"""Keys by kind of metric."""
 
 
 def recurrence_of(read: Chosen) -> PoincareSection | LyapunovExponent:

@@ -1,4 +1,4 @@
-"""Scene files: TOML with units to a mechanism. Keys are strict: every message names the file, the key and the fix."""
+"""Reads scene files (TOML with units) as mechanisms. Unknown keys are errors. Messages name file, key and fix."""
 
 import dataclasses
 import warnings
@@ -28,8 +28,8 @@ from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
 
 
 class Scene(NamedTuple):
-    """What a scene file says: the mechanism, how it wants to be solved (keyword arguments of `simulate`), and the
-    trajectory that drives its robot.
+    """A scene file as read: `mechanism`, `solve` (keyword arguments of `simulate`), `text`, and the `trajectory` of its
+    robot, if any.
     """
 
     mechanism: Mechanism
@@ -39,7 +39,7 @@ class Scene(NamedTuple):
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file, and warn where its sizes are not to be believed and of what in its robot was not read.
+    """Read a scene file. It warns of implausible sizes, and of parts of a robot's file that were not read.
 
     **Raises:** `ClearanceError` naming the file, the key and the fix.
     """
@@ -51,7 +51,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def read_scene(path: str | Path) -> Scene:
-    """As `load_scene`, without a warning: for who changes numbers before the mechanism is used."""
+    """As `load_scene`, without warnings, for callers that change numbers before the mechanism is used."""
     path = Path(path)
     if path.suffix.lower() == ".urdf":  # a robot says nothing of how it wants to be solved
         text, mechanism = read_robot(path)
@@ -78,7 +78,7 @@ def load(path: str | Path) -> Mechanism:
 
 
 def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
-    """The mechanism, and what drives its robot."""
+    """The mechanism, and the trajectory of its robot."""
     robot = robot_of(top, path) if top.has("robot") else NO_ROBOT
     placed = {joint.child for joint in robot.joints}
     joints, loops = joints_of(top, path, placed)
@@ -115,7 +115,7 @@ def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
 
 
 def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mechanism:
-    """The mechanism with a drive that gives way."""
+    """The mechanism with a compliant drive at the joint `name`."""
     with naming(where):
         words = SLIDING if isinstance(mechanism.joint(name), Prismatic) else TURNING
     table = TomlTable(values, where, COMPLIANCE, words)
@@ -132,8 +132,7 @@ def _solve(table: TomlTable) -> dict[str, Any]:
 
 
 def _body(name: str, values: Any, where: str) -> Body:
-    table = TomlTable(values, where, BODY)
-    return body_of(name, table)
+    return body_of(name, TomlTable(values, where, BODY))
 
 
 def _point(name: str, values: Any, where: str) -> Point:

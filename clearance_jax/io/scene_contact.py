@@ -1,4 +1,4 @@
-"""The clearance of a scene's joint: its geometry, however it is given, and its laws."""
+"""Reads the clearance of a scene's joint: its geometry and contact laws."""
 
 import dataclasses
 from collections.abc import Callable
@@ -54,10 +54,10 @@ WITH_A_BEARING = ("bearing", "friction", "element", "eccentricity")
 
 
 def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> dict[str, Any]:
-    """The `clearance` of a joint of a kind (`None`: it is ideal) and its `eccentricity` at the start.
+    """The `clearance` of a joint (`None`: it is ideal) and its initial `eccentricity`, as arguments of its class
+    `kind`.
 
-    **Arguments:** `path`: of the scene, beside which files are; `usual`: whether laws that are not given are those of
-    steel in bronze.
+    **Arguments:** `path`: of the scene file; `usual`: whether contact laws default to those of steel in bronze.
     """
     play = PLAYS[kind]
     start = Position(*table.get("eccentricity"))
@@ -150,7 +150,9 @@ BEARINGS_MADE: dict[str, Callable] = {
 
 
 class PlayReader(NamedTuple):
-    """How the play of a kind of joint is read: its keys, those of which one must be there (or both `radii`)."""
+    """How the clearance of a kind of joint is read. A joint that has one of the keys `makes` (or, with `radii`, both
+    radii) has clearance.
+    """
 
     keys: Keys
     makes: tuple[str, ...]
@@ -164,7 +166,7 @@ PLAYS = {
     Spherical: PlayReader(BALL, (RADIAL,), _ball),
     Prismatic: PlayReader(GUIDE, ("side_clearance",), _guide),
 }
-"""By the kind of joint, of those that may have play."""
+"""Readers by class of joint."""
 
 
 def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]:
@@ -224,7 +226,7 @@ def _given_clearance(table: TomlTable) -> float | None:
 
 
 def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
-    """Normal and friction law; `usual`: the normal law where none is given, if there is one."""
+    """Normal and friction law; `usual`: the default of the normal law, if there is one."""
     return _normal(joint) if usual is None or joint.has("normal") else usual, _friction(joint)
 
 
@@ -245,7 +247,7 @@ def _normal(joint: TomlTable) -> AbstractNormalLaw:
             raise ClearanceError(f"{table.key('stiffness')} must be a quantity such as {LAYER}: a layer has no radii.")
         inner = table.table("stiffness", STIFFNESS)
         return make(stiffness=InternalHertz(**inner.arguments()), **values)
-    # In which unit, the law knows once it has its other numbers.
+    # The law's other numbers decide the unit.
     provisional = cast(AbstractNormalLaw, make(stiffness=1.0, **values))
     return make(stiffness=table.get("stiffness", provisional.units()), **values)
 

@@ -42,8 +42,8 @@ class Joints(NamedTuple):
 
 
 def joints_of(top: TomlTable, path: Path, known: Collection[str] = ()) -> Joints:
-    """The joints of a scene: one that places a body which no earlier joint has placed (and which is not `known` to be
-    placed) belongs to the tree.
+    """The joints of a scene. A joint belongs to the tree if no earlier joint has placed its child (and it is not
+    `known` to be placed); else it closes a loop.
     """
     tree: list[AbstractJoint] = []
     loops: list[AbstractJoint] = []
@@ -87,7 +87,7 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
         return Fixed(**common)
     if kind not in ("revolute", "prismatic"):
         return JOINTS[kind](**common, **_several(JOINTS[kind], table, path))
-    # What a coordinate and a force along it are measured in, the kind of joint decides.
+    # The kind of joint decides the units of its coordinate and efforts.
     table.words = TURNING if kind == "revolute" else SLIDING
     return JOINTS[kind](**common, motion=motion_of(table, path), **play_of(JOINTS[kind], table, path), **_axis(table))
 
@@ -101,7 +101,7 @@ def _axis(table: TomlTable) -> dict[str, Axis]:
 
 
 def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
-    """What a joint of several coordinates has beside what every joint has."""
+    """Arguments of a joint with several coordinates, beyond those of every joint."""
     out = play_of(cls, table, path) if cls in PLAYS else {}
     for field in dataclasses.fields(cls):
         if field.type is Axis:
@@ -117,7 +117,7 @@ def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
 
 
 def motion_of(table: TomlTable, path: Path) -> Motion:
-    """How a coordinate moves."""
+    """The motion of a coordinate: driven, or free with actuators."""
     drive = drive_of(table, "drive", path) if table.has("drive") else None
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
@@ -132,12 +132,12 @@ def motion_of(table: TomlTable, path: Path) -> Motion:
 
 
 def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:
-    """The drive that a key of a table gives."""
+    """The drive that a key of a table describes."""
     return read_drive(table.get(name), table.key(name), table.words, path)
 
 
 def read_drive(given: Any, where: str, words: Words, path: Path) -> AbstractDrive:
-    """A drive: an expression, or a table; `words`: what it is measured in."""
+    """A drive from an expression or a table; `words`: units of its coordinate by placeholder."""
     with naming(where):
         if isinstance(given, str):
             return read_expression(given)

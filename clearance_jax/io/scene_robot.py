@@ -23,7 +23,7 @@ from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed,
 
 
 class RobotParts(NamedTuple):
-    """What a robot brings into a scene; `trajectory`: the file that drives it; `notes`: what of it was not read."""
+    """Parts that a robot adds to a scene; `trajectory`: its file; `notes`: what of the URDF file was not read."""
 
     bodies: tuple[Body, ...] = ()
     joints: tuple[AbstractJoint, ...] = ()
@@ -37,7 +37,7 @@ NO_ROBOT = RobotParts()
 
 
 def robot_of(top: TomlTable, path: Path) -> RobotParts:
-    """The robot of a scene that has one."""
+    """Read the table `robot` of a scene."""
     table = top.table("robot", ROBOT)
     robot = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
     joints = {joint.name: joint for joint in robot.joints}
@@ -57,7 +57,7 @@ def robot_of(top: TomlTable, path: Path) -> RobotParts:
 
 
 def _joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
-    """A joint of the robot as the scene moves it, with the play that it gives it."""
+    """A joint of the robot with the motion and the clearance that the scene gives it."""
     if not isinstance(joint, (Revolute, Prismatic)):
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
     kind = type(joint)
@@ -98,6 +98,6 @@ def _pose(at: Position, orientation: Orientation | None) -> FramePose:
 
 
 def body_of(name: str, table: TomlTable) -> Body:
-    """A body, by the table that describes it."""
+    """The body that a table describes."""
     numbers = {key: table.get(key) for key in ("mass", "inertia", "picked_up", "put_down")}
     return Body(name, center_of_mass=Position(*table.get("center_of_mass")), **numbers)

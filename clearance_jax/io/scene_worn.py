@@ -11,14 +11,12 @@ from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.joints import AbstractPin
 from clearance_jax.units import to_si
 
-# By how much an angle of a table may be off its sector [deg]: what is written with two decimals is.
+# Tolerance of the angles of a table [deg]: they may be rounded to two decimals.
 OFF = 0.01
 
 
 def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:
-    """The clearance of a joint with its sleeve worn as the table says, of one that has a length all along it; `path`:
-    the scene's.
-    """
+    """The clearance with its sleeve worn as the table `worn` says, evenly along its length; `path`: of the scene."""
     where = joint.key("worn")
     table = joint.table("worn", WORN)
     if table.has("depth") == table.has("file"):
@@ -37,7 +35,7 @@ def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractP
 
 
 def _of_life(table: TomlTable, file: Path) -> np.ndarray:
-    """The profile at an age."""
+    """The depths of a wear result at an age [m], shape (sectors,)."""
     _none_of(table, "unit")
     where = table.key("file")
     if not file.is_file():

@@ -1,4 +1,4 @@
-"""Study files: TOML with units to what is asked of a scene. Keys are strict, as a scene's."""
+"""Reads study files (TOML with units). Unknown keys are errors."""
 
 import warnings
 from pathlib import Path
@@ -16,7 +16,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 
 
 class Study(NamedTuple):
-    """What a study file says.
+    """A study file as read.
 
     - `name` of the study, `text` of the file, `scene_text` of its scene; `mechanism`: that of the scene, with the
       numbers that the study sets.
@@ -68,5 +68,5 @@ def _study(asked: StudyFile) -> Study:
 
 
 def _wears(design: DesignAsked | None) -> bool:
-    """Whether a limit is to hold as a joint wears."""
+    """Whether a limit of the design is checked after wear."""
     return design is not None and any(limit.metric.ages != ("",) for limit in design.problem.specification.limits)

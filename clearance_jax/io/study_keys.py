@@ -1,6 +1,4 @@
-"""The keys of a study file: what stands at its top, its metrics, its scatter, and its sections. A new key is a line in
-one of the modules of keys, and its use.
-"""
+"""Keys of study files: top level, metrics, scatter, and the tables of all sections."""
 
 from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.calibrate_keys import CALIBRATE_TABLES

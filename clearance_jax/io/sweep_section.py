@@ -46,7 +46,7 @@ def sweep_of(study: StudyFile) -> dict[str, Any]:
 
 
 def _outputs(table: TomlTable, study: StudyFile, span: Span) -> dict[str, Any]:
-    """Metrics, and quantities by their names."""
+    """What the sweep computes, by name: metrics, and names of quantities."""
     names, quantities = table.get("metrics"), table.get("quantities") or ()
     names = study.metric_names if names is None else names
     if not (names or quantities):
@@ -60,7 +60,7 @@ def _outputs(table: TomlTable, study: StudyFile, span: Span) -> dict[str, Any]:
 
 
 def _unit(name: str, mechanism: Mechanism, where: str) -> dict[str, str]:
-    """The unit of what an axis varies, by the word that its keys have for it."""
+    """The unit of the number that an axis varies, by its placeholder."""
     with naming(where):
         return {PARAMETER: OPTIONS[name] if name in OPTIONS else units_of(mechanism, [name])[name]}
 
@@ -75,14 +75,11 @@ def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
     if kind == "zipped":
         table.need("values")
         lists = AXIS_TABLES["values"]
-        return Zipped(
-            {
-                inner: TomlTable({"values": given, "kind": "values"}, there, lists, _unit(inner, mechanism, there)).get(
-                    "values"
-                )
-                for inner, given, there in table.entries("values")
-            }
-        )
+        columns = {}
+        for inner, given, there in table.entries("values"):
+            column = TomlTable({"values": given, "kind": "values"}, there, lists, _unit(inner, mechanism, there))
+            columns[inner] = column.get("values")
+        return Zipped(columns)
     if kind in ("sampled", "sensitivity"):
         scatter = study.distributions(table.get("of"), where)
         if kind == "sampled":

@@ -1,4 +1,4 @@
-"""Robots from URDF files."""
+"""Reads URDF files as mechanisms of robots."""
 
 import warnings
 from collections.abc import Sequence
@@ -119,7 +119,7 @@ def _check_no_mimic(robot: Robot) -> None:
 
 
 def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
-    """The links whose frames are asked for by name; `None`: nobody says."""
+    """The links whose frames become points; `None`: not given."""
     if end_effector is None:
         return None
     asked = [end_effector] if isinstance(end_effector, str) else end_effector
@@ -185,7 +185,7 @@ def _body(body: Rigid, name: str) -> Body:
 
 
 def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:
-    """The links that carry none, on bodies that move and carry none."""
+    """The links at the ends of limbs: neither the link nor its body carries a joint, and the body moves."""
     carrying = {joint.parent for joint in robot.joints}
     inner = {joint.parent for joint in whole.joints} | (set() if free else {whole.root})
     return [

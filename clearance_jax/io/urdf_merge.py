@@ -44,8 +44,8 @@ class Assembly(NamedTuple):
 def merge(robot: Robot) -> Assembly:
     """The robot without fixed joints.
 
-    Masses, centres and inertias are those of the links together, exactly. A joint on a link that was merged into
-    another is on that one, at the place and with the turn that it has there.
+    A body has the total mass, the centre of mass and the inertia of its links. Joints of a merged link move to its
+    body.
     """
     frames = {robot.root: LinkFrame(robot.root, HERE)}
     joints = []
@@ -62,13 +62,13 @@ def merge(robot: Robot) -> Assembly:
 def _carry_over(joint: Joint, parent: LinkFrame) -> Joint:
     """The joint, on the body that its parent was merged into."""
     pose = parent.pose.of(np.array(joint.xyz), rotation_of(joint.rpy))
-    # What the file says of the turn stays as it is where nothing turns it further.
+    # Without a further rotation the angles stay those of the file.
     rpy = joint.rpy if is_identity(parent.pose.rotation) else triple(rpy_of(pose.rotation))
     return joint._replace(parent=parent.body, xyz=triple(pose.position), rpy=rpy)
 
 
 def triple(values: Vector3) -> Triple:
-    """Three numbers as Python has them."""
+    """Three Python floats."""
     x, y, z = (float(value) for value in values)
     return x, y, z
 

@@ -1,4 +1,4 @@
-"""Whether every motion of a robot's joints moves mass: where one does not, no force tells its acceleration."""
+"""Checks that every motion of a robot's joints moves mass. Otherwise its acceleration is not determined."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from clearance_jax.io.poses import HERE, FramePose, Matrix3, Vector3, rotation_o
 from clearance_jax.io.urdf_merge import Rigid
 from clearance_jax.io.urdf_parts import Joint
 
-# A motion that meets this share of the inertia that its coordinates meet one by one moves nothing but rounding.
+# Least eigenvalue of the mass matrix, scaled to a unit diagonal, that is no round-off.
 NOTHING = 1e-12
 X, Y, Z = np.eye(3)
 
@@ -31,9 +31,8 @@ class JointTwist(NamedTuple):
 
 
 def check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
-    """Raise where the joints (parents first) can move without moving any mass.
-
-    The mass matrix tells, at a pose where no two axes are in line by chance.
+    """Raise where the joints (parents first) can move without moving any mass, by the mass matrix at a random pose,
+    where no two axes are aligned by chance.
     """
     matrix, owners = mass_matrix(joints, bodies, 0)
     met = np.diag(matrix)
@@ -96,7 +95,7 @@ def _twists(joint: Joint, frame: FramePose) -> list[JointTwist]:
 
 
 def _move(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
-    """A place and a turn of the child in the joint's frame that the joint allows."""
+    """A random position and rotation of the child in the joint's frame that the joint allows."""
     by, turn = np.zeros(3), np.eye(3)
     for slides, axis, _ in _twists(joint, HERE):
         if slides:

@@ -1,4 +1,4 @@
-"""Links and joints of a URDF together: every name is known and used once, and all hang on one root, without a loop."""
+"""Checks that the links and joints of a URDF form one tree with unique names."""
 
 import collections
 from collections.abc import Mapping, Sequence
@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.urdf_parts import MAY_MIMIC, Joint, Link, Robot
 
-# A robot's program grows with its links; what has more is no robot, or not meant to be one file.
+# The compiled program grows with the links.
 MOST_LINKS = 2000
-# So many names stand in a message.
+# Most names in a message.
 SHOWN = 4
 
 
@@ -89,7 +89,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _circle(link: str, carried: Mapping[str, Joint]) -> str:
-    """In words, the circle of joints that one comes to from a link upwards."""
+    """The loop of joints above a link, in words."""
     seen: list[str] = []
     while link not in seen:
         seen.append(link)

@@ -1,4 +1,4 @@
-"""How a joint wears, as a study describes it: which joint, by which law, under which pressure."""
+"""Reads the wear model of a study: the joint that wears, the law and the pressure."""
 
 import dataclasses
 
@@ -18,8 +18,8 @@ from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine,
 
 
 def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
-    """What a table with the keys `WEARING` says, of cycles that end at `cycle` [s]; the joint has the length and the
-    materials that the table gives it. **Raises:** `ClearanceError` naming the key and the fix.
+    """The wear model of a section `wear`, with cycles that end at `cycle` [s]. The joint gets the length and the
+    materials of the table. **Raises:** `ClearanceError` naming the key and the fix.
     """
     mechanism, joint = _with_joint_values(top, mechanism)
     for key in ("law", "pressure"):
@@ -33,7 +33,7 @@ def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
 
 
 def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism, str]:
-    """The mechanism, whose joint knows the length and the materials that the table gives it."""
+    """The mechanism with the length and materials of the table in the worn joint, and the joint's name."""
     name, known = top.get("joint"), {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
         raise ClearanceError(f"{top.key('joint')}: no joint with clearance has this name. {suggest(name, known)}")
@@ -54,7 +54,7 @@ def _material(table: TomlTable, key: str) -> Material:
 
 
 def _coefficient(top: TomlTable) -> Words:
-    """In which unit the coefficient is: beside a hardness in none."""
+    """The unit of the coefficient by its placeholder: none beside a hardness."""
     given = top.values.get("law")
     return {COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}
 

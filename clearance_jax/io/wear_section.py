@@ -18,9 +18,9 @@ OF_A_LIFE = ("until", "longest", "journal")
 
 
 class WearAsked(NamedTuple):
-    """What the section says: the `model` of the joint that wears; `cycles` of its life (`None`: none is asked for) and
-    its `options`, those of the solves (`solve`) beside; what ends the life, and that in words, if anything; the
-    journal's file, if it is named.
+    """The section as read: the `model`; `cycles` of the life (`None`: no life is asked for); `options` of its
+    simulation, and `solve` options of the motions; `until`: the criterion that ends it, in `words` too; the `journal`
+    file.
     """
 
     model: WearModel
@@ -33,7 +33,7 @@ class WearAsked(NamedTuple):
 
 
 def wear_of(study: StudyFile) -> WearAsked:
-    """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
+    """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("wear", WEAR)
     span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
     model = wear_model(table, study.mechanism, span.t1)
