@@ -1,4 +1,4 @@
-"""What a clearance joint bears on average and loses over a motion: by which its wear and its heat are judged."""
+"""Mean force and losses of a clearance joint over a motion, which measure its wear and its heat."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from clearance_jax.metrics.signals import clearance_index
 
 
 class Work(NamedTuple):
-    """Of a joint: time average of its normal force [N], energy lost in its friction and in its contact damping [J]."""
+    """The mean normal force of a joint [N], and the energy lost in its friction and in its contact damping [J]."""
 
     mean_force: Scalar
     friction_loss: Scalar
@@ -49,7 +49,7 @@ class JointPowers(Module):
     joint: str = eqx.field(static=True)
 
     def __call__(self, time, y, mechanism):
-        """The three at a state."""
+        """The three powers at a state."""
         joint, at, state = _play(mechanism, self.joint, time, y)
         action = joint.clearance.act(at, state.memory[joint.name])
         return jnp.stack([action.normal_force, action.friction_power, action.absorbed_power])

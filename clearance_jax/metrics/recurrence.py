@@ -28,11 +28,11 @@ from clearance_jax.solve.flow import Inputs, flow
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import tolerances
 
-# By this part of a period the last instant may lie beyond `t1`: as much as round-off of many periods.
+# Part of a period by which the last instant may lie beyond `t1`: round-off of many periods.
 ROUNDED = 1e-9
-# Of fewer periods there is no scatter to tell an uncertainty by.
+# Fewest periods whose scatter tells an uncertainty.
 FEWEST = 4
-# What an exponent with its uncertainty has along its last axis.
+# Labels along the last axis of an exponent with its uncertainty.
 ESTIMATE = ("value", "uncertainty")
 
 
@@ -45,7 +45,7 @@ def _period():
 
 
 def seconds(period: Any, mechanism: Mechanism) -> Array:
-    """A period that is given as such, or by a name. **Raises** `ClearanceError` where it is that of no speed."""
+    """A period in seconds, given as such or by the name of a speed. **Raises** `ClearanceError` for another name."""
     if not isinstance(period, str):
         return period
     unit = units_of(mechanism, [period])[period]
@@ -201,7 +201,9 @@ class LyapunovExponent(AbstractMetric):
 
 
 def uncertainty(grown: Array, period: Any) -> Array:
-    """That of the mean growth a second, from the logarithms of the growth in every period, shape (count, ...)."""
+    """The uncertainty of the mean growth rate [1/s], from the logarithms of the growth in every period, shape (count,
+    ...).
+    """
     count = len(grown)
     blocks = math.isqrt(count)
     length = count // blocks

@@ -30,7 +30,7 @@ from clearance_jax.solve.simulate import run
 
 
 def _since(**field):
-    """From when on a metric counts [s]."""
+    """A field: the time from which a metric counts [s]."""
     return eqx.field(converter=lambda t: None if t is None else jnp.asarray(t, float), default=None, **field)
 
 
@@ -65,7 +65,7 @@ class Peak(AbstractMetric):
         (picked,) = reply.picked
         assert picked is not None
         if reply.mechanism.has_manifold or self.signal.against_free(reply.mechanism):
-            # What was seen was seen of a state not yet projected, or against an interpolated ideal.
+            # The observer saw unprojected states, or an interpolated ideal.
             peaks = _at_peaks(self.signal, reply, picked)
         else:
             peaks = _as_seen(picked.value, (self.signal, reply, picked))
@@ -81,7 +81,7 @@ class Peak(AbstractMetric):
 
 
 def _at_peaks(signal: AbstractSignal, reply: Reply, picked: Picked) -> Array:
-    """A signal of the states that were picked."""
+    """The signal at the peaks that were picked."""
     # In the order of time, for an ideal mechanism that moves freely; and back.
     order = jnp.argsort(picked.time)
     return signal_at(signal, reply, picked.time[order], picked.y[order])[jnp.argsort(order)]
@@ -89,7 +89,7 @@ def _at_peaks(signal: AbstractSignal, reply: Reply, picked: Picked) -> Array:
 
 @eqx.filter_custom_jvp
 def _as_seen(value, given):
-    """What the observer saw is the value; only its derivative needs the signal in the program once more."""
+    """The value that the observer saw. Only its derivative needs the signal in the program once more."""
     return value
 
 
@@ -101,7 +101,7 @@ def _as_seen_jvp(primals, tangents):
 
 
 def signal_at(signal: AbstractSignal, reply: Reply, times: Array, y: Array) -> Array:
-    """A signal of states at increasing times."""
+    """A signal of states at increasing times [s], shape (times,)."""
     return signal.of(times, y, reply.mechanism, reply.t1, reply.options)
 
 

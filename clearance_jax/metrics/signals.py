@@ -1,4 +1,4 @@
-"""Signals: what of a motion is looked at as a function of time."""
+"""Signals: scalar functions of time along a motion."""
 
 import abc
 from collections.abc import Callable
@@ -68,7 +68,7 @@ class AbstractSignal(Module):
         return Tabulated(signal, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
 
     def integrand(self, mechanism: Mechanism, t1: Any, options: Settings, power: int) -> "Integrand":
-        """A power of the signal, to be integrated along with the motion."""
+        """The signal to a power, to be integrated along with the motion."""
         signal = self.prepare(mechanism, t1, options)
         if signal.against_free(mechanism):
             raise ClearanceError(
@@ -85,16 +85,14 @@ class AbstractSignal(Module):
         return self
 
     def against_free(self, mechanism: Mechanism) -> bool:
-        """Whether it needs an ideal mechanism that moves freely."""
+        """Whether it refers to an ideal mechanism that moves freely."""
         return self.needs_ideal and freedom(mechanism.ideal()) > 0
 
     def _reference(self, time, y, mechanism):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None
 
     def _freely(self, mechanism, t1, times, options):
-        """States of an ideal mechanism that moves freely, by its dynamics, whatever judges the actual one; from its own
-        initial state, for it has no other.
-        """
+        """States at `times` of an ideal mechanism that moves freely, by its dynamics, from its own initial state."""
         if options.y0 is not None:
             raise ClearanceError(
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
@@ -106,7 +104,7 @@ class AbstractSignal(Module):
 
 @solo_jit
 def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism, reference: Array | None) -> Array:
-    """A signal of states, as one program: outside of one every operation would be compiled and called by itself."""
+    """A signal of states, shape (times,), in one program: else every operation would be compiled by itself."""
     ready = mechanism.prepare()
     if reference is not None:
         return jax.vmap(lambda t, y, r: signal.value(t, y, ready, r))(times, y, reference)
@@ -114,7 +112,7 @@ def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism,
 
 
 class Instant(Module):
-    """A signal whose ideal reference, if any, follows from the state itself."""
+    """A signal whose ideal reference, if any, follows from the state itself, as a function."""
 
     signal: AbstractSignal
 
@@ -123,7 +121,7 @@ class Instant(Module):
 
 
 class Tabulated(Module):
-    """A signal whose ideal reference is interpolated (cubic Hermite)."""
+    """A signal whose ideal reference is interpolated (cubic Hermite), as a function."""
 
     signal: AbstractSignal
     times: Array
@@ -140,7 +138,7 @@ class Tabulated(Module):
 
 
 class Integrand(Module):
-    """A power of a signal."""
+    """A signal to a power, as a function."""
 
     signal: AbstractSignal
     power: int = eqx.field(static=True)
@@ -163,14 +161,14 @@ def play_size(mechanism: AbstractMechanism) -> Scalar:
 
 
 def index_of(kind: str, name: str, names: list[str]) -> int:
-    """The place of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
+    """The index of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
     if name not in names:
         raise ClearanceError(f"There is no {kind} `{name}`. " + suggest(name, names))
     return names.index(name)
 
 
 def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
-    """The place of a joint among those with clearance."""
+    """The index of a joint among those with clearance."""
     return index_of("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
 
 
@@ -332,7 +330,7 @@ class Quantity(AbstractSignal):
 
 
 def numbers_of(mechanism: AbstractMechanism) -> list[str]:
-    """The names of the quantities of a state that are numbers."""
+    """Names of the scalar quantities of a state."""
     known = quantities(mechanism, energy_balance=False)
     vectors = {name.rpartition(".")[0] for name in known if name.endswith((".x", ".y", ".z"))}
     return [name for name in known if name not in vectors]

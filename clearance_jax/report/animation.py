@@ -1,5 +1,5 @@
-"""Films of a motion: the mechanism, beside it a clearance joint magnified, below it when that joint bears how and how
-much. Dataset in, film out.
+"""Films of a motion from a dataset: the mechanism, beside it a magnified clearance joint, below it the joint's contact
+force and state over time.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ from clearance_jax.results.bearing import require_joint
 from clearance_jax.results.places import places
 from clearance_jax.results.play import JointPlay
 
-# How long a film lasts if nothing is said [s]: slowed by the roundest factor that makes it no longer.
+# Default length of a film [s]. It is slowed by a round factor that makes it no longer.
 LASTS = 10.0
 
 
@@ -73,7 +73,7 @@ class Film(AbstractFilm):
         return f"Film of {self.name}{of}: {len(self)} frames, {self.fps:.3g} a second"
 
     def _lay_out(self, dataset: xr.Dataset, enlarged: JointPlay | None) -> tuple[list, list]:
-        """Draw what stays; the views that follow the motion, and the cursors on time axes."""
+        """Draw what does not move; returns the views that follow the motion, and the cursors on time axes."""
         projection = "3d" if dataset.sizes["axis"] == 3 else None
         if enlarged is None:
             return [Skeleton(self.figure.add_subplot(projection=projection), places(dataset))], []
@@ -95,15 +95,15 @@ class Film(AbstractFilm):
 
 
 def _scale(joint: JointPlay) -> str:
-    """How large the play is drawn, and how large it is."""
+    """The magnification and the size of the play, in words."""
     size = f"{1e6 * joint.clearance:g} µm"
     known = f"{size} to either side" if joint.block is not None else f"dashed: clearance {size}"
     return f"play × {joint.factor:g} ({known})"
 
 
 def _views(figure: Any, joint: JointPlay) -> list:
-    """What is seen of a joint: of a pin without tilt one section, of a ball two, of a sleeve both ends and both sides,
-    of a block its sides.
+    """Views of a joint: one section of a pin without tilt, two of a ball, both ends and sides of a sleeve, the sides of
+    a block.
     """
     if joint.block is not None:
         ways = "xy" if joint.block[1] is not None else "x"
@@ -179,7 +179,7 @@ def _most_loaded(dataset: xr.Dataset) -> str | None:
 
 
 def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
-    """The samples of a span of time."""
+    """Indices of the samples in a span of time [s]."""
     first, last = (time[0], time[-1]) if span is None else span
     chosen = np.flatnonzero((time >= first) & (time <= last))
     if len(chosen) < 2:
@@ -191,5 +191,5 @@ def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
 
 
 def _digits(last: float) -> int:
-    """Decimals of a clock that runs to `last`: a thousandth of it is seen."""
+    """Decimals of a clock that runs to `last`, so that it shows a thousandth of it."""
     return int(np.clip(3 - np.floor(np.log10(last)), 0, 6))

@@ -1,4 +1,4 @@
-"""An error budget drawn: whose play makes it, on the mechanism; of what each part is; how it goes over time."""
+"""Figure of an error budget: shares by joint, and errors over time."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import STYLED, legend_below, length_unit
 from clearance_jax.results.places import places
 
-# The mark of the joint with the largest share [point]; marks have its area by their share.
+# Size of the mark of the largest share [point]. Areas of marks are proportional to shares.
 LARGEST = 34.0
 MODELS = {
     "dynamics": ("dynamics", "C3"),
@@ -23,8 +23,8 @@ MODELS = {
 
 @STYLED
 def budget_figure(budget: ErrorBudget) -> Figure:
-    """The mechanism when its quasi-static error is largest, with marks by the joints' shares; the shares, with what is
-    play and what elasticity; and the errors of each model over time.
+    """Three panels: the mechanism when its quasi-static error is largest, with marks by the joints' shares; the shares
+    with their parts by play and by elasticity; the errors of each model over time.
     """
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     grid = figure.add_gridspec(1, 3, width_ratios=(1.1, 1.0, 1.1))

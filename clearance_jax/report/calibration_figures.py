@@ -1,4 +1,4 @@
-"""Figures of a calibration: signals as measured and as the fitted motion has them, intervals, correlations."""
+"""Figures of a calibration: measured and fitted signals, intervals, correlations."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -8,7 +8,7 @@ from clearance_jax.report.design_figures import HEIGHT, STYLED, WIDTH
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.style import length_unit
 
-# Letters of a name that stand beside an axis.
+# Most letters of a name beside an axis.
 SHORT = 22
 
 
@@ -18,7 +18,7 @@ def _short(name: str) -> str:
 
 @STYLED
 def signal_fit(calibration: Calibration, name: str) -> Figure:
-    """A signal over time, measured and fitted; below it the residuals, with two deviations of the noise."""
+    """A measured and fitted signal over time; below it the residuals, with two deviations of the noise."""
     figure = Figure(figsize=(WIDTH, 1.4 * HEIGHT), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     measured = calibration.residuals[name]
@@ -42,7 +42,7 @@ def signal_fit(calibration: Calibration, name: str) -> Figure:
 
 @STYLED
 def interval_widths(calibration: Calibration) -> Figure:
-    """The intervals of 95 %, each over its number; those that reach beyond are cut off."""
+    """The widths of the 95 % intervals relative to their numbers, cut off at 100 %."""
     names = list(calibration.values)
     figure = Figure(figsize=(WIDTH, 1.0 + 0.4 * len(names)), layout="constrained")
     axes = figure.subplots()

@@ -1,4 +1,4 @@
-"""Figures of a design: errors over time, contributions, what a bound costs, how the solver came there, pins' paths."""
+"""Figures of a design: errors over time, contributions, trade-off, convergence, paths of pins."""
 
 import textwrap
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ def _label(text: str, unit: str, width: int) -> str:
 
 @STYLED
 def over_time(history: TimeHistory) -> Figure:
-    """The signal of a limit over time in every condition, with its bound and what of it does not count."""
+    """The signal of a limit over time in every condition, with its bound; times that do not count are shaded."""
     figure, axes = new_figure()
     factor, unit = _scale(history.unit)
     per_second = time_axis(axes, float(history.times[-1]))
@@ -69,7 +69,7 @@ def over_time(history: TimeHistory) -> Figure:
 
 @STYLED
 def contributions(why: Sequence[Response]) -> Figure:
-    """Which clearance has how much of each limit's value, to first order, and what is left."""
+    """Shares of the clearances in each limit's value, to first order, and the rest."""
     names = [*why[0].contributions, "the rest"]
     figure, axes = new_figure(0.8 + 0.55 * len(why) + 0.18 * len(names))
     colours = [f"C{i}" for i in range(10)]
@@ -91,7 +91,7 @@ def contributions(why: Sequence[Response]) -> Figure:
 
 @STYLED
 def trade(tradeoff: Tradeoff, design: Design) -> Figure:
-    """What each bound costs, or how large a clearance it allows."""
+    """The cost, or the clearance, that each bound allows."""
     figure, axes = new_figure()
     factor, unit = _scale(tradeoff.unit)
     times, label = _objective(design)
@@ -121,7 +121,7 @@ def intervals(maintenance: Maintenance, design: Design) -> Figure:
 
 @STYLED
 def convergence(design: Design) -> Figure:
-    """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
+    """Cost (or clearance) of each evaluated design; those that violate a limit have another mark."""
     figure, axes = new_figure()
     points, (times, label) = design.program.history, _objective(design)
     values = times * np.array([p.objective for p in points])
@@ -140,8 +140,8 @@ def convergence(design: Design) -> Figure:
 
 @STYLED
 def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
-    """The path of a pin's centre inside the clearance circle, and where the surfaces touch; or where it tilts the paths
-    of both ends of its axis; and where it slides along the sleeve, how far over time.
+    """The path of a pin's centre inside the clearance circle, and its contacts. Of a pin that tilts the paths of both
+    ends of its axis. Of a pin with axial play also its axial position over time.
     """
     pin, path = play(dataset, joint), middle_path(dataset, joint)
     if pin is None or pin.axial is None:

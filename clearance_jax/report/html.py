@@ -1,4 +1,4 @@
-"""Reports of designs and calibrations: one HTML file that needs nothing else, with figures and numbers inside.
+"""Reports of designs and calibrations as one HTML file, with figures and numbers inside.
 
 Everything on it was found before; a template says where it stands.
 """

@@ -11,9 +11,9 @@ from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import round_down
 from clearance_jax.results.places import Outline, bounds
 
-# Heights of the picture, whatever the mechanism's shape [inch].
+# Least and greatest height of the picture [inch].
 LOW, HIGH = 1.5, 4.2
-# Of the size of the mechanism: how close places are one place, and what is left for names all around.
+# Relative to the mechanism's size: distance below which places share a label, and margin for labels.
 SAME, ROOM = 0.02, 0.2
 # Of a label: the height of a line and the width of a character, and how far it stands off [point].
 LINE, CHARACTER, OFF = 11.0, 5.6, 9.0
@@ -44,7 +44,7 @@ def mechanism(outline: Outline) -> Figure:
 
 
 def _names(figure: Figure, axes: Axes, outline: Outline, same: float) -> None:
-    """A name beside each place, those of one place together, where they hide least."""
+    """Write names beside their places, those of one place together, where they hide least."""
     groups: list[tuple[np.ndarray, list[str]]] = []
     places = outline.places.at[outline.sample]
     for name, mark in {**outline.places.joints, **outline.places.points}.items():

@@ -1,6 +1,4 @@
-"""Figures of play: when a pin bears how, and where its centre goes at every station of its sleeve. Dataset in, Figure
-out.
-"""
+"""Figures of play from a dataset: contact patterns over time, and paths of pin centres at the stations of sleeves."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +15,7 @@ from clearance_jax.report.style import STYLED
 from clearance_jax.results.bearing import FACE, PLANE, SLEEVE, BearingSpans, kind, spans
 from clearance_jax.results.play import PinPath, station_paths
 
-# Of contact patterns, faces apart: words and colour. Where a joint has no edges, the first two.
+# Words and colours of contact patterns, faces apart. A joint without edges has only the first and `TOUCHING`.
 PATTERNS = (
     ("apart", "0.88"),
     ("at one edge", "tab:orange"),
@@ -28,17 +26,17 @@ TOUCHING = ("in contact", "tab:red")
 FACES = ("on a face", "tab:purple")
 # Of the height of a joint's row: its bar, and the one of its faces below.
 BAR, FACE_BAR = 0.55, 0.16
-# Orbits in a row at most; the least share of the time that is said in a number.
+# Most orbits in a row; the least share of the time that is shown as a number.
 ROW, TOLD = 4, 0.005
-# Of more joints than these figures show the paths of those that bear most, and say so.
+# Most joints whose paths are shown: those with the largest forces.
 MOST = 6
 BEARING = {0: ("apart", "tab:blue"), 1: ("bears here", "tab:red")}
 
 
 @STYLED
 def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
-    """When each clearance joint bears how, and below it the orbits of its pin at every station of its sleeve (of many
-    joints, of those that bear most).
+    """The contact patterns of clearance joints over time, and below them the orbits of pins at every station of their
+    sleeves (of the joints with the largest forces).
 
     **Arguments:** `edges`: the orbits at the sleeve's edges only.
 
@@ -73,7 +71,7 @@ def bearing_most(dataset: xr.Dataset) -> list[str]:
 
 
 def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) -> None:
-    """A bar for each clearance joint, coloured by how it bears; below it another one while a face bears."""
+    """Draw a bar for each clearance joint, coloured by its contact pattern; below it another one while a face bears."""
     joints = [str(name) for name in dataset["joint"].values] if joints is None else joints
     factor = time_axis(axis, float(dataset["time"][-1]))
     labelled: set[str] = set()
@@ -93,7 +91,7 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
 
 
 def _tell(dataset: xr.Dataset, joint: str, bearing: BearingSpans) -> list[tuple[str, str, np.ndarray]]:
-    """Words, colour and which spans, of every way to bear that there is."""
+    """Words, colour and spans of every contact pattern that occurs."""
     radial = bearing.pattern % FACE
     names = PATTERNS if kind(dataset, joint) == SLEEVE else (PATTERNS[0], TOUCHING)
     told = [(words, colour, radial == code) for code, (words, colour) in enumerate(names)]
@@ -102,7 +100,7 @@ def _tell(dataset: xr.Dataset, joint: str, bearing: BearingSpans) -> list[tuple[
 
 
 def with_share(words: str, share: float) -> str:
-    """Words, and in which part of the time it is so."""
+    """Words, and the fraction of the time."""
     return f"{words} ({share:.0%})" if share >= TOLD else f"{words} (< 1%)"
 
 
@@ -112,7 +110,7 @@ def _paths(dataset: xr.Dataset, joint: str, edges: bool) -> list[PinPath]:
 
 
 def _draw(figure: Any, paths: list[PinPath]) -> None:
-    """One beside another; those of one joint on one scale."""
+    """Draw paths beside each other; those of one joint have one scale."""
     columns, same_joint = min(ROW, len(paths)), len({path.joint for path in paths}) == 1
     rows = -(-len(paths) // columns)
     axes = figure.subplots(rows, columns, sharex=same_joint, sharey=same_joint, squeeze=False)
@@ -136,8 +134,8 @@ def _draw(figure: Any, paths: list[PinPath]) -> None:
 
 
 def draw_path(axis: Any, path: PinPath, states: Mapping[int, tuple[str, str]]) -> None:
-    """The path of a pin's centre: flights as curves, contacts as dots, and how far it can go; `states`: of the contact
-    states that are drawn label and colour.
+    """Draw the path of a pin's centre: flights as curves, contacts as dots, and the limit of its travel; `states`:
+    label and colour by contact state.
     """
     for code, (label, colour) in states.items():
         chosen = path.state == code

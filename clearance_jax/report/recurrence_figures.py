@@ -1,6 +1,4 @@
-"""The field's pictures of a driven mechanism with clearance: bifurcation diagrams, Poincare sections, Lyapunov
-exponents. Dataset of a sweep in, Figure out.
-"""
+"""Figures of a sweep of a driven mechanism: bifurcation diagrams, Poincare sections, Lyapunov exponents."""
 
 from typing import Any
 
@@ -33,7 +31,7 @@ from clearance_jax.report.sweep_axes import (
 MANY, LARGE, SMALL = 20_000, 4.0, 0.5
 # Sections drawn at most; of how few points one is drawn with larger ones; how much a panel shows of all there is.
 MOST_SECTIONS, FEW, CLOSE = 6, 200, 0.1
-# As many lanes as a picture has columns.
+# Columns of a picture: with more lanes a line would hide the points.
 COLUMNS = 500
 # By the sign of the exponent: colours, and words where its uncertainty is known and where it is not.
 COLOURS = {-1: "tab:blue", 0: "0.55", 1: "tab:red"}
@@ -42,8 +40,7 @@ SIGNS = {-1: "exponent negative", 0: "exponent zero", 1: "exponent positive"}
 
 
 def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
-    """The quantities of a Poincare section, each with its name and unit; beside the lanes' dimensions each has one, of
-    its instants.
+    """The quantities of a Poincare section, each with its name and unit, over the lanes and the instants.
 
     **Raises:** `ClearanceError` for a result that is none.
     """
@@ -118,7 +115,7 @@ def draw_bifurcation(
 
 
 def _words(rate: Exponent) -> dict[int, str]:
-    """What there is to be told apart by an exponent's sign."""
+    """Legend texts by sign, for the signs of the exponent that occur."""
     there = np.unique(rate.sign[np.isfinite(rate.value.values.ravel())])
     return {int(k): (SIGNS if rate.uncertainty is None else KNOWN)[int(k)] for k in there}
 
@@ -193,7 +190,7 @@ def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exp
 
 
 def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Show no less than a part of what all lanes have: the points of a periodic motion are not to be told apart."""
+    """Show at least a part of the range of all lanes, so that the points of a periodic motion coincide."""
     for values, limits, put in ((x, panel.get_xlim(), panel.set_xlim), (y, panel.get_ylim(), panel.set_ylim)):
         least, middle = CLOSE * float(np.ptp(values[np.isfinite(values)])), 0.5 * sum(limits)
         if limits[1] - limits[0] < least:
@@ -204,7 +201,7 @@ def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _tell(dataset: xr.Dataset, lane: int, rate: Exponent | None) -> str:
-    """A lane's numbers, and its exponent."""
+    """The numbers and the exponent of a lane, in words."""
     told = []
     for name in variables(dataset):
         axis = display(number(dataset, name))

@@ -1,8 +1,8 @@
-"""What a sweep says of itself: its lanes, the numbers that vary over them, its results; and how these are labelled.
+"""Lanes, varied numbers and results of a sweep's dataset, and their labels in figures.
 
-Lanes lie along the dimensions of their result codes, `code`: axes by the dotted names of numbers, or one that counts
-(`sample`). A coordinate along these is a number that varies; of several that rise or fall together (`tidy`) one stands
-for all. What kind of metric has made a result its attribute `metric` says.
+Lanes lie along the dimensions of the result codes, `code`: names of numbers, or a counter (`sample`). A coordinate of
+floats along these is a number that varies; of several that are all monotone `tidy` keeps one. The attribute `metric` of
+a result is the kind of its metric.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from clearance_jax.errors import ClearanceError, suggest
 CODE = "code"
 # What every lane has beside its results.
 ENDINGS = (CODE, "steps", "rejected", "energy_residual", "validity", "again")
-# The code of a lane that has not been run; of one that reached its end; and how a picture tells others.
+# Codes of a lane that has not been run, and of one that reached its end.
 NOT_RUN, REACHED = -1, 0
 # A motion is chaotic, or stable, where its exponent is away from zero by more than so many times its uncertainty.
 BEYOND = 2.0
@@ -30,7 +30,7 @@ PREFIXES = {
 
 
 class AxisScale(NamedTuple):
-    """By what numbers are multiplied to be drawn in a unit that suits them, their name, and that unit."""
+    """How a number is shown: multiplied by `factor`, under a `name`, in a `unit`."""
 
     factor: float
     name: str
@@ -38,13 +38,13 @@ class AxisScale(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Of an axis."""
+        """The label of an axis: name and unit."""
         return self.name + (f", {self.unit}" if self.unit else "")
 
 
 def tidy(dataset: xr.Dataset) -> xr.Dataset:
-    """A sweep with one number along each dimension whose numbers rise or fall together: the dimension's own, or the
-    first of them, by which it is called then. Numbers that scatter stay as they are.
+    """A sweep with one number along each dimension whose numbers are all monotone: that of the dimension's name, or the
+    first one, which then names the dimension. Numbers that scatter stay.
     """
     for dim in lanes_of(dataset):
         along = [name for name in variables(dataset) if dataset[name].dims == (dim,)]
@@ -150,7 +150,7 @@ def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
 
 
 def display(array: xr.DataArray, name: str | None = None) -> AxisScale:
-    """How a number or a result is shown, by its size."""
+    """Factor, name and unit in which a number or a result is shown, by its size."""
     unit, values = str(array.attrs.get("units", "")), np.abs(array.values.astype(float))
     finite = values[np.isfinite(values)]
     largest, factor = float(finite.max()) if finite.size else 0.0, 1.0
@@ -158,7 +158,7 @@ def display(array: xr.DataArray, name: str | None = None) -> AxisScale:
         if largest < bound:
             factor, unit = times, other
             break
-    # A metric knows what it is, and not what its user calls it.
+    # The `long_name` of a metric is that of its kind; the user's own name says more.
     key, title = str(array.name), str(array.attrs.get("long_name", array.name))
     title = words(key) if "metric" in array.attrs or title == key else title
     return AxisScale(factor, title if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
@@ -183,7 +183,7 @@ def spread_places(counts: int, most: int) -> list[int]:
 
 
 def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
-    """Where along some of its dimensions a part of a sweep lies, in words."""
+    """The position of a part of a sweep along some dimensions, in words."""
     told = []
     for dim, k in place.items():
         if dim in variables(dataset):
@@ -195,7 +195,9 @@ def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
 
 
 def slice_grid(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
-    """Lanes along one axis of a grid, in the middle of all others, and where that is; of what is no grid all lanes."""
+    """The lanes along one axis of a grid, at the middle of the others, and this position in words; all lanes if there
+    is no grid.
+    """
     if axis not in lanes_of(dataset):
         return dataset, ""
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim != axis}

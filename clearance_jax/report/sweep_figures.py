@@ -1,6 +1,4 @@
-"""Figures of a sweep: heat maps, trend curves with bands, response surfaces, parallel coordinates, sensitivity indices;
-and those that fit a dataset. Dataset in, Figure out.
-"""
+"""Figures of a sweep: heat maps, curves with bands, response surfaces, parallel coordinates, sensitivity indices."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -194,7 +192,7 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
 
 
 def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | None = None) -> None:
-    """`curves`, on axes that are there."""
+    """Draw `curves` on given axes."""
     if by is None:
         few = [dim for dim in lanes_of(dataset) if dim != x and 1 < dataset.sizes[dim] <= CURVES]
         by = few[0] if x in lanes_of(dataset) and few else None
@@ -235,7 +233,9 @@ def _band(
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Results that are finite, at every value of an axis, or in equally full bins of a number that is scattered."""
+    """Finite results grouped by the values of an axis, or by equally full bins of a scattered number: values and
+    groups.
+    """
     if on_axis:
         places = np.unique(where)
         return places, [values[(where == place) & np.isfinite(values)] for place in places]

@@ -1,5 +1,5 @@
-"""Figures of a life of wear: profiles at several ages, how clearance and wear grow, what was watched; and a film of the
-profile. Dataset in (`wear.to_dataset`), Figure out.
+"""Figures of a life of wear from a dataset (`wear.to_dataset`): profiles at several ages, growth of clearance and
+depth, the criterion; and a film of the profile.
 """
 
 from typing import Any
@@ -45,7 +45,7 @@ def overview(dataset: xr.Dataset) -> Figure:
 
 @STYLED
 def intervals(dataset: xr.Dataset, name: str) -> Figure:
-    """How long parts last against a number of theirs: the maintenance interval (`Lives.to_dataset`)."""
+    """Life over a number that varies, the maintenance interval; `dataset`: of `ServiceLives.to_dataset`."""
     if name not in dataset or "life" not in dataset:
         raise ClearanceError(f"There is no life against `{name}` in this dataset.")
     order = np.argsort(dataset[name].values, kind="stable")
@@ -61,7 +61,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
 
 
 def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str = "") -> None:
-    """Lives over a number; of those that have not ended after `most` cycles, that many."""
+    """Draw lives over a number; lives that have not ended are drawn at `most` cycles."""
     ended = np.isfinite(lives)
     (line,) = axis.plot(x[ended], lives[ended], "o-", ms=4, lw=1, label=name or "until the bound is met")
     if not ended.all():
@@ -83,7 +83,7 @@ def failures(found: Any) -> Figure:
 
 
 def check(dataset: xr.Dataset) -> None:
-    """Raise `ClearanceError` for a dataset that is no life."""
+    """Raise `ClearanceError` for a dataset of another kind."""
     if not is_life(dataset):
         raise ClearanceError("There is nothing to draw: this is no result of a study of wear.")
 
@@ -173,7 +173,7 @@ def _over_life(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def _last(dataset: xr.Dataset) -> float:
-    """The age at which it ends: what the last block went beyond it has not been lived."""
+    """The age at which the life ends [cycles]; the last block may go beyond it."""
     return float(dataset.attrs.get("life", dataset["cycle"][-1]))
 
 
@@ -189,7 +189,7 @@ def _depth(dataset: xr.Dataset, age: float) -> np.ndarray:
 
 
 def _factors(dataset: xr.Dataset) -> tuple[float, float]:
-    """How many times clearance and wear are magnified beside the pin: alike, or wear more, so that it is seen."""
+    """Magnifications of clearance and wear: equal, or a larger one for wear so that it is visible."""
     reach = SHOWN * float(dataset.attrs["pin_radius"])
     gap = round_factor(reach / float(dataset.attrs["unworn_clearance"]))
     return gap, max(gap, round_factor(reach / max(float(dataset["deepest"].max()), 1e-12)))

@@ -1,4 +1,4 @@
-"""From a solution to a labelled dataset: variables with units, provenance, contact episodes."""
+"""Builds labelled datasets of solutions: variables with units, contact episodes, provenance."""
 
 import dataclasses
 import warnings
@@ -22,9 +22,9 @@ from clearance_jax.results.works import ContactWarning, doubt, works
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.trace import Trace
 
-# Part of the work done once every sample and step end has been looked at: what is left are the peaks inside steps.
+# Fraction of the work for samples and step ends. The rest is that for peaks inside steps.
 _LOOKED_AT = 0.9
-# What is wanted of the step ends: of contacts as `episodes.StepEnds` has it, and where pins are.
+# Variables at the step ends: of contacts, as in `episodes.StepEnds`, and of pins.
 _OF_CONTACTS = ("penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate")
 _OF_PINS = ("eccentricity", "contact_pattern", "pin_tilt")
 
@@ -88,7 +88,7 @@ def to_dataset(
 
 
 def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
-    """What a picture shows of a motion (`marks.picture`, at times [s]), as a dataset of which that can be drawn."""
+    """The variables of pictures (`marks.picture`) at times [s], as a dataset for figures."""
     labelled = labels(mechanism) | marks.labels(mechanism)
     if "penetration" in picture:
         picture = picture | {"contact_state": (picture["penetration"] > 0).astype(int)}
@@ -98,7 +98,7 @@ def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, A
 
 
 def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Times and states that the solve reached."""
+    """Times [s] and states that the solve reached."""
     if solved.time.ndim != 1:
         raise ClearanceError(
             f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one motion: "
@@ -110,7 +110,7 @@ def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> dict[str, np.ndarray]:
-    """What is observed at the step ends."""
+    """Variables at the step ends by name, shape (step ends, ...)."""
     program = blocks.observed_with_rates if mechanism.clearance_joints() else blocks.observed
 
     def some(*given):
@@ -121,7 +121,7 @@ def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) ->
 
 
 def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]) -> tuple[dict, dict, list]:
-    """The variables of the step ends, the table of episodes, and of each joint when its impacts begin and end."""
+    """The variables of the step ends, the table of episodes, and of each joint the begins and ends of impacts [s]."""
     t, y = np.asarray(trace.time), np.asarray(trace.y)
     tables, impacts = [], []
     for joint in range(seen["penetration"].shape[1]):
@@ -146,7 +146,7 @@ def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]
 
 
 def _inside(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.StepEnds) -> episodes.Look:
-    """What looks into steps at the contact of one joint (by its place among the clearance joints)."""
+    """A function that evaluates the contact of a joint inside steps; `joint`: its index among the clearance joints."""
 
     def look(step, s):
         begin = ends.time[step]
@@ -163,7 +163,7 @@ def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndar
 
 
 def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[str, Any]:
-    """What a dataset says of its making: version, result, counts and every number of the mechanism."""
+    """The attributes of a dataset: version, result, counts and all numbers of the mechanism."""
     return {
         "software": f"clearance_jax {__version__}",
         "mechanism": mechanism.name,
@@ -176,9 +176,7 @@ def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[st
 
 
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
-    """Every number of the mechanism, and of every clearance joint its kind, `clearance.NAME`, and what of it is no
-    number but chosen.
-    """
+    """All numbers of the mechanism; of every clearance joint its kind, `clearance.NAME`, and its static options."""
     numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
         numbers[f"clearance.{joint.name}"] = joint.clearance.kind

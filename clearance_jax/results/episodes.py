@@ -1,7 +1,7 @@
-"""Contact episodes of a trace: which step ends belong to one contact, how long it is an impact, the contact states.
+"""Contact episodes of a trace, their impacts, and contact states.
 
-Every touch and separation is a step end, so an episode is a span of step ends. All of this is about one joint; arrays
-have one entry a step end or one an episode, and nothing here is a loop over either.
+Every touch and separation is a step end, so an episode is a span of step ends. Everything here is about one joint.
+Arrays have one entry per step end or per episode, and no function loops over either.
 """
 
 from collections.abc import Callable
@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# A joint that reads as apart, or as touching, for less than this has not let go, or not touched [s]: round-off.
+# A contact or a gap that is shorter than this is round-off [s].
 SHORTEST = 1e-12
 # An impact is over once the penetration rate has stayed below this part of the impact speed for as long as it lasted.
 LIVELY = 0.05
 
 
-# When impacts begin and end, where there are none.
+# Begins and ends of impacts, where there are none.
 NO_IMPACTS = np.zeros(0), np.zeros(0)
 
 
@@ -43,11 +43,13 @@ class Inside(NamedTuple):
 
 
 Look = Callable[[np.ndarray, np.ndarray], Inside]
-"""Of steps (by the index of their start) and how far into each (0 to 1): the contact there."""
+"""A function of steps (indices of their starts) and fractions of them (0 to 1): the contact there."""
 
 
 class Spans(NamedTuple):
-    """Episodes by their step ends: first touch, the last one (the separation), and whether contact goes on there."""
+    """Episodes by indices of step ends: the first touch and the last one, the separation; `lasting`: contact goes on
+    there.
+    """
 
     first: np.ndarray
     last: np.ndarray
@@ -63,7 +65,7 @@ class Members(NamedTuple):
 
 
 def spans(time: np.ndarray, penetration: np.ndarray) -> Spans:
-    """The episodes of a joint; contacts and pauses of a round-off are none."""
+    """The contact episodes of a joint. Contacts and gaps as short as round-off are ignored."""
     touching = np.concatenate([[False], penetration > 0, [False]])
     first = np.flatnonzero(touching[1:] & ~touching[:-1])
     end = np.flatnonzero(~touching[1:] & touching[:-1])
@@ -123,7 +125,7 @@ def contact_states(time: np.ndarray, penetration: np.ndarray, begins: np.ndarray
 
 
 def table(seen: StepEnds, spans: Spans) -> dict[str, np.ndarray]:
-    """What the step ends themselves tell of every episode. A contact that is there from the start has no impact."""
+    """Start, end and speeds of every episode, from the step ends. A contact at the start has no impact speed."""
     start, end = seen.time[spans.first], seen.time[spans.last]
     speed, parting = seen.penetration_rate[spans.first], -seen.penetration_rate[spans.last]
     return {

@@ -14,14 +14,14 @@ from clearance_jax.results import blocks
 from clearance_jax.results.blocks import in_blocks
 from clearance_jax.solve.trace import Trace
 
-# Steps that are looked into at most, at so many places each.
+# Most steps that are evaluated inside, and places in each.
 STEPS, PLACES = 64, 8
-# How often the surroundings of the largest value are looked at again, each time 4.5 times closer: a smooth maximum is
-# then missed by 1e-7 of what the quantity changes by in the step.
+# Refinements around the largest value, each 4.5 times closer: a smooth maximum is then missed by 1e-7 of the change in
+# its step.
 CLOSER = 4
 
 Look = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Of steps (by the index of their start) and how far into each (0 to 1): the quantity there."""
+"""A function of steps (indices of their starts) and fractions of them (0 to 1): the quantity there."""
 
 
 class Extreme(NamedTuple):
@@ -32,8 +32,8 @@ class Extreme(NamedTuple):
 
 
 def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], falls_over: float) -> dict[str, Any]:
-    """The variables of a dataset: the largest speed and acceleration of every point, of the whole motion and, where
-    pins fall from their start, of what comes after.
+    """Dataset variables: the largest speed and acceleration of every point, over the whole motion and, if pins fall at
+    the start, after the first falls.
 
     **Arguments:** `seen`: `velocity` and `acceleration` at the step ends; `falls_over`: when the last first fall ends
     [s], minus infinity where no pin falls.
@@ -87,8 +87,8 @@ def largest(time: np.ndarray, values: np.ndarray, look: Look) -> Extreme:
 
 
 def _candidates(values: np.ndarray) -> np.ndarray:
-    """Steps inside which the quantity may exceed its largest value at a step end: by no more than what it changes by in
-    the step and beside it.
+    """Steps inside which the quantity may exceed its largest value at a step end. The bound is the change in the step
+    and its neighbours.
     """
     change = np.abs(np.diff(values))
     beside = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))

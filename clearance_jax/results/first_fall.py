@@ -1,7 +1,7 @@
-"""Which of the forces in a dataset belong to the first fall: what a start in mid-air causes, and the machine does not.
+"""Contact forces in a dataset that belong to the first fall, an artefact of a start without contact.
 
-A pin that starts apart from its wall falls. Its first fall ends with the first separation after the first touch; where
-contact goes on instead, as soon as that is no impact any more.
+A pin that starts apart from its wall falls. Its first fall ends at the first separation after the first touch, or, if
+contact goes on, when this is no impact any more.
 """
 
 from typing import NamedTuple
@@ -37,7 +37,7 @@ class Loads(NamedTuple):
 
 
 def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
-    """When the first fall of each joint's pin is over [s]; minus infinity for one that does not fall.
+    """When the first fall of each joint's pin ends [s]; minus infinity for a pin that does not fall.
 
     **Arguments:** a dataset of a trace.
     """
@@ -45,7 +45,7 @@ def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
 
 
 def first_falls_over(time: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """The same from the times [s] and contact states (steps, joints) of the step ends."""
+    """As `first_fall_ends`, from the times [s] and contact states (steps, joints) of the step ends."""
     return np.array([_end(time, column) for column in states.T])
 
 
@@ -71,8 +71,8 @@ def loads(dataset: xr.Dataset) -> Loads | None:
 
 
 def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
-    """The largest "speed" or "acceleration" of a point in words: when, whether pins were still falling for the first
-    time, and the largest one after that. Without a trace it is the largest of the samples, which is said.
+    """The largest "speed" or "acceleration" of a point in words: when, whether pins were in their first fall, and the
+    largest one after it. Without a trace it is the largest of the samples, and the text says so.
     """
     vector = "velocity" if name == "speed" else name
     unit = dataset[vector].attrs["units"]
@@ -93,8 +93,8 @@ def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
 
 
 def _all(dataset: xr.Dataset) -> list[ForcePeak]:
-    """The peak of every episode, and of every joint the highest peak at a step's end after its first fall (an episode
-    that goes on after the fall has its largest force in it).
+    """The peak of every episode, and of every joint the highest force at a step end after its first fall (an episode
+    may last from the fall to after it).
     """
     joints, time = dataset["joint"].values, dataset["step_time"].values
     out = [
@@ -112,7 +112,7 @@ def _all(dataset: xr.Dataset) -> list[ForcePeak]:
 
 
 def _peaks(forces: np.ndarray) -> np.ndarray:
-    """Where a force stops rising: what only dies away after an impact has its largest value in the impact."""
+    """Where a force stops rising: the decay of an impact's force is no peak."""
     rises = np.diff(forces, prepend=forces[0]) > 0
     return rises & (np.diff(forces, append=-np.inf) <= 0)
 
@@ -122,5 +122,5 @@ def _words(load: ForcePeak) -> str:
 
 
 def seconds(time: float) -> str:
-    """An instant in words, in ms where it is early."""
+    """A time in words, in ms below 0.1 s."""
     return f"{time * 1e3:.4g} ms" if time < 0.1 else f"{time:.4g} s"

@@ -1,7 +1,7 @@
-"""Which number's scatter makes a result scatter: global sensitivity indices of Sobol, beside local derivatives.
+"""Sobol's global sensitivity indices of a sweep's results, and local derivatives beside them.
 
-The first-order index of a number is the part of the result's variance that goes when that number alone is known, the
-total one the part that stays when all others are known: what the two differ by it does together with others. See
+The first-order index of a number is the part of the result's variance that vanishes when this number is known. The
+total index is the part that remains when all others are known. They differ by interactions with other numbers. See
 Saltelli et al. 2010, doi 10.1016/j.cpc.2009.09.018. The estimates are scipy's (`scipy.stats.sobol_indices`).
 """
 
@@ -15,7 +15,7 @@ from scipy import stats
 
 from clearance_jax.errors import ClearanceError
 
-# How often samples are drawn again for an interval of confidence.
+# Bootstrap samples of a confidence interval.
 DRAWN = 500
 Numbers = Float[np.ndarray, " numbers"]
 Interval = Float[np.ndarray, "2 numbers"]
@@ -107,7 +107,7 @@ def middle_derivatives(dataset: xr.Dataset, name: str) -> dict[str, float] | Non
 
 
 def _numbers(values: xr.DataArray) -> dict[str, np.ndarray]:
-    """What varies over the lanes of a result."""
+    """The numbers that vary over the lanes of a result, by name, shape (lanes,) each."""
     return {
         str(key): np.asarray(coordinate.values, float)
         for key, coordinate in values.coords.items()
@@ -116,8 +116,8 @@ def _numbers(values: xr.DataArray) -> dict[str, np.ndarray]:
 
 
 def _design(values: xr.DataArray) -> dict[str, np.ndarray] | None:
-    """What varies over the lanes of a result, in the order in which they were drawn, where these are two samples and
-    the first one with each number from the second in turn. (A store has its coordinates in an order of its own.)
+    """As `_numbers`, in the order of the draw, if the lanes are two samples, and the first one with each number from
+    the second in turn; else `None`. (A store has its coordinates in an order of its own.)
     """
     numbers = _numbers(values)
     count = len(numbers)
@@ -143,7 +143,7 @@ def _estimate(used: np.ndarray) -> np.ndarray:
 
 
 def _confidence(used: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of 95 % of both kinds of indices, (2, numbers) each, by drawing the samples again."""
+    """Bounds of 95 % of both kinds of indices, (2, numbers) each, by bootstrap."""
     samples = used.shape[1]
     drawn = [_estimate(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
     low, high = np.percentile(drawn, [2.5, 97.5], axis=0)

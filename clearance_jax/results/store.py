@@ -39,8 +39,8 @@ def load_dataset(path: str | Path) -> xr.Dataset:
 
 
 def open_sweep(path: str | Path) -> xr.Dataset:
-    """The store of a sweep, read when it is used, and while it is written too: what is not there yet is NaN. **Raises**
-    `ClearanceError` for a folder that is none.
+    """Open the store of a sweep. Data are read when they are used, also while the sweep runs: what is missing is NaN.
+    **Raises** `ClearanceError` for another folder.
     """
     try:
         dataset = xr.open_zarr(path, consolidated=True)

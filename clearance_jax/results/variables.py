@@ -1,4 +1,4 @@
-"""The tables of what can appear in a dataset: dimensions, units, meanings. Plots know nothing else."""
+"""Tables of all variables of a dataset: dimensions, units, meanings."""
 
 from clearance_jax.dynamics.quantities import OBSERVED, Variable
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from clearance_jax.results.episodes import Look, Spans, StepEnds
 
-# Parts of a step in each of which contact either takes up work or gives it back.
+# Parts of a step, in each of which the contact either takes up work or gives it back.
 PARTS = 32
 # Places that are looked at inside the first and the last step of a contact. At the very ends of a contact the power's
 # rate is not its own: a law may not yet remember this touch, and a pin that has left is apart.
@@ -34,7 +34,7 @@ class Works(NamedTuple):
 
 
 class ContactPowers(NamedTuple):
-    """Of instants: the power taken up [W], its rate [W/s], and whether it is the rate of the contact."""
+    """The power taken up [W] at instants [s] and its rate [W/s]; `known`: whether that is the contact's own rate."""
 
     time: np.ndarray
     power: np.ndarray
@@ -43,7 +43,7 @@ class ContactPowers(NamedTuple):
 
 
 def works(seen: StepEnds, spans: Spans, inside: Look) -> Works:
-    """The works of every episode of one joint, of what is seen of it."""
+    """The works of every episode of one joint; `inside` evaluates its contact inside steps."""
     powers, place = _powers(seen, spans, inside)
     until = [np.append(0.0, np.cumsum(part)) for part in _exchange(powers)]
     taken, given = (work[place[spans.last]] - work[place[spans.first]] for work in until)
@@ -52,7 +52,7 @@ def works(seen: StepEnds, spans: Spans, inside: Look) -> Works:
 
 
 def doubt(joint: str, restitution: np.ndarray) -> str:
-    """What is to be said of a joint's restitutions, if anything is."""
+    """A warning of restitutions above 1; empty if there are none."""
     largest = np.nanmax(restitution, initial=0.0)
     if largest <= ADDS:
         return ""

@@ -32,9 +32,8 @@ from clearance_jax.wear.model import WearModel
 
 Profile = Float[np.ndarray, "*stack sectors"]
 Rate = Callable[[Profile, int], Profile]
-"""What one cycle wears off a worn profile [m], after so many cycles; of a stack a stack."""
-# A jump grows at most so much from block to block, and shrinks to no less; of the step that the tolerance allows so
-# much is used.
+"""What one cycle wears off a profile [m], after a number of cycles; for a stack a stack."""
+# Largest and least ratio of jumps of successive blocks; the fraction of the allowed jump that is used.
 GROWS, SHRINKS, USED = 4.0, 0.1, 0.8
 
 
@@ -83,9 +82,9 @@ class WearHistory(NamedTuple):
 
 
 class WearBlock(NamedTuple):
-    """A block that is done: after how many cycles, the jump of the next one, the profile (or stack), and what has been
-    asked; how far `beyond` its bound the criterion is, if there is one; where life ended within the block, when, and
-    the stack then with what a cycle wore off below it.
+    """A completed block: `cycles` at its end, the next `jump`, the profile or stack `depth`, and `evaluations` so far;
+    `beyond`: the criterion minus its bound; if life ended in the block, its `end` [cycles], and `ending`: the stack
+    then, with the wear of a cycle below it.
     """
 
     cycles: int
@@ -144,12 +143,12 @@ def _lived(cycles: int) -> int:
 
 
 def _journal(path: str | Path | None) -> AbstractContextManager[Journal | None]:
-    """The journal of a life, if it has one: blocks follow from each other."""
+    """The journal of a life, if it has a path. Its blocks are ordered."""
     return nullcontext() if path is None else closing(Journal(path, ordered=True))
 
 
 def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) -> list[WearBlock]:
-    """The blocks, from those that the journal has."""
+    """The blocks of a life, continued from those in the journal."""
     first = WearBlock(0, 1, stack.tolist(), 0)
     if until is not None:
         beyond = _beyond(until, stack, 0)
@@ -175,7 +174,7 @@ def _history(blocks: list[WearBlock]) -> WearHistory:
 
 
 def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: int | None, until: Any) -> WearBlock:
-    """One block further."""
+    """The next block, with jumps that meet the tolerance."""
     h, count, left = np.array(now.depth), now.evaluations + 1, cycles - now.cycles
     jump = max(1, min(now.jump, left // 2))
     first = _check(rate(h, now.cycles), now.cycles)
@@ -186,7 +185,7 @@ def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: i
         count += 1
         error = jump * np.max(np.abs(then - first), axis=-1)
         allowed = tolerance * np.max(np.abs(h + jump * (first + then)), axis=-1)
-        # Of a stack every row by its own size.
+        # Each row of a stack has its own scale.
         worst = np.max(error / np.where(allowed > 0, allowed, np.where(error > 0, 1e-300, 1.0)))
         factor = GROWS if worst == 0 else np.clip(USED / np.sqrt(worst), SHRINKS, GROWS)
         most = cycles if longest is None else longest
@@ -197,12 +196,12 @@ def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: i
 
 
 def _profile(stack: np.ndarray) -> np.ndarray:
-    """Of a stack the profile."""
+    """The profile of a stack, or the profile itself."""
     return stack if stack.ndim == 1 else stack[0]
 
 
 def _end(now: WearBlock, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> WearBlock:
-    """The block after jumps that are good: where life ends within it, if it does."""
+    """The block after accepted jumps, with the end of life if it lies within the block."""
     first, then = rates
 
     def profile(n):
@@ -226,7 +225,7 @@ def _end(now: WearBlock, h: Profile, rates: tuple, jump: float | int, wanted: in
 
 
 def _beyond(until: Callable[[Profile], float], stack: np.ndarray, cycles: int) -> float:
-    """How far beyond its bound the criterion is: a number, for the root between blocks and for the journal."""
+    """The criterion minus its bound: a number, for the root between blocks and for the journal."""
     beyond = float(until(_profile(stack)))
     if not np.isfinite(beyond):
         raise ClearanceError(
@@ -313,7 +312,7 @@ def simulate_wear(
 
 
 def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> WearHistory | None:
-    """What of an interrupted `simulate_wear` its journal keeps; `None` where no block is done.
+    """The history of an interrupted `simulate_wear` from its journal; `None` if no block is complete.
 
     **Arguments:** `model`, `journal`, `until`: as of `simulate_wear`.
     """

@@ -1,4 +1,4 @@
-"""What makes one life another, by names (see `clearance_jax.runs.identity`)."""
+"""The identity of a life (see `clearance_jax.runs.identity`)."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from clearance_jax.wear.model import WearModel
 
 
 def description(model: WearModel, until: AbstractCriterion | None, **rest: Any) -> dict[str, Any]:
-    """A question by the names of its parts, each a number or a short text; `rest`: its other arguments."""
+    """A question by the names of its parts, each a number or a short text; `rest`: further arguments."""
     parts = {"law of wear": model.wear, "pressure": model.pressure, "until": until}
     question = versions() | numbers(model.mechanism)
     for what, part in parts.items():

@@ -1,4 +1,4 @@
-"""Many lives of one joint: over numbers that a designer chooses, or that scatter from part to part."""
+"""Lives of one joint for many values of numbers that a designer chooses, or that scatter from part to part."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -52,7 +52,7 @@ class ServiceLives(NamedTuple):
     units: Mapping[str, str]
 
     def failures(self, confidence: float = 0.95) -> Failures:
-        """The probability of failure over the life, of values that are samples of how numbers scatter."""
+        """The probability of failure over the life, if the values are samples of scattering numbers."""
         if not 0 < confidence < 1:
             raise ClearanceError(f"`confidence` must be between 0 and 1, but it is {confidence}.")
         n = len(self.end)
@@ -65,8 +65,8 @@ class ServiceLives(NamedTuple):
         return Failures(np.concatenate([[0.0], ends]), failed / n, low, high, confidence)
 
     def interval(self, failing: float) -> float:
-        """After how many cycles a joint must be looked after, if at most this share may have failed by then: infinite
-        where fewer fail within `cycles`. The share is that of the samples.
+        """The maintenance interval [cycles] after which at most a share `failing` of the samples has failed; infinite
+        if fewer fail within `cycles`.
         """
         if not 0 <= failing < 1:
             raise ClearanceError(f"The share that may fail must be at least 0 and below 1, but it is {failing}.")
@@ -74,7 +74,7 @@ class ServiceLives(NamedTuple):
         return float(ends[int(np.floor(failing * len(ends) * (1 + 1e-12)))])
 
     def to_dataset(self) -> xr.Dataset:
-        """The values and ends over the `part`s that were made so."""
+        """The values and lives over the dimension `part`."""
         data: dict[str, Any] = {
             name: ("part", values, {"units": self.units[name]}) for name, values in self.values.items()
         }

@@ -20,13 +20,13 @@ from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
 from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, wear_round
 
-# Of the force: what the pressures of the sectors may miss, which round-off and a search that ends leave.
+# The part of the force that the pressures of the sectors may miss: round-off and the tolerance of a search.
 MISSED = 1e-6
-# Into how many parts a half of a step is cut at most, so that from node to node a patch moves on by no more than this
-# part of a sector and its own half width.
+# Most parts of half a step. Steps are cut until a patch moves from node to node by at most this part of a sector and
+# its own half width.
 PARTS, JUMPED = 64, 0.25
 SURFACES = ("sleeve", "pin")
-# Half angle of a patch beyond which Hertz's flat one is none any more [rad].
+# Largest half angle of a patch that counts as flat [rad].
 WIDEST = 0.5 * np.pi
 
 
@@ -114,7 +114,7 @@ def wear(
 
 
 def _follow(trace: Trace, joint: str, sleeve: Sections, pressure: AbstractPressure, of: str, sectors: int) -> Contacts:
-    """Contacts so near one another that a patch does not jump over sectors."""
+    """Contacts at nodes so close to one another that a patch does not jump over sectors."""
     parts = 1
     while True:
         seen = contacts(trace, joint, parts)
@@ -137,7 +137,7 @@ def wear_of(
     depth: Array,
     before: Any = 0.0,
 ) -> Wear:
-    """What is worn off by contacts that are known (`contacts`).
+    """What known contacts (`contacts`) wear off.
 
     **Arguments:** `seen`: the contacts; `sleeve`: its sections (`sections_of`); `law`, `pressure`, `of` and `before` as
     of `wear`; `depth`: the earlier wear, (sectors,) or (sections, sectors) [m].
@@ -197,7 +197,7 @@ def accumulate(
     depth: Array,
     before: Scalar,
 ) -> WearTotals:
-    """What wears off."""
+    """The sums over a motion of what wears off (see `Wear`)."""
     inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
 
@@ -230,7 +230,7 @@ def accumulate(
     shares = sleeve.lengths / jnp.sum(sleeve.lengths)
     sliding = seen.weight @ jnp.where(seen.force > 0, seen.speed, 0.0) @ shares
     time = jnp.broadcast_to((seen.time + before)[:, None], seen.force.shape)
-    # Of a linear law the volume is its rate of the force in the place of a pressure.
+    # The volume by a linear law is its rate with the force in the place of a pressure.
     flat = jnp.sum(seen.weight[:, None] * law.rate(SlidingState(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
     half = pressure.half_angle(sleeve.geometry, largest)
@@ -238,8 +238,8 @@ def accumulate(
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
-    """Mean values of sectors on sectors that lie turned back by an angle: each is shared out between the two that it
-    lies on, so that nothing is lost.
+    """Mean values of sectors on a grid that is turned back by an angle [rad]. Each value is shared between the two
+    sectors that it lies on, so that the sum is kept.
     """
     count = means.shape[0]
     sectors = angle * (count / (2 * np.pi))
