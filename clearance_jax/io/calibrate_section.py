@@ -94,9 +94,7 @@ def _reading(table: TomlTable, column: str, mechanism: Mechanism) -> str | Abstr
         if table.has("quantity"):
             raise ClearanceError(f"{table.where}: a column is a `quantity` or a `signal`, not both. Take one away.")
         return signal_of(table, mechanism)
-    for key in OF:
-        if table.has(key):
-            raise ClearanceError(f"{table.key(key)} has no effect without `signal`. Take it away, or add a signal.")
+    table.refuse(*OF, why="has no effect without `signal`. Take it away, or add a signal.")
     return table.get("quantity") or column
 
 

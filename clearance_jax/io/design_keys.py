@@ -66,10 +66,7 @@ DESIGN = Keys(
             absent="none",
         ),
         Quantities(
-            "speed",
-            "factors on the speed of the drives: every condition holds at each",
-            "[0.5, 1]",
-            absent="[1]",
+            "speed", "factors on the speed of the drives: every condition holds at each", "[0.5, 1]", absent="[1]"
         ),
         Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
         Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
@@ -195,13 +192,7 @@ VARIABLE = Keys(
     renamed={"least": "lower", "greatest": "upper"},
 )
 
-_LAW = Word(
-    "law",
-    "the law of the cost",
-    '"reciprocal"',
-    allowed=tuple(COSTS),
-    required=True,
-)
+_LAW = Word("law", "the law of the cost", '"reciprocal"', allowed=tuple(COSTS), required=True)
 COST_TABLES = kinds_of(
     'design.variable."NAME".cost',
     "Cost",

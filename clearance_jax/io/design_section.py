@@ -69,9 +69,7 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
     verify = table.table("verify", VERIFY)
     if classes := _classes(table, tables, problem):
         search["classes"] = classes
-        for key in ("starts", "reoptimise"):
-            if verify.has(key):
-                raise ClearanceError(f"{verify.key(key)} has no effect where `classes` are chosen. Leave it out.")
+        verify.refuse("starts", "reoptimise", why="has no effect where `classes` are chosen. Leave it out.")
     return DesignAsked(problem, search, verify.arguments(), _tradeoff(table, problem))
 
 
@@ -98,8 +96,7 @@ def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: TolerancePro
     fits = {}
     for name, table in tables.items():
         if not table.has("classes"):
-            if table.has("class_costs"):
-                raise ClearanceError(f"{table.key('class_costs')} has no effect without `classes`. Add them.")
+            table.refuse("class_costs", why="has no effect without `classes`. Add them.")
             continue
         names = table.get("classes")
         fits[name] = names

@@ -11,10 +11,7 @@ from clearance_jax.mechanism.tree import SLIDING, TURNING
 from clearance_jax.parameters import BOUNDS, resolve_unit
 
 File = Literal["scene", "study"]
-FILES: dict[File, tuple[Keys, ...]] = {
-    "scene": SCENE_TABLES,
-    "study": STUDY_TABLES,
-}
+FILES: dict[File, tuple[Keys, ...]] = {"scene": SCENE_TABLES, "study": STUDY_TABLES}
 
 
 class KeyReference(NamedTuple):

@@ -32,10 +32,7 @@ RECURRENCE_KEYS = {
         Whole("count", _COUNT, "100", least=1, most=MOST_SAMPLES, default=64),
         QuantityKey("phase", "after the beginning of a period", '"3 ms"', unit="s", absent="at the beginning"),
     ),
-    EXPONENT: (
-        *_PERIOD,
-        Whole("count", _COUNT, "100", least=FEWEST, most=MOST_SAMPLES, default=50),
-    ),
+    EXPONENT: (*_PERIOD, Whole("count", _COUNT, "100", least=FEWEST, most=MOST_SAMPLES, default=50)),
 }
 """Keys by kind of metric."""
 

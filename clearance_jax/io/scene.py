@@ -10,7 +10,7 @@ import jax
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
-from clearance_jax.io.scene_joint import drive_of, joints_of, read_drive
+from clearance_jax.io.scene_joint import drive_of, joints_of, orientation_at, read_drive
 from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
 from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
 from clearance_jax.io.table import TomlTable, naming
@@ -22,7 +22,7 @@ from clearance_jax.mechanism.controllers import ComputedTorque, Reference
 from clearance_jax.mechanism.loads import Force, Torque, Wrench
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.misalignment import with_misalignment
-from clearance_jax.mechanism.placement import Gravity, Orientation, Position
+from clearance_jax.mechanism.placement import Gravity, Position
 from clearance_jax.mechanism.structure import check_model
 from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
 
@@ -137,8 +137,7 @@ def _body(name: str, values: Any, where: str) -> Body:
 
 def _point(name: str, values: Any, where: str) -> Point:
     table = TomlTable(values, where, POINT)
-    orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
-    return Point(name, table.get("body"), Position(*table.get("at")), orientation)
+    return Point(name, table.get("body"), Position(*table.get("at")), orientation_at(table, "orientation"))
 
 
 def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -63,11 +64,8 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
     start = Position(*table.get("eccentricity"))
     radii = play.radii and table.has(PIN_RADIUS) and table.has(SLEEVE)
     if not (radii or any(table.has(key) for key in play.makes)):
-        for key in play.keys.keys:
-            if key.name != "eccentricity" and table.has(key.name):
-                raise ClearanceError(
-                    f"{table.key(key.name)} belongs to a joint with clearance: add `{play.makes[0]}` too."
-                )
+        others = (key.name for key in play.keys.keys if key.name != "eccentricity")
+        table.refuse(*others, why=f"belongs to a joint with clearance: add `{play.makes[0]}` too.")
         return {"clearance": None, "eccentricity": start}
     clearance = play.read(table, usual)
     if table.has("element"):
@@ -89,19 +87,13 @@ def _pin(table: TomlTable, usual: bool) -> AbstractPin:
     return _bearing(table) if table.has("bearing") else _in_a_sleeve(PINS[table.get("kind")], table, usual)
 
 
-def _shaft(table: TomlTable, usual: bool) -> AbstractPin:
-    return _in_a_sleeve(SleeveClearance, table, usual)
-
-
 def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
     fields = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
     for kind, other in PINS.items():
         for key in (key.name for key in keys_of(other)):
             if key in table.values and key not in (*fields, *COMMON, "length"):
                 raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
-    for key, required in fields.items():
-        if required:
-            table.need(key)
+    table.need(*(key for key, required in fields.items() if required))
     for key in OF_A_FACE:
         if key in table.values and "axial_clearance" not in table.values:
             raise ClearanceError(
@@ -122,8 +114,7 @@ def _ball(table: TomlTable, usual: bool) -> SphericalClearance:
 
 
 def _guide(table: TomlTable, usual: bool) -> GuideClearance:
-    for key in ("length", *(() if usual else ("height",))):
-        table.need(key)
+    table.need("length", *(() if usual else ("height",)))
     length, width = table.get("length"), table.get("width")
     height = table.get("height") if table.has("height") else length
     flat = flat_contact(length, height, 2) if width is None else flat_contact(length, width, 4)
@@ -134,9 +125,8 @@ def _guide(table: TomlTable, usual: bool) -> GuideClearance:
 
 
 def _bearing(table: TomlTable) -> AbstractPin:
-    for key in PIN.keys:
-        if key.name not in WITH_A_BEARING and table.has(key.name):
-            raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
+    others = (key.name for key in PIN.keys if key.name not in WITH_A_BEARING)
+    table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
     word, given = table.variant("bearing", BEARINGS)
     with naming(given.where):
         return BEARINGS_MADE[word](**given.arguments("type"), friction=_friction(table))
@@ -162,7 +152,7 @@ class PlayReader(NamedTuple):
 
 PLAYS = {
     Revolute: PlayReader(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
-    Cylindrical: PlayReader(SHAFT, (RADIAL, DIAMETRAL, "fit"), _shaft, True),
+    Cylindrical: PlayReader(SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, SleeveClearance), True),
     Spherical: PlayReader(BALL, (RADIAL,), _ball),
     Prismatic: PlayReader(GUIDE, ("side_clearance",), _guide),
 }
@@ -176,9 +166,7 @@ def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]
         pin = table.get("length") / 2
     if table.has("fit"):
         return _fit(table, pin)
-    for key in OF_A_FIT:
-        if table.has(key):
-            raise ClearanceError(f"{table.key(key)} belongs to a fit: add `fit` too.")
+    table.refuse(*OF_A_FIT, why="belongs to a fit: add `fit` too.")
     clearance = _given_clearance(table)
     if clearance is None:
         assert pin is not None
@@ -204,12 +192,9 @@ def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]
 
 
 def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
-    for key in (RADIAL, DIAMETRAL, SLEEVE):
-        if table.has(key):
-            raise ClearanceError(f"{table.key(key)} has no effect beside a `fit`, which gives the clearance.")
-    for key in EXPANSIONS:
-        if table.has(key) and not table.has("temperature"):
-            raise ClearanceError(f"{table.key(key)} has no effect without `temperature`: at 20 degC nothing expands.")
+    table.refuse(RADIAL, DIAMETRAL, SLEEVE, why="has no effect beside a `fit`, which gives the clearance.")
+    if not table.has("temperature"):
+        table.refuse(*EXPANSIONS, why="has no effect without `temperature`: at 20 degC nothing expands.")
     if pin is None:
         raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`, half the nominal diameter. Add it.")
     numbers = {key: table.get(key) for key in OF_A_FIT if key != "press" and table.has(key)}

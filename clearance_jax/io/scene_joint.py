@@ -80,8 +80,8 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
         at_parent=Position(*table.get("at_parent")),
         at_child=Position(*table.get("at_child")),
         angle=table.get("angle"),
-        orientation=_orientation(table, "orientation"),
-        child_orientation=_orientation(table, "child_orientation"),
+        orientation=orientation_at(table, "orientation"),
+        child_orientation=orientation_at(table, "child_orientation"),
     )
     if kind == "fixed":
         return Fixed(**common)
@@ -92,7 +92,8 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
     return JOINTS[kind](**common, motion=motion_of(table, path), **play_of(JOINTS[kind], table, path), **_axis(table))
 
 
-def _orientation(table: TomlTable, key: str) -> Orientation | None:
+def orientation_at(table: TomlTable, key: str) -> Orientation | None:
+    """The orientation that a key gives [rad], or `None`."""
     return Orientation(*table.get(key)) if table.has(key) else None
 
 
@@ -108,7 +109,7 @@ def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
             out |= _axis(table)
         if field.type is Ball:
             spin = table.get("spin") if table.has("spin") else ()
-            start = _orientation(table, "start") or Orientation()
+            start = orientation_at(table, "start") or Orientation()
             out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)), table.get("damping"))
         if field.type in (Slide, Turn) and table.has(field.name):
             words = SLIDING if field.type is Slide else TURNING

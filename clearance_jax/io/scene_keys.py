@@ -242,12 +242,7 @@ COMPLIANCE = Keys(
 )
 _TYPE = Word("type", "the kind of joint", '"revolute"', allowed=tuple(JOINTS), required=True)
 # Beside what the class of a joint holds.
-_OF_JOINTS = {
-    Revolute: (MOTION, PIN),
-    Prismatic: (MOTION, GUIDE),
-    Spherical: (BALL,),
-    Cylindrical: (SHAFT,),
-}
+_OF_JOINTS = {Revolute: (MOTION, PIN), Prismatic: (MOTION, GUIDE), Spherical: (BALL,), Cylindrical: (SHAFT,)}
 
 
 def _joint(word: str, cls: type) -> Keys:
@@ -255,12 +250,7 @@ def _joint(word: str, cls: type) -> Keys:
     elsewhere = {key.name for table in shared for key in table.keys}
     keys = (*keys_of(cls), *(keys_of(Ball) if cls in (Spherical, Free) else ()))
     table = kind_of(
-        "joint.NAME",
-        "Joints",
-        _TYPE,
-        word,
-        summary(cls),
-        *(key for key in keys if key.name not in elsewhere),
+        "joint.NAME", "Joints", _TYPE, word, summary(cls), *(key for key in keys if key.name not in elsewhere)
     )
     return sum(shared, start=table)
 

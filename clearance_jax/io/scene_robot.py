@@ -9,7 +9,7 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.poses import FramePose, is_identity, rotation_of, rpy_of
 from clearance_jax.io.scene_contact import PLAYS, play_of
-from clearance_jax.io.scene_joint import motion_of
+from clearance_jax.io.scene_joint import motion_of, orientation_at
 from clearance_jax.io.scene_keys import MOTION, PAYLOAD, ROBOT
 from clearance_jax.io.table import TomlTable
 from clearance_jax.io.urdf import read_robot
@@ -84,8 +84,7 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
         )
     point = points.get(on) or Point(on, on)
     carrier = _pose(point.at, point.orientation)
-    orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
-    pose = carrier.of(*_pose(Position(*table.get("at")), orientation))
+    pose = carrier.of(*_pose(Position(*table.get("at")), orientation_at(table, "orientation")))
     turned = orientation_of(NOWHERE if is_identity(pose.rotation) else triple(rpy_of(pose.rotation)))
     grip = Fixed(f"{name}_grip", point.body, name, position_of(triple(pose.position)), orientation=turned)
     return body_of(name, table), grip

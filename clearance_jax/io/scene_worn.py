@@ -13,6 +13,7 @@ from clearance_jax.units import to_si
 
 # Tolerance of the angles of a table [deg]: they may be rounded to two decimals.
 OFF = 0.01
+UNUSED = "has no effect here. Remove it."
 
 
 def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:
@@ -22,7 +23,7 @@ def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractP
     if table.has("depth") == table.has("file"):
         raise ClearanceError(f"{where} must have `depth` or `file`, and not both.")
     if table.has("depth"):
-        _none_of(table, "cycles", "unit")
+        table.refuse("cycles", "unit", why=UNUSED)
         depth = np.array(table.get("depth"))
     else:
         file = path.parent / table.get("file")
@@ -36,7 +37,7 @@ def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractP
 
 def _of_life(table: TomlTable, file: Path) -> np.ndarray:
     """The depths of a wear result at an age [m], shape (sectors,)."""
-    _none_of(table, "unit")
+    table.refuse("unit", why=UNUSED)
     where = table.key("file")
     if not file.is_file():
         raise ClearanceError(f"{where}: there is no file `{file}`.")
@@ -55,7 +56,7 @@ def _of_life(table: TomlTable, file: Path) -> np.ndarray:
 
 
 def _of_table(table: TomlTable, file: Path) -> np.ndarray:
-    _none_of(table, "cycles")
+    table.refuse("cycles", why=UNUSED)
     table.need("unit")
     angle, depth = read_table(file, table.key("file"), "angle [deg] and depth")
     if np.any(np.abs(angle - 360 * np.arange(angle.size) / angle.size) > OFF):
@@ -63,9 +64,3 @@ def _of_table(table: TomlTable, file: Path) -> np.ndarray:
             f"{table.key('file')}: the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg."
         )
     return depth * to_si(f"1 {table.get('unit')}", "m", table.key("unit"))
-
-
-def _none_of(table: TomlTable, *names: str) -> None:
-    for name in names:
-        if table.has(name):
-            raise ClearanceError(f"{table.key(name)} has no effect here. Remove it.")

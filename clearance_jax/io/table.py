@@ -61,10 +61,17 @@ class TomlTable:
         """Whether the key is there."""
         return self._keys[name].name in self.values
 
-    def need(self, name: str) -> None:
-        """Raise where the key is absent."""
-        if not self.has(name):
-            raise ClearanceError(f"{self.where} lacks the key `{name}`. Add it.")
+    def need(self, *names: str) -> None:
+        """Raise if one of the keys is absent."""
+        for name in names:
+            if not self.has(name):
+                raise ClearanceError(f"{self.where} lacks the key `{name}`. Add it.")
+
+    def refuse(self, *names: str, why: str) -> None:
+        """Raise if one of the keys is present."""
+        for name in names:
+            if self.has(name):
+                raise ClearanceError(f"{self.key(name)} {why}")
 
     def get(self, name: str, words: Words = NO_WORDS) -> Any:
         """The key's value, or its default; `words`: further units by placeholder."""

@@ -100,12 +100,7 @@ _OF_ARCHARD = (
         required=True,
     ),
     QuantityKey(
-        "hardness",
-        "of the softer surface",
-        '"1.3 GPa"',
-        unit="Pa",
-        bounds={"above": 0.0},
-        absent="in the coefficient",
+        "hardness", "of the softer surface", '"1.3 GPa"', unit="Pa", bounds={"above": 0.0}, absent="in the coefficient"
     ),
 )
 LAW_TABLES = kinds_of(

@@ -22,8 +22,7 @@ def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
     materials of the table. **Raises:** `ClearanceError` naming the key and the fix.
     """
     mechanism, joint = _with_joint_values(top, mechanism)
-    for key in ("law", "pressure"):
-        top.need(key)
+    top.need("law", "pressure")
     law = _law(top.variant("law", LAW_TABLES, _coefficient(top)))
     pressure = _pressure(top.variant("pressure", PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
@@ -83,6 +82,5 @@ def _pressure(read: Chosen) -> AbstractPressure:
         raise ClearanceError(f"{table.where} must have a `stiffness`, or `thickness` and `material` of a layer.")
     if not layer:
         return Foundation(table.get("stiffness"))
-    for key in ("thickness", "material"):
-        table.need(key)
+    table.need("thickness", "material")
     return foundation(_material(table, "material"), table.get("thickness"))

@@ -38,9 +38,7 @@ def wear_of(study: StudyFile) -> WearAsked:
     span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
     model = wear_model(table, study.mechanism, span.t1)
     if not table.has("cycles"):
-        for key in OF_A_LIFE:
-            if table.has(key):
-                raise ClearanceError(f"{table.key(key)} has no effect without `cycles`, how many it lives. Add it.")
+        table.refuse(*OF_A_LIFE, why="has no effect without `cycles`, how many it lives. Add it.")
     until, words = None, ""
     if table.has("until"):
         until, words = _until(table.variant("until", UNTIL_TABLES), study, span)

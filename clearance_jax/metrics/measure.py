@@ -244,10 +244,7 @@ def as_metric(given: Any) -> AbstractMetric:
 
 
 def measure(
-    mechanism: Mechanism,
-    metrics: Mapping[str, AbstractMetric | Callable],
-    t1: Any,
-    **options: Unpack[SolveOptions],
+    mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, **options: Unpack[SolveOptions]
 ) -> dict[str, Any]:
     """Several metrics of one motion, from one solve. It works under jit, vmap, jvp and grad.
 

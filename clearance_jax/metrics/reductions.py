@@ -20,10 +20,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
-from clearance_jax.metrics.signals import (
-    AbstractSignal,
-    clearance_index,
-)
+from clearance_jax.metrics.signals import AbstractSignal, clearance_index
 from clearance_jax.solve.observers import PeakFinder, Picked, TouchCounter, without_derivatives
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run

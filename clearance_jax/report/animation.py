@@ -120,10 +120,8 @@ def _views(figure: Any, joint: JointPlay) -> list:
             views.append(CrossSection(_title(axis, f"across the edge at z = {place}"), joint, station))
         return views
     if joint.place.shape[1] == 3:
-        views = []
-        for axis, pair in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
-            views.append(CrossSection(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair))
-        return views
+        pairs = zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True)
+        return [CrossSection(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair) for axis, pair in pairs]
     return [CrossSection(figure.subplots(), joint)]
 
 

@@ -131,3 +131,9 @@ RATES = ("force_rate", "power_rate")
 OF_POINTS = ("velocity", "acceleration")
 observed, observed_with_rates = _batch(_observe), _batch(_observe_with_rates)
 inside = _batch(_inside)
+
+
+def inside_steps(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, step: np.ndarray, s: np.ndarray) -> dict:
+    """What `_inside` gives at fractions s of steps, by the indices of their starts; `time` [s], `y`: at step ends."""
+    arrays = time[step], y[step], time[step + 1] - time[step], s
+    return in_blocks(inside, mechanism, *arrays, size=FEW)

@@ -149,9 +149,7 @@ def _inside(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.Step
     """A function that evaluates the contact of a joint inside steps; `joint`: its index among the clearance joints."""
 
     def look(step, s):
-        begin = ends.time[step]
-        arrays = begin, y[step], ends.time[step + 1] - begin, s
-        contact = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)["contact"]
+        contact = blocks.inside_steps(mechanism, ends.time, y, step, s)["contact"]
         return blocks.Inside(*(values[:, joint] for values in contact))
 
     return look

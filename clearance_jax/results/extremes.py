@@ -11,7 +11,6 @@ import numpy as np
 
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.results import blocks
-from clearance_jax.results.blocks import in_blocks
 from clearance_jax.solve.trace import Trace
 
 # Most steps that are evaluated inside, and places in each.
@@ -46,9 +45,7 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
         sizes, rows = np.linalg.norm(seen[name], axis=-1), []
 
         def look(step, s, name=name):
-            arrays = time[step], y[step], time[step + 1] - time[step], s
-            vectors = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)[name]
-            return np.linalg.norm(vectors, axis=-1)
+            return np.linalg.norm(blocks.inside_steps(mechanism, time, y, step, s)[name], axis=-1)
 
         for begin in begins:
             for point in range(sizes.shape[1]):

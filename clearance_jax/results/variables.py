@@ -26,9 +26,7 @@ EPISODES = {
     "peak_time": Variable((), "s", "when the largest normal force acts"),
     "separation_speed": Variable((), "m/s", "speed at which the pin leaves (NaN: still in contact)"),
     "restitution": Variable(
-        (),
-        "1",
-        "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)",
+        (), "1", "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)"
     ),
 }
 
