@@ -1,1 +1,1 @@
-"""Files that describe: scenes and studies."""
+"""Readers of scene, study, trajectory and URDF files."""

@@ -1,4 +1,4 @@
-"""What a study says of all its sections: which scene, changed how, until when, which metrics, what scatters."""
+"""The part of a study file that its sections share: scene, changed numbers, time span, metrics and scatter."""
 
 from collections.abc import Iterable
 from functools import cached_property
@@ -16,19 +16,19 @@ from clearance_jax.io.metric_keys import METRIC_KINDS
 from clearance_jax.io.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
-from clearance_jax.io.table import Table, naming, variant
+from clearance_jax.io.table import TomlTable, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
 from clearance_jax.sweep.scatter import arguments_of, scatter
 from clearance_jax.units import to_si
 
-# What a scene says of how it is solved that its studies take from it.
+# Solve options that a study takes from its scene.
 OF_THE_SCENE = ("t0", "fidelity", *(key.name for key in SOLVING.keys))
 
 
 class Scatter(NamedTuple):
-    """How a number scatters, as it was given [SI]; `relative`: its deviation over its mean, where it was given so."""
+    """The scatter of a number as the file gives it [SI]; `relative`: deviation over mean, if given in percent."""
 
     distribution: str
     mean: float | None
@@ -39,9 +39,9 @@ class Scatter(NamedTuple):
     where: str
 
 
-class Asked:
-    """A study file: its `path`, `text` and `name`, its top `table`, the `scene`, and its `mechanism` with the numbers
-    set; how it is solved (`options`).
+class StudyFile:
+    """A study file: `path`, `text`, `name`, top `table`, `scene`, the `mechanism` with the study's numbers set, and the
+    solve `options`.
     """
 
     def __init__(self, path: Path):
@@ -49,7 +49,7 @@ class Asked:
         self.text, values = read_toml(path, "study file")
         if "scene" not in values and ("body" in values or "joint" in values):
             raise ClearanceError(f"`{path}` is a scene, and not a study: use `clearance simulate`, or `cj.load`.")
-        self.table = Table(values, f"{path}:", STUDY)
+        self.table = TomlTable(values, f"{path}:", STUDY)
         self.name = self.table.get("name") or path.stem
         self.scene: Scene = read_scene(path.parent / self.table.get("scene"))
         given = values_by_name(self.table.entries("set"), self.scene.mechanism)
@@ -59,12 +59,12 @@ class Asked:
 
     @property
     def t0(self) -> float:
-        """Where motions start [s]."""
+        """Start time of the motions [s]."""
         return self.options.get("t0", 0.0)
 
     @cached_property
     def span(self) -> Span:
-        """From the scene's t0 to the study's t1, or else to the scene's."""
+        """From the scene's t0 to the study's t1, or the scene's if the study has none."""
         t1 = self.table.get("t1")
         t1 = self.scene.solve.get("t1") if t1 is None else t1
         if t1 is None:
@@ -72,55 +72,55 @@ class Asked:
         return self.span_to(t1, self.table.key("t1"))
 
     def span_to(self, t1: float, where: str) -> Span:
-        """From the scene's t0 to a time that stands somewhere."""
+        """From the scene's t0 to `t1` [s]; `where`: the key of t1, for messages."""
         if t1 <= self.t0:
             raise ClearanceError(f"{where} must be greater than the scene's t0 = {self.t0:g} s, but it is {t1:g} s.")
         return Span(self.t0, t1)
 
     @property
     def metric_names(self) -> list[str]:
-        """The metrics of the study."""
+        """Names of the study's metrics."""
         return [name for name, _, _ in self.table.entries("metric")]
 
     def metric(self, name: str, span: Span, where: str) -> AbstractMetric:
-        """A metric of the study by its name, of a motion of that span; `where` it is asked for."""
-        for own, values, there in self.table.entries("metric"):
-            if own == name:
+        """The metric of a name, for a motion over `span`; `where`: the key that asks for it, for messages."""
+        for key, values, there in self.table.entries("metric"):
+            if key == name:
                 return metric_of(variant(values, there, METRIC_KINDS), self.mechanism, span)
         raise ClearanceError(f"{where}: the study has no metric `{name}`. {suggest(name, self.metric_names)}")
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
-        """How numbers of a model scatter (`None`: all that scatter); `where` it is asked for."""
+        """The scatter of the named numbers of a model (`None`: of all that scatter); `where` as of `metric`."""
         tables = expand_entries(self.table, "scatter", model)
         wanted = tuple(tables) if names is None else tuple(names)
         if not wanted:
             raise ClearanceError(f"{where}: nothing scatters. Say how, by tables `[scatter.NAME]`.")
-        found = {}
+        scatters = {}
         for name in wanted:
             if name not in tables:
                 raise ClearanceError(f"{where}: `{name}` does not scatter. {suggest(name, tables)}")
             values, there = tables[name]
             with naming(there):
                 unit = units_of(model, [name])[name]
-            found[name] = _scatter(Table(values, there, SCATTER, {PARAMETER: unit}))
-        return found
+            scatters[name] = _scatter(TomlTable(values, there, SCATTER, {PARAMETER: unit}))
+        return scatters
 
     def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
-        """The same as distributions, of a model's numbers (`None`: the mechanism's)."""
+        """As `scatter`, as distributions; `model`: by default the mechanism."""
         model = self.mechanism if model is None else model
         return {name: _distribution(name, given, model) for name, given in self.scatter(names, model, where).items()}
 
 
-def expand_entries(table: Table, key: str, model: Any) -> dict[str, tuple[Any, str]]:
-    """Of each entry of a key's table, whose names are numbers of a model, its value and where it stands; an entry whose
-    name has a star is one for each number that it fits.
+def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[Any, str]]:
+    """The entries of the table `key` as name -> (value, place in the file). Names are numbers of a model; a name with
+    `*` is expanded to all that match.
     """
     with naming(table.key(key)):
         given = {name: (values, where) for name, values, where in table.entries(key)}
         return expand(given, parameters(model)) if any("*" in name for name in given) else given
 
 
-def _scatter(table: Table) -> Scatter:
+def _scatter(table: TomlTable) -> Scatter:
     given, relative = table.values.get("deviation"), None
     deviation = None
     if isinstance(given, str) and given.split()[-1:] in (["percent"], ["%"]):

@@ -1,19 +1,19 @@
-"""What scenes, studies and sections of studies share: how motions are solved, units that a name decides."""
+"""Keys that scenes and studies share: accuracy and solver."""
 
-from clearance_jax.io.kinds import Quantity, Whole, Word
+from clearance_jax.io.kinds import QuantityKey, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.attempt import STARTS
 from clearance_jax.solve.settings import MAX_STEPS, SOLVER_WORDS
 from clearance_jax.solve.tolerances import SMALLEST
 
 METRIC = "the metric's"
-"""The unit of a bound, which the metric decides."""
+"""Placeholder for the unit of a bound, which is the metric's."""
 SOLVING = Keys(
     "solve",
     "Accuracy and solver",
     "The same in a scene and in a study.",
     (
-        Quantity(
+        QuantityKey(
             "rtol",
             "accuracy: the relative tolerance of the solve",
             "1e-8",

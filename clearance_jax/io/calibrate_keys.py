@@ -2,13 +2,13 @@
 
 from clearance_jax.calibrate.options import FitOptions
 from clearance_jax.io.fields import keys_of
-from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Word
+from clearance_jax.io.kinds import LONGEST_PATH, QuantityKey, Sub, Text, Word
 from clearance_jax.io.metric_keys import OF, SIGNALS
 from clearance_jax.io.table import Keys
 from clearance_jax.parameters import PARAMETER
 
 SIGNAL = "the signal's"
-"""The unit of a deviation, which the signal decides."""
+"""Placeholder for the unit of a deviation, which is the signal's."""
 
 CALIBRATE = Keys(
     "calibrate",
@@ -45,8 +45,8 @@ PARAMETER_TABLE = Keys(
     "Parameters of a calibration",
     "A number that is looked for, by its dotted name; its unit is the parameter's.",
     (
-        Quantity("lower", "its least value", '"10 um"', unit=PARAMETER, absent="what the number may be at all"),
-        Quantity("upper", "its greatest value", '"1 mm"', unit=PARAMETER, absent="what the number may be at all"),
+        QuantityKey("lower", "its least value", '"10 um"', unit=PARAMETER, absent="what the number may be at all"),
+        QuantityKey("upper", "its greatest value", '"1 mm"', unit=PARAMETER, absent="what the number may be at all"),
     ),
 )
 SIGNAL_TABLE = Keys(
@@ -63,7 +63,7 @@ SIGNAL_TABLE = Keys(
             absent="a quantity",
         ),
         *OF.values(),
-        Quantity(
+        QuantityKey(
             "deviation",
             "the standard deviation of its noise",
             '"20 um"',

@@ -8,12 +8,12 @@ import xarray as xr
 
 from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.calibrate_keys import CALIBRATE, PARAMETER_TABLE, SIGNAL, SIGNAL_TABLE
 from clearance_jax.io.columns import TIME, Meant, read_columns
 from clearance_jax.io.metric import signal_of
 from clearance_jax.io.metric_keys import OF
-from clearance_jax.io.table import Table, naming
+from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import PARAMETER, units_of
@@ -22,7 +22,7 @@ from clearance_jax.results.store import load_dataset
 _TABLE = Meant("table of measured data", "signal", "`time [s], tip.position.x [mm]`")
 
 
-def calibration_of(study: Asked) -> dict[str, Any]:
+def calibration_of(study: StudyFile) -> dict[str, Any]:
     """The arguments of `calibrate` by name. **Raises:** `ClearanceError` naming the key and the fix."""
     table, mechanism = study.table.table("calibrate", CALIBRATE), study.mechanism
     path = study.path.parent / table.get("data")
@@ -66,13 +66,13 @@ def read_data(path: str | Path) -> xr.Dataset:
 def _bounds(name: str, values: Any, where: str, mechanism: Mechanism) -> tuple[float, float] | None:
     with naming(where):
         unit = units_of(mechanism, [name])[name]
-    table = Table(values, where, PARAMETER_TABLE, {PARAMETER: unit})
+    table = TomlTable(values, where, PARAMETER_TABLE, {PARAMETER: unit})
     given = table.only("lower", "upper")
     return (given.get("lower", -np.inf), given.get("upper", np.inf)) if given else None
 
 
-def _signals(table: Table, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any, dict[str, float]]:
-    """What the columns are (`None`: quantities by their names), and the deviations of those that have one."""
+def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any, dict[str, float]]:
+    """Signals by column (`None`: every column is the quantity of its name), and the deviations that are given."""
     if not table.has("signal"):
         return None, {}
     signals: dict[str, str | AbstractSignal] = {}
@@ -80,28 +80,26 @@ def _signals(table: Table, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any,
     for column, values, where in table.entries("signal"):
         if column not in data:
             raise ClearanceError(f"{where}: the data have no column `{column}`. {suggest(column, map(str, data))}")
-        own = Table(values, where, SIGNAL_TABLE)
-        signals[column] = reading = _reading(own, column, mechanism)
+        signal = TomlTable(values, where, SIGNAL_TABLE)
+        signals[column] = reading = _reading(signal, column, mechanism)
         with naming(where):
             unit = unit_of(mechanism, column, reading)
-        if own.has("deviation"):
-            deviations[column] = own.get("deviation", {SIGNAL: unit})
+        if signal.has("deviation"):
+            deviations[column] = signal.get("deviation", {SIGNAL: unit})
     return signals, deviations
 
 
-def _reading(table: Table, column: str, mechanism: Mechanism) -> str | AbstractSignal:
+def _reading(table: TomlTable, column: str, mechanism: Mechanism) -> str | AbstractSignal:
     if table.has("signal"):
         if table.has("quantity"):
             raise ClearanceError(f"{table.where}: a column is a `quantity` or a `signal`, not both. Take one away.")
         return signal_of(table, mechanism)
-    for key in OF:
-        if table.has(key):
-            raise ClearanceError(f"{table.key(key)} has no effect without `signal`. Take it away, or add a signal.")
+    table.refuse(*OF, why="has no effect without `signal`. Take it away, or add a signal.")
     return table.get("quantity") or column
 
 
-def _end(study: Asked, measured: Measurement) -> float | None:
-    """The study's end, or else that of the data."""
+def _end(study: StudyFile, measured: Measurement) -> float | None:
+    """End of the motion [s]; `None`: the end of the data."""
     t1 = study.table.get("t1")
     if t1 is not None and measured.times[-1] > t1:
         raise ClearanceError(

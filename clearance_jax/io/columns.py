@@ -1,4 +1,4 @@
-"""Tables with a header: a CSV file of times and named columns with units. Every message names file, line and column."""
+"""Reads CSV files with a header of times and named columns with units. Messages name file, line and column."""
 
 import csv
 import math
@@ -16,66 +16,64 @@ TIME = "time"
 # Every time of a trajectory ends a step of the solve, and each step looks at all of them.
 MOST_ROWS = 100_000
 LONGEST_LINE = 100_000
-# What stands in a cell where nothing was measured.
+# Contents of cells without a measurement.
 GAPS = ("", "nan", "na")
 _HEAD = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 
 class Meant(NamedTuple):
-    """How messages speak of a table: what it is (`what`), what a column beside the times is of (`column`), and the
-    header of one (`example`).
-    """
+    """Words for messages about a table: `what` it is, what a `column` beside the times holds, an `example` header."""
 
     what: str
     column: str
     example: str
 
 
-class Line(NamedTuple):
-    """A line that says something: its text, and how messages name it."""
+class CsvLine(NamedTuple):
+    """A line with content: its text, and its name in messages."""
 
     text: str
     where: str
 
 
 class Head(NamedTuple):
-    """A cell of the header: a column's name, its unit (`None`: that of SI), and how messages name it."""
+    """A header cell: column name, unit (`None`: SI), and its name in messages."""
 
     name: str
     unit: str | None
     where: str
 
 
-class Columns(NamedTuple):
-    """A table as it was read: its header, its rows as texts, and their numbers, shape (rows, columns)."""
+class CsvTable(NamedTuple):
+    """A CSV table: header, rows as text, and `values`, shape (rows, columns)."""
 
     heads: list[Head]
-    rows: list[Line]
+    rows: list[CsvLine]
     values: np.ndarray
 
 
-def read_columns(path: Path, meant: Meant, gaps: bool = False) -> Columns:
-    """A CSV file in UTF-8 with a header; empty lines, and those that begin with `#`, say nothing. `gaps`: cells may be
-    empty or `nan`, which are NaN. **Raises** `ClearanceError` naming file, line and column.
+def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
+    """Read a CSV file in UTF-8 with a header. Empty lines and lines that begin with `#` are ignored. `gaps`: empty
+    cells and `nan` become NaN. **Raises** `ClearanceError` naming file, line and column.
     """
     head, *rows = _lines(path, meant)
     heads = _header(head, meant)
     values = np.array([_row(line, heads, meant, gaps) for line in rows]).reshape(-1, len(heads))
-    return Columns(heads, rows, values)
+    return CsvTable(heads, rows, values)
 
 
 # Text to cells -------------------------------------------------------------------------------------------------------
 
 
-def _lines(path: Path, meant: Meant) -> list[Line]:
-    """The header, and the rows of numbers as texts."""
+def _lines(path: Path, meant: Meant) -> list[CsvLine]:
+    """The lines with content: the header, then the rows."""
     text = read_text(path, meant.what, LARGEST_TABLE).removeprefix("\ufeff")
     if "\0" in text:
         raise ClearanceError(
             f"`{path}` is no text, but binary data. Give a CSV file with a header such as {meant.example}."
         )
     numbered = enumerate(re.split(r"\r\n|\r|\n", text), start=1)
-    lines = [Line(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
+    lines = [CsvLine(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
     if not lines:
         raise ClearanceError(f"`{path}` is empty. Give a CSV file with a header such as {meant.example}.")
     head, count = lines[0], len(lines) - 1
@@ -89,7 +87,7 @@ def _lines(path: Path, meant: Meant) -> list[Line]:
     return lines
 
 
-def _cells(line: Line, meant: Meant) -> list[str]:
+def _cells(line: CsvLine, meant: Meant) -> list[str]:
     if len(line.text) > LONGEST_LINE:
         raise ClearanceError(f"{line.where} is longer than {LONGEST_LINE} characters. Is it a {meant.what}?")
     try:
@@ -101,7 +99,7 @@ def _cells(line: Line, meant: Meant) -> list[str]:
 # Header --------------------------------------------------------------------------------------------------------------
 
 
-def _header(line: Line, meant: Meant) -> list[Head]:
+def _header(line: CsvLine, meant: Meant) -> list[Head]:
     cells, where = _cells(line, meant), line.where
     if all(_is_number(cell) for cell in cells):
         raise ClearanceError(
@@ -136,7 +134,7 @@ def _head(cell: str, where: str) -> Head:
 # Numbers -------------------------------------------------------------------------------------------------------------
 
 
-def _row(line: Line, columns: list[Head], meant: Meant, gaps: bool) -> list[float]:
+def _row(line: CsvLine, columns: list[Head], meant: Meant, gaps: bool) -> list[float]:
     cells = _cells(line, meant)
     if len(cells) != len(columns):
         hint = " Are there decimal commas?" if len(cells) > len(columns) else ""
@@ -148,8 +146,8 @@ def _number(cell: str, where: str, gaps: bool) -> float:
     if gaps and cell.lower() in GAPS:
         return math.nan
     if not _is_number(cell):
-        said = f"it is {quote(cell)}" if cell else "nothing is there"
-        raise ClearanceError(f"{where} must be a number, but {said}.")
+        content = f"it is {quote(cell)}" if cell else "nothing is there"
+        raise ClearanceError(f"{where} must be a number, but {content}.")
     value = float(cell)
     if not math.isfinite(value):
         raise ClearanceError(f"{where} must be finite, but it is {quote(cell)}.")
@@ -157,7 +155,7 @@ def _number(cell: str, where: str, gaps: bool) -> float:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether Python reads it as a number; `1_000`, which only a program would write so, is none."""
+    """Whether a cell is a number. `1_000`, which Python accepts, is not."""
     try:
         float(cell)
     except ValueError:

@@ -12,11 +12,11 @@ from clearance_jax.io.kinds import (
     Flag,
     Moments,
     Names,
-    Place,
     Quantities,
-    Quantity,
+    QuantityKey,
     Sub,
     Text,
+    VectorKey,
     Whole,
     Wholes,
     Word,
@@ -66,10 +66,7 @@ DESIGN = Keys(
             absent="none",
         ),
         Quantities(
-            "speed",
-            "factors on the speed of the drives: every condition holds at each",
-            "[0.5, 1]",
-            absent="[1]",
+            "speed", "factors on the speed of the drives: every condition holds at each", "[0.5, 1]", absent="[1]"
         ),
         Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
         Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
@@ -97,8 +94,8 @@ PAYLOAD = Keys(
     "What a body carries: it becomes heavier, with another centre of mass and another inertia.",
     (
         Text("body", "the body that carries it", '"slider"', required=True),
-        Quantity("mass", "its mass", '"0.5 kg"', unit="kg", bounds={"least": 0.0}, required=True),
-        Place(
+        QuantityKey("mass", "its mass", '"0.5 kg"', unit="kg", bounds={"least": 0.0}, required=True),
+        VectorKey(
             "center_of_mass",
             "its centre of mass in the body's frame",
             '["60 mm", "0 mm"]',
@@ -120,7 +117,7 @@ LIMIT = Keys(
     "Limits",
     "What a metric of the study must not exceed, by the metric's name.",
     (
-        Quantity("bound", "the bound", '"0.2 mm"', unit=METRIC, bounds={"above": 0.0}, required=True),
+        QuantityKey("bound", "the bound", '"0.2 mm"', unit=METRIC, bounds={"above": 0.0}, required=True),
         Wholes(
             "cycles",
             "after how many cycles of wear it must hold, with a section `wear`; 0: as new too",
@@ -171,8 +168,8 @@ VARIABLE = Keys(
     "Variables",
     "A number that is looked for, by its dotted name; its unit is the parameter's.",
     (
-        Quantity("lower", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
-        Quantity("upper", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
+        QuantityKey("lower", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
+        QuantityKey("upper", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
         Sub(
             "cost",
             "what it costs to make; for all variables or for none",
@@ -195,13 +192,7 @@ VARIABLE = Keys(
     renamed={"least": "lower", "greatest": "upper"},
 )
 
-_LAW = Word(
-    "law",
-    "the law of the cost",
-    '"reciprocal"',
-    allowed=tuple(COSTS),
-    required=True,
-)
+_LAW = Word("law", "the law of the cost", '"reciprocal"', allowed=tuple(COSTS), required=True)
 COST_TABLES = kinds_of(
     'design.variable."NAME".cost',
     "Cost",
@@ -216,7 +207,7 @@ COST_TABLES = kinds_of(
 )
 
 _KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=tuple(MANUFACTURE), required=True)
-# What scatters is said once, for all that asks: here only which numbers.
+# The table `scatter` describes the distributions; here the numbers are only named.
 _OF = Names(
     "of",
     "the numbers, which scatter as `scatter` says: normal, log-normal from 20 percent on",

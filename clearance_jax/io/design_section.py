@@ -10,7 +10,7 @@ from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.asking import Asked, expand_entries
+from clearance_jax.io.asking import StudyFile, expand_entries
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.design_keys import (
     COST_TABLES,
@@ -24,7 +24,7 @@ from clearance_jax.io.design_keys import (
     VERIFY,
 )
 from clearance_jax.io.settings import values_by_name
-from clearance_jax.io.table import Chosen, Table, entries, naming
+from clearance_jax.io.table import Chosen, TomlTable, entries, naming
 from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -34,9 +34,7 @@ from clearance_jax.wear import AfterWear
 
 
 class DesignAsked(NamedTuple):
-    """What the section says: the problem, and how to solve and to verify it (arguments of `solve` and `verify`), and to
-    trade it off, if that is asked for (of `tradeoff`).
-    """
+    """The section as read: the problem, and the arguments of `solve`, `verify` and, if asked for, `tradeoff`."""
 
     problem: ToleranceProblem
     solve: dict[str, Any]
@@ -44,8 +42,8 @@ class DesignAsked(NamedTuple):
     tradeoff: dict[str, Any] | None = None
 
 
-def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
-    """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
+def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
+    """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
     trajectories = _trajectories(table, study, mechanism)
@@ -55,7 +53,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         model = mechanism = mechanism.with_drives(drives)
     tables = _variable_tables(table, mechanism)
     variables, costs = _variables(tables)
-    limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.entries("limit")]
+    limits = [_limit(name, TomlTable(given, at, LIMIT), study, wear) for name, given, at in table.entries("limit")]
     problem = ToleranceProblem(
         mechanism,
         study.span.t1,
@@ -71,14 +69,12 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     verify = table.table("verify", VERIFY)
     if classes := _classes(table, tables, problem):
         search["classes"] = classes
-        for key in ("starts", "reoptimise"):
-            if verify.has(key):
-                raise ClearanceError(f"{verify.key(key)} has no effect where `classes` are chosen. Leave it out.")
+        verify.refuse("starts", "reoptimise", why="has no effect where `classes` are chosen. Leave it out.")
     return DesignAsked(problem, search, verify.arguments(), _tradeoff(table, problem))
 
 
-def _tradeoff(top: Table, problem: ToleranceProblem) -> dict[str, Any] | None:
-    """Options of a trade-off, if one is asked for."""
+def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | None:
+    """The arguments of `tradeoff`; `None`: not asked for."""
     if not top.has("tradeoff"):
         return None
     table, limit = top.table("tradeoff", TRADEOFF), None
@@ -95,46 +91,45 @@ def _tradeoff(top: Table, problem: ToleranceProblem) -> dict[str, Any] | None:
     return table.arguments()
 
 
-def _classes(top: Table, tables: dict[str, Table], problem: ToleranceProblem) -> Candidates:
-    """The fits to choose from by variable, with their costs where these are given; checked before any solve."""
-    found = {}
+def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: ToleranceProblem) -> Candidates:
+    """Candidate fits by variable, with their costs if given. They are checked before any solve."""
+    fits = {}
     for name, table in tables.items():
         if not table.has("classes"):
-            if table.has("class_costs"):
-                raise ClearanceError(f"{table.key('class_costs')} has no effect without `classes`. Add them.")
+            table.refuse("class_costs", why="has no effect without `classes`. Add them.")
             continue
         names = table.get("classes")
-        found[name] = names
+        fits[name] = names
         if table.has("class_costs"):
             costs = table.get("class_costs")
             if len(costs) != len(names):
                 raise ClearanceError(
                     f"{table.key('class_costs')} must be as many as `classes`, {len(names)}, but they are {len(costs)}."
                 )
-            found[name] = dict(zip(names, costs, strict=True))
+            fits[name] = dict(zip(names, costs, strict=True))
     with naming(top.where):
-        if found:
-            priced(problem.specification, classes_of(problem.specification, found))
-    return found
+        if fits:
+            priced(problem.specification, classes_of(problem.specification, fits))
+    return fits
 
 
-def _trajectories(table: Table, study: Asked, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
+def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
     """Drives by the names of trajectories."""
-    found = {}
+    drives = {}
     for name, file, where in table.entries("trajectory"):
         with naming(where):
-            found[name] = read_trajectory(study.path.parent / TRAJECTORY.read(file, where, {}), mechanism)
-    return found
+            drives[name] = read_trajectory(study.path.parent / TRAJECTORY.read(file, where, {}), mechanism)
+    return drives
 
 
-def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
-    """Every condition that is written down, along every trajectory, with every payload, at every speed."""
+def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
+    """The product of conditions, trajectories, payloads and speeds: numbers by the name of each condition."""
     tables = table.entries("condition")
     given = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
     payloads = {}
     for name, values, where in table.entries("payload"):
         with naming(where):
-            payloads[name] = Payload(**Table(values, where, PAYLOAD).arguments())
+            payloads[name] = Payload(**TomlTable(values, where, PAYLOAD).arguments())
     speeds = table.get("speed") if table.has("speed") else None
     if not (trajectories or payloads or speeds):
         return given
@@ -145,17 +140,17 @@ def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: di
 # Variables and what they cost ----------------------------------------------------------------------------------------
 
 
-def _variable_tables(top: Table, mechanism: Mechanism) -> dict[str, Table]:
+def _variable_tables(top: TomlTable, mechanism: Mechanism) -> dict[str, TomlTable]:
     """The variables' tables by name, each with the unit of its variable."""
-    found = {}
+    tables = {}
     for name, (values, where) in expand_entries(top, "variable", mechanism).items():
         with naming(where):
             unit = units_of(mechanism, [name])[name]
-        found[name] = Table(values, where, VARIABLE, {PARAMETER: unit})
-    return found
+        tables[name] = TomlTable(values, where, VARIABLE, {PARAMETER: unit})
+    return tables
 
 
-def _variables(tables: dict[str, Table]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
+def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
     """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
     for name, table in tables.items():
@@ -173,16 +168,16 @@ def _variables(tables: dict[str, Table]) -> tuple[dict[str, tuple[float, float]]
 
 
 def _cost(read: Chosen, unit: str) -> AbstractCost:
-    """Constants are in a currency times or over a power of the variable's unit: `factor = "20 um"`."""
+    """The cost law. Its constants have powers of the variable's unit: `factor = "20 um"`."""
     law, table = read
     if law == "table" and any(b > a for a, b in itertools.pairwise(table.get("costs"))):
         raise ClearanceError(
             f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
         )
     power = table.get("power") if law.endswith("reciprocal") else 1.0
-    own = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
-    # The longer words come first: they have the parameter's in them.
-    table.words = {**(own if unit else dict.fromkeys(own, "")), **table.words}
+    units = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
+    # Longer placeholders come first: they contain the parameter's.
+    table.words = {**(units if unit else dict.fromkeys(units, "")), **table.words}
     with naming(table.where):
         return COSTS[law](**table.arguments("law"))
 
@@ -190,7 +185,7 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
 # Limits --------------------------------------------------------------------------------------------------------------
 
 
-def _limit(name: str, table: Table, study: Asked, wear: WearAsked | None) -> Limit:
+def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None) -> Limit:
     metric: Any = study.metric(name, study.span, table.where)
     bound = table.get("bound", {METRIC: metric.unit})
     if table.has("cycles"):
@@ -208,30 +203,30 @@ def _limit(name: str, table: Table, study: Asked, wear: WearAsked | None) -> Lim
 # Manufacture ---------------------------------------------------------------------------------------------------------
 
 
-def _manufacture(top: Table, study: Asked, model: Any, variables: tuple[str, ...]) -> AbstractManufacture | None:
+def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str, ...]) -> AbstractManufacture | None:
     if not top.has("manufacture"):
         return None
     kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
     given = table.arguments("kind", "of")
     if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
-        given["scatter"] = _scatter(study, table, model, variables)
+        given["scatter"] = _scatter(study, table, model, names)
     return MANUFACTURE[kind](**given)
 
 
-def _scatter(study: Asked, table: Table, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
-    """Relative deviations of numbers that scatter about what is designed, or what the scene has; distributions of
+def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
+    """The relative deviation of each number that scatters about its designed or given value; the distributions of
     others.
     """
-    found, asked = {}, study.scatter(table.get("of"), model, table.where)
+    scatters, asked = {}, study.scatter(table.get("of"), model, table.where)
     for name, given in asked.items():
         about = given.relative is not None and (given.mean, given.lower, given.upper) == (None, None, None)
         if about and given.distribution in ("normal", "log-normal"):
-            found[name] = given.relative
+            scatters[name] = given.relative
         elif name in variables:
             raise ClearanceError(
                 f"{given.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
                 "and nothing else; it scatters normal or log-normal, not uniform."
             )
         else:
-            found |= study.distributions([name], table.where, model)
-    return found
+            scatters |= study.distributions([name], table.where, model)
+    return scatters

@@ -1,4 +1,4 @@
-"""Keys that follow from a class: its fields say name, unit, bounds, default and help (see `parameters.physical`)."""
+"""Keys made from the fields of a class: name, unit, bounds, default and help (see `parameters.physical`)."""
 
 import dataclasses
 import inspect
@@ -12,12 +12,12 @@ from clearance_jax.io.kinds import (
     Key,
     Moments,
     Names,
-    Place,
     Quantities,
-    Quantity,
+    QuantityKey,
     Sub,
     Text,
     Triple,
+    VectorKey,
     Whole,
     Word,
 )
@@ -30,7 +30,7 @@ NO_MORE: Mapping[str, Iterable[Key]] = MappingProxyType({})
 
 
 def keys_of(cls: type, *names: str) -> tuple[Key, ...]:
-    """The keys of a class's fields: of those named, or of all that have a help."""
+    """Keys of the named fields of a class, or of all fields with a help text."""
     fields = {field.name: field for field in dataclasses.fields(cls)}
     chosen = names or tuple(name for name, field in fields.items() if field.metadata.get("help"))
     return tuple(_key(fields[name]) for name in chosen)
@@ -43,13 +43,13 @@ def _key(field: dataclasses.Field) -> Key:
     words = field.name, about["help"], about["example"]
     kinds = set(get_args(field.type)) | {field.type}
     if Position in kinds:
-        return Place(*words, unit="m", **common)
+        return VectorKey(*words, unit="m", **common)
     if Axis in kinds:
         return Direction(*words, default=field.default, **common)
     if Orientation in kinds:
         return Triple(*words, unit="rad", **common)
     if Force in kinds:
-        return Place(*words, unit="N", **common)
+        return VectorKey(*words, unit="N", **common)
     if Torque in kinds:
         return Triple(*words, unit="N*m", **common)
     if Spin in kinds:
@@ -62,7 +62,7 @@ def _key(field: dataclasses.Field) -> Key:
         common |= {"unit": about["unit"], "default": None if required else field.default}
         # A table of numbers has a dimension in its annotation, one number none; either may be optional.
         many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))
-        return Quantities(*words, **common) if many else Quantity(*words, bounds=about, **common)
+        return Quantities(*words, **common) if many else QuantityKey(*words, bounds=about, **common)
     common |= {"default": None if required else field.default}
     if field.type == tuple[str, ...]:
         return Names(*words, **common)
@@ -76,28 +76,26 @@ def _key(field: dataclasses.Field) -> Key:
 
 
 def summary(part: Any) -> str:
-    """The first paragraph of what a class or a function says of itself."""
+    """First paragraph of the docstring of a class or function."""
     return " ".join((part.__doc__ or "").split("\n\n")[0].split()).split("**Arguments:**")[0].strip()
 
 
 def kind_of(name: str, title: str, head: Word, word: str, help: str, *keys: Key) -> Keys:
-    """The table of one kind, which a word chooses by the key `head`."""
+    """The table of one kind, which `head = "word"` chooses."""
     return Keys(name, title, help, (dataclasses.replace(head, example=f'"{word}"'), *keys), f'{head.name} = "{word}"')
 
 
 def kinds_of(
     name: str, title: str, head: Word, members: Mapping[str, Any], more: Mapping[str, Iterable[Key]] = NO_MORE
 ) -> dict[str, Keys]:
-    """Of each member its table: the keys of its class, and of some words `more`, which come before those of that name
-    in the class.
-    """
-    found = {}
+    """Tables by word: the keys of each member's class, and those in `more`, which replace keys of the same name."""
+    tables = {}
     for word, member in members.items():
         keys = {key.name: key for key in (*keys_of(_class(member)), *more.get(word, ()))}
-        found[word] = kind_of(name, title, head, word, summary(member), *keys.values())
-    return found
+        tables[word] = kind_of(name, title, head, word, summary(member), *keys.values())
+    return tables
 
 
 def _class(member: Any) -> type:
-    """A member of a family may be a function, whose numbers are those of the class that it returns."""
+    """The class of a family member; of a function the class that it returns."""
     return member if inspect.isclass(member) else inspect.signature(member, eval_str=True).return_annotation

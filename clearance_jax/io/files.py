@@ -1,4 +1,4 @@
-"""Files read as texts: only those that are files, and of a size that a person writes or a machine records."""
+"""Reads text, TOML and CSV files of limited size."""
 
 import csv
 import tomllib
@@ -13,7 +13,7 @@ LARGEST_TOML, LARGEST_TABLE = 2_000_000, 50_000_000
 
 
 def read_toml(path: Path, what: str) -> tuple[str, dict[str, Any]]:
-    """Text and values of a TOML file; `what` it is, for messages."""
+    """Text and values of a TOML file; `what`: its name in messages."""
     text = read_text(path, what, LARGEST_TOML)
     try:
         return text, tomllib.loads(text)
@@ -24,7 +24,7 @@ def read_toml(path: Path, what: str) -> tuple[str, dict[str, Any]]:
 
 
 def read_table(path: Path, where: str, columns: str = "time [s] and value") -> tuple[np.ndarray, np.ndarray]:
-    """The two columns of a CSV file, times and values or others; `where` it is named, for messages."""
+    """The two `columns` of a CSV file, shape (rows,) each; `where`: the key that names the file, for messages."""
     text = read_text(path, f"table of {where}", LARGEST_TABLE)
     try:
         rows = [row for row in csv.reader(text.splitlines()) if row and not row[0].lstrip().startswith("#")]
@@ -41,7 +41,7 @@ def read_table(path: Path, where: str, columns: str = "time [s] and value") -> t
 
 
 def read_text(path: Path, what: str, largest: int) -> str:
-    """The text of a file. **Raises** `ClearanceError` for what is no file (a device may never end), or too large."""
+    """The text of a file. **Raises** `ClearanceError` if it is too large or no file (a device may never end)."""
     if "\0" in str(path):
         raise ClearanceError(f"Cannot read the {what}: {quote(str(path))} is no path.")
     try:

@@ -12,10 +12,8 @@ from clearance_jax.units import to_si
 
 
 def with_play(mechanism: Mechanism, texts: Iterable[str]) -> Mechanism:
-    """The mechanism with the play that the texts give to its joints.
-
-    **Raises:** `ClearanceError` naming the text, for what is no such joint, number or unit, and for numbers that make
-    no joint.
+    """The mechanism with the play that the texts give to its joints. **Raises:** `ClearanceError` naming the text, for
+    an unknown joint, number or unit, and for numbers that contradict each other.
     """
     given: set[str] = set()
     for text in texts:

@@ -1,8 +1,4 @@
-"""The reference of every key that scenes and studies may have, as plain data: what the docs are made
-of.
-
-It is made from the declarations by which the readers read, which know no other key.
-"""
+"""The reference of all keys of scenes and studies, as plain data for the docs, made from the readers' declarations."""
 
 import math
 from typing import Any, Literal, NamedTuple
@@ -15,10 +11,7 @@ from clearance_jax.mechanism.tree import SLIDING, TURNING
 from clearance_jax.parameters import BOUNDS, resolve_unit
 
 File = Literal["scene", "study"]
-FILES: dict[File, tuple[Keys, ...]] = {
-    "scene": SCENE_TABLES,
-    "study": STUDY_TABLES,
-}
+FILES: dict[File, tuple[Keys, ...]] = {"scene": SCENE_TABLES, "study": STUDY_TABLES}
 
 
 class KeyReference(NamedTuple):
@@ -37,8 +30,8 @@ class KeyReference(NamedTuple):
 
 
 class KindReference(NamedTuple):
-    """One of the kinds that a table may be of: the `word` that chooses it, in TOML, a `help`, its keys and the
-    titles of the tables whose keys it has too.
+    """A kind of a table: the `word` that chooses it (TOML), a `help`, its own keys, and the titles of the tables whose
+    keys it shares.
     """
 
     word: str
@@ -48,10 +41,10 @@ class KindReference(NamedTuple):
 
 
 class TableReference(NamedTuple):
-    """A table of a `file` ("scene", "study"): its `name` in the file (`body.NAME`; the file's for the
-    top), the `choice` among tables of that name, if any (`type = "revolute"`), a `title`, a `help` and its own keys;
-    the titles of the tables whose keys it has too (`shared`), which are told there; the `kinds` that it may be of, with
-    the key that chooses among them (`head`), if there are several. A key that several kinds have is told once.
+    """A table of a `file` ("scene", "study"): its `name` in the file (`body.NAME`), the `choice` that selects it among
+    tables of that name (`type = "revolute"`), a `title`, a `help`, its own keys, and the titles of tables whose keys it
+    shares (`shared`). A table of several `kinds` lists a key that they have in common once; `head`: the key that
+    chooses the kind.
     """
 
     file: File
@@ -66,26 +59,28 @@ class TableReference(NamedTuple):
 
 
 def reference() -> list[TableReference]:
-    """Every table that the readers know, scenes first, each with every key; kinds of one family are one table."""
+    """All tables of scenes and studies, each with its keys. Kinds of one family are one table."""
     return [_table(file, several) for file, tables in FILES.items() for several in _families(tables)]
 
 
 def _families(tables: tuple[Keys, ...]) -> list[list[Keys]]:
-    """Tables of one name and title together."""
-    found: dict[tuple[str, str], list[Keys]] = {}
+    """Tables grouped by name and title."""
+    families: dict[tuple[str, str], list[Keys]] = {}
     for table in tables:
-        found.setdefault((table.name, table.title), []).append(table)
-    return list(found.values())
+        families.setdefault((table.name, table.title), []).append(table)
+    return list(families.values())
 
 
 def _table(file: File, several: list[Keys]) -> TableReference:
     first, *others = several
     if not others:
-        keys = [_key(key) for key in first.own]
+        keys = [_key(key) for key in first.unshared]
         return TableReference(file, first.name, first.choice, first.title, first.help, keys, _titles(first), "", [])
     head = first.choice.partition(" = ")[0]
     kinds = [
-        KindReference(_word(table), table.help, [key.name for key in table.own if key.name != head], _titles(table))
+        KindReference(
+            _word(table), table.help, [key.name for key in table.unshared if key.name != head], _titles(table)
+        )
         for table in several
     ]
     help = f"Its key `{head}` says of which kind it is."
@@ -97,47 +92,47 @@ def _titles(table: Keys) -> list[str]:
 
 
 def _word(table: Keys) -> str:
-    """What chooses a kind: the value of its key in TOML."""
+    """The value in TOML of the key that chooses a kind."""
     return table.choice.partition(" = ")[2]
 
 
 def _told_once(several: list[Keys]) -> list[KeyReference]:
-    """The keys of kinds, each once that means the same in all of them; keys of one name stand together."""
-    found: dict[str, dict[Any, list[tuple[str, KeyReference]]]] = {}
+    """The keys of several kinds, merged where name, help, unit and kind agree; keys of one name are adjacent."""
+    by_name: dict[str, dict[Any, list[tuple[str, KeyReference]]]] = {}
     for table in several:
-        for key in map(_key, table.own):
-            uses = found.setdefault(key.name, {})
+        for key in map(_key, table.unshared):
+            uses = by_name.setdefault(key.name, {})
             uses.setdefault((key.help, key.unit, key.kind), []).append((f"`{_word(table)}`", key))
-    return [_common(uses, len(meanings) > 1) for meanings in found.values() for uses in meanings.values()]
+    return [_common(uses, len(meanings) > 1) for meanings in by_name.values() for uses in meanings.values()]
 
 
 def _common(uses: list[tuple[str, KeyReference]], is_apart: bool) -> KeyReference:
-    """A key of several kinds, with its defaults by kinds where they differ; of which kinds, if its name `is_apart` from
-    the same one of others.
+    """A key merged from several kinds, with defaults by kind if they differ. If it `is_apart`, another key has the same
+    name, and the help names the kinds.
     """
     key, defaults = uses[0][1], {}
     for word, use in uses:
         defaults.setdefault(use.default or "required", []).append(word)
     if len(defaults) > 1:
-        said = "; ".join(f"{default} ({', '.join(words)})" for default, words in defaults.items())
-        key = key._replace(default=said, required=False)
+        text = "; ".join(f"{default} ({', '.join(words)})" for default, words in defaults.items())
+        key = key._replace(default=text, required=False)
     return key._replace(help=f"of {', '.join(word for word, _ in uses)}: {key.help}") if is_apart else key
 
 
 def example(table: Keys, *skip: str) -> dict[str, str]:
-    """Of each key of a table, but for those to `skip`, its example in TOML."""
+    """Examples in TOML of a table's keys, without those to `skip`."""
     return {key.name: key.example for key in table.keys if key.name not in skip}
 
 
 def _key(key: Key) -> KeyReference:
     bounds = getattr(key, "bounds", None) or {}
-    said = [f"{words} {bounds[bound]:g}" for bound, _, words in BOUNDS if bounds.get(bound) is not None]
-    help = key.help + (f" ({', '.join(said)})" if said else "")
+    limits = [f"{words} {bounds[bound]:g}" for bound, _, words in BOUNDS if bounds.get(bound) is not None]
+    help = key.help + (f" ({', '.join(limits)})" if limits else "")
     return KeyReference(key.name, _unit(key.unit), key.kind, _default(key), key.required, key.example, help)
 
 
 def _unit(unit: str) -> str:
-    """A unit with the words that a joint resolves put in, for both kinds of joints."""
+    """A unit with the placeholders of joints replaced, for turning and for sliding joints."""
     both = [resolve_unit(unit, words) for words in (TURNING, SLIDING)]
     return unit if both[0] == unit else " or ".join(both)
 
@@ -151,7 +146,7 @@ def _default(key: Key) -> str:
 
 
 def _show(value: Any, unit: str) -> str:
-    """A default as TOML has it, or zero where its unit depends on the joint."""
+    """A default in TOML, without unit if the joint decides it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):

@@ -1,6 +1,4 @@
-"""What the value of a key of a scene or a study may be: each kind reads its values, and says in the reference what they
-are.
-"""
+"""Kinds of values of keys. Each reads and checks its values, and describes them for the reference."""
 
 import abc
 import dataclasses
@@ -13,15 +11,15 @@ from clearance_jax.mechanism.placement import as_axis, as_inertia
 from clearance_jax.parameters import check_bounds, resolve_unit
 from clearance_jax.units import to_si
 
-# A longer text is no name; of a longer path no system knows.
+# Most characters of a name, and of a path.
 LONGEST, LONGEST_PATH = 200, 4096
 Words = Mapping[str, str]
-"""Units by the words that a key's declaration has for them, where they depend on what else is given."""
+"""Units by placeholder, where they depend on other values of the file."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Key(abc.ABC):
-    """A key of a table, as it is declared once for the reader and for the reference.
+    """A key of a table, declared once for the reader and the reference.
 
     - `help`: what it is; `example`: its value in TOML.
     - `default`: its value where it is absent; `absent`: what its absence means, where no value says that.
@@ -47,8 +45,8 @@ class Key(abc.ABC):
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity(Key):
-    """One number: with a unit a string, without a bare number. `bounds` as those of a number's field."""
+class QuantityKey(Key):
+    """One number: a string with a unit, or bare if it has no unit. `bounds`: as of `parameters.physical`."""
 
     bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
 
@@ -81,10 +79,8 @@ class Quantities(Key):
 
 
 @dataclasses.dataclass(frozen=True)
-class Place(Key):
-    """A vector: a pair in the plane, a triple in space. A component that is exactly zero is left out of the compiled
-    program.
-    """
+class VectorKey(Key):
+    """A vector: a pair in the plane, a triple in space. Components that are zero are left out of the program."""
 
     default: tuple[float | None, ...] = dataclasses.field(default=(None, None), kw_only=True)
     kind: ClassVar[str] = "pair or triple of quantities"
@@ -99,7 +95,7 @@ class Place(Key):
 
 @dataclasses.dataclass(frozen=True)
 class Triple(Key):
-    """Three quantities: angles, or rates. One that is exactly zero is left out of the compiled program."""
+    """Three angles or rates. Those that are exactly zero are left out of the compiled program."""
 
     kind: ClassVar[str] = "triple of quantities"
 
@@ -165,7 +161,7 @@ class Whole(Key):
 
 @dataclasses.dataclass(frozen=True)
 class Wholes(Key):
-    """A list of whole numbers, each greater than the one before, from 0 on."""
+    """A list of increasing whole numbers, at least 0."""
 
     kind: ClassVar[str] = "list of whole numbers"
 
@@ -239,7 +235,7 @@ class Word(Key):
 
 @dataclasses.dataclass(frozen=True)
 class Sub(Key):
-    """What a table of its own describes, or one of several tables; `form` says in words what may stand here."""
+    """A sub-table, or one of several kinds; `form`: what it is in words."""
 
     form: str = dataclasses.field(default="table", kw_only=True)
 
@@ -252,7 +248,7 @@ class Sub(Key):
 
 
 def check_text(value: str, where: str, longest: int = LONGEST) -> str:
-    """A text of one line. **Raises** `ClearanceError` for an empty, an endless or an unprintable one."""
+    """A text of one line. **Raises** `ClearanceError` if it is empty, too long or unprintable."""
     if not value.strip() or len(value) > longest or not value.isprintable():
         raise ClearanceError(
             f"{where} must be a text of 1 to {longest} printable characters, but it is {quote(value)}."
@@ -261,7 +257,7 @@ def check_text(value: str, where: str, longest: int = LONGEST) -> str:
 
 
 def check_name(value: str, where: str) -> str:
-    """A name of a part. **Raises** `ClearanceError` also for one that would read as a path of names."""
+    """A name of a part, without `.` and `=`. **Raises** `ClearanceError` for another text."""
     if "." in value or "=" in value:
         raise ClearanceError(
             f"{where} must be named without `.` and `=`, which separate names and values, but it is {quote(value)}."

@@ -1,4 +1,4 @@
-"""Metrics as files describe them: a reduction over a signal of a point, body or joint; or a count."""
+"""Metrics from tables of a study: a reduction over a signal, a count, or a recurrence."""
 
 import dataclasses
 import itertools
@@ -8,23 +8,21 @@ from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.metric_keys import COUNTS, OF_ANY_JOINT, OF_METRIC, OF_SIGNAL, RECURRENCES, REDUCTIONS, SIGNALS
 from clearance_jax.io.recurrence_keys import recurrence_of
-from clearance_jax.io.table import Chosen, Table
+from clearance_jax.io.table import Chosen, TomlTable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.metrics.signals import AbstractSignal, numbers_of
 
 
 class Span(NamedTuple):
-    """From when to when the motion is looked at [s]."""
+    """Time span of a motion [s]."""
 
     t0: float
     t1: float
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
-    """A metric of a `kind`: of a `signal` of a `point`, `body`, `joint` or `quantity` ("at" given `times`); a settling
-    time, or that of a crossing; a count of a `joint`; or what repeats with the drive.
-    """
+    """The metric of a table, for a motion over `span`: of a signal, a count, or a recurrence."""
     kind, table = read
     if kind in RECURRENCES:
         return recurrence_of(read)
@@ -47,7 +45,7 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     return make(**given)
 
 
-def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:
+def signal_of(table: TomlTable, mechanism: Mechanism) -> AbstractSignal:
     """The `signal` of a table, of the `point`, `body` or `joint` beside it."""
     word = table.get("signal")
     given = _of(SIGNALS[word], word, table, mechanism)
@@ -56,8 +54,8 @@ def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:
     return SIGNALS[word](**given)
 
 
-def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:
-    """What a signal or a count is of, by the names that its class has for it."""
+def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[str, str]:
+    """The point, body, joint or quantity of a signal or count, by the field names of its class."""
     joints = mechanism.all_joints() if cls in OF_ANY_JOINT else mechanism.clearance_joints()
     names = {
         "point": [point.name for point in mechanism.points],
@@ -68,19 +66,19 @@ def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, s
     wanted = {field.name for field in dataclasses.fields(cls)} & set(OF_METRIC)
     for key in (key for key in OF_METRIC if key in table.values and key not in wanted):
         raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
-    found = {}
+    parts = {}
     for key in wanted:
         table.need(key)
-        found[key] = table.get(key)
-        if found[key] not in names[key]:
+        parts[key] = table.get(key)
+        if parts[key] not in names[key]:
             kind = "joint with clearance" if key == "joint" and cls not in OF_ANY_JOINT else key
             raise ClearanceError(
-                f"{table.key(key)}: the scene has no {kind} {quote(found[key])}. " + suggest(found[key], names[key])
+                f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}. " + suggest(parts[key], names[key])
             )
-    return found
+    return parts
 
 
-def _times(table: Table, span: Span) -> list[float]:
+def _times(table: TomlTable, span: Span) -> list[float]:
     times = table.get("times")
     increasing = all(a < b for a, b in itertools.pairwise(times))
     if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
@@ -91,7 +89,7 @@ def _times(table: Table, span: Span) -> list[float]:
     return times
 
 
-def _since(table: Table, span: Span) -> float:
+def _since(table: TomlTable, span: Span) -> float:
     since = table.get("since")
     if not span.t0 <= since < span.t1:
         raise ClearanceError(

@@ -1,4 +1,4 @@
-"""Sizes that a solve would take as they are, and that nobody can have meant."""
+"""Checks for implausible masses and clearances, which are likely errors of units."""
 
 from collections.abc import Iterator
 
@@ -14,17 +14,17 @@ LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
 # The diameter of an atom [m].
 LEAST_CLEARANCE = 1e-10
 __all__ = ["ImplausibleWarning", "implausible"]
-# So many are named in a warning.
+# Most sizes in a warning.
 NAMED = 4
 
 
 def implausible(mechanism: Mechanism) -> str:
-    """One sentence with the sizes that are not to be believed; empty where there are none."""
-    found = [*_clearances(mechanism), *_masses(mechanism)]
-    if not found:
+    """A sentence that names implausible sizes; empty if there are none."""
+    faults = [*_clearances(mechanism), *_masses(mechanism)]
+    if not faults:
         return ""
-    more = f"; and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return f"These sizes are hardly meant: {'; '.join(found[:NAMED])}{more}. Check their units."
+    more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
+    return f"These sizes are hardly meant: {'; '.join(faults[:NAMED])}{more}. Check their units."
 
 
 def _clearances(mechanism: Mechanism) -> Iterator[str]:
@@ -34,15 +34,13 @@ def _clearances(mechanism: Mechanism) -> Iterator[str]:
         if size < LEAST_CLEARANCE:
             yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
             continue
-        said = _above_pin(joint.clearance)
-        if said:
-            yield f"{joint.name}.{said}"
+        if fault := _above_pin(joint.clearance):
+            yield f"{joint.name}.{fault}"
 
 
 def _above_pin(clearance: AbstractClearance) -> str:
-    """Of play in the plane, where a clearance above the pin's radius is not refused."""
-    sizes = (getattr(clearance, name, None) for name in ("radial_clearance", "pin_radius"))
-    radial, pin = sizes
+    """A message if the radial clearance exceeds the pin's radius, which plane joints accept; else empty."""
+    radial, pin = (getattr(clearance, name, None) for name in ("radial_clearance", "pin_radius"))
     return "" if radial is None or pin is None else above_pin(radial, pin)
 
 

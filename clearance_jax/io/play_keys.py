@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.io.fields import keys_of, kind_of, kinds_of, summary
-from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantities, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantities, QuantityKey, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.joints import (
     Fitting,
@@ -52,7 +52,7 @@ CONTACT = Keys(
 
 
 def _optional(*keys: Key, **absent: str) -> tuple[Key, ...]:
-    """The keys, none of which must be there; `absent`: what the absence of some means."""
+    """The keys, made optional; `absent`: what their absence means, by name."""
     return tuple(dataclasses.replace(key, required=False, absent=absent.get(key.name, key.absent)) for key in keys)
 
 
@@ -63,8 +63,8 @@ IN_A_SLEEVE = Keys(
     "contacts spread their force over the `length`.",
     (
         *_optional(*keys_of(RevoluteClearance, "radial_clearance", "pin_radius")),
-        Quantity("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
-        Quantity("sleeve_radius", "radius of the sleeve", '"10.1 mm"', unit="m", absent="pin radius plus clearance"),
+        QuantityKey("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
+        QuantityKey("sleeve_radius", "radius of the sleeve", '"10.1 mm"', unit="m", absent="pin radius plus clearance"),
         *_optional(*keys_of(SleeveClearance, "length", "stations", "pin"), length="not known"),
         *_optional(*keys_of(Fitting)),
         Sub("press", "the housing into which the sleeve, a bush, is pressed", '{ fit = "H7/p6", diameter = "26 mm" }'),
@@ -85,7 +85,7 @@ PIN = (
                 allowed=tuple(PINS),
                 default="pin",
             ),
-            *_optional(*(key for one in PINS.values() for key in keys_of(one) if key.name not in _SHARED)),
+            *_optional(*(key for pin in PINS.values() for key in keys_of(pin) if key.name not in _SHARED)),
             Sub(
                 "bearing",
                 "a rolling bearing, instead: one with radial play, or one of an arm's joint, whose rings tilt too",
@@ -150,7 +150,7 @@ WORN = Keys(
             '"wear.nc"',
             longest=LONGEST_PATH,
         ),
-        Quantity("cycles", "the age in cycles, of the file of a study", "20000", absent="the last one in it"),
+        QuantityKey("cycles", "the age in cycles, of the file of a study", "20000", absent="the last one in it"),
         Text("unit", "unit of the depths, of a CSV table", '"um"'),
     ),
 )
@@ -159,7 +159,7 @@ _TYPE = Word("type", "the kind of bearing", '"radial"', allowed=_TYPES, default=
 
 
 def _size(name: str, help: str, example: str, unit: str = "m", **more: Any) -> Key:
-    return Quantity(name, help, example, unit=unit, bounds={"above": 0.0} | more.pop("bounds", {}), **more)
+    return QuantityKey(name, help, example, unit=unit, bounds={"above": 0.0} | more.pop("bounds", {}), **more)
 
 
 def _bearing(word: str, help: str, *keys: Key) -> Keys:

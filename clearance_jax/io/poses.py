@@ -8,28 +8,28 @@ from jaxtyping import Float
 Vector3 = Float[np.ndarray, "3"]
 Matrix3 = Float[np.ndarray, "3 3"]
 
-# What products of a few rotations leave of a zero, in units of their largest entries.
+# Round-off of a zero in a product of a few rotations, relative to the largest entries.
 ROUNDING = 8 * np.finfo(float).eps
 
 
-class Pose(NamedTuple):
+class FramePose(NamedTuple):
     """A frame in another one: its origin there [m], and the rotation from its axes to the other's."""
 
     position: Vector3
     rotation: Matrix3
 
-    def of(self, position: Vector3, rotation: Matrix3) -> "Pose":
-        """In the outer frame, what has this pose in the frame."""
+    def of(self, position: Vector3, rotation: Matrix3) -> "FramePose":
+        """The pose in the outer frame of what has this `position` and `rotation` in the frame."""
         moved = self.rotation @ position
         scale = max(np.abs(self.position).max(), np.abs(position).max())
-        return Pose(clean(self.position + moved, scale), clean(self.rotation @ rotation))
+        return FramePose(clean(self.position + moved, scale), clean(self.rotation @ rotation))
 
 
-HERE = Pose(np.zeros(3), np.eye(3))
+HERE = FramePose(np.zeros(3), np.eye(3))
 
 
 def clean(values: np.ndarray, scale: float = 1.0) -> np.ndarray:
-    """The values with those that are rounding only replaced by zero: what is exactly zero costs nothing later."""
+    """The values with round-off set to zero, so that the compiled program can leave it out."""
     return np.where(np.abs(values) <= ROUNDING * scale, 0.0, values)
 
 
@@ -43,10 +43,10 @@ def rotation_of(rpy) -> Matrix3:
 
 
 def rpy_of(rotation: Matrix3) -> Vector3:
-    """Roll, pitch and yaw [rad] of a rotation, of which `rotation_of` makes it again to the last digits.
+    """Roll, pitch and yaw [rad] of a rotation: the inverse of `rotation_of`.
 
-    Where the pitch is nearly a right angle roll and yaw are each hardly known, but their sum or difference is: so the
-    yaw is undone before the roll is read off.
+    Near a pitch of 90 deg only the sum or difference of roll and yaw is well defined. So the yaw is taken out of the
+    rotation before the roll is computed.
     """
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     if np.hypot(rotation[1, 0], rotation[0, 0]) <= ROUNDING:
@@ -58,5 +58,5 @@ def rpy_of(rotation: Matrix3) -> Vector3:
 
 
 def is_identity(rotation: Matrix3) -> bool:
-    """Whether the rotation is exactly none."""
+    """Whether the rotation is exactly the identity."""
     return bool(np.array_equal(rotation, np.eye(3)))

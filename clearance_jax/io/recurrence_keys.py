@@ -1,18 +1,16 @@
-"""The keys of what repeats with the drive: Poincare sections and Lyapunov exponents and their
-reader.
-"""
+"""Keys and reader of Poincare sections and Lyapunov exponents."""
 
 from typing import Any
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.kinds import Names, Quantity, Text, Whole
+from clearance_jax.io.kinds import Names, QuantityKey, Text, Whole
 from clearance_jax.io.table import Chosen
 from clearance_jax.metrics.recurrence import FEWEST, LyapunovExponent, PoincareSection
 from clearance_jax.solve.settings import MOST_SAMPLES
 
 SECTION, EXPONENT = "poincare-section", "lyapunov-exponent"
 _PERIOD = (
-    Quantity("period", "the period", '"12 ms"', unit="s", bounds={"above": 0.0}, absent="a turn of `speed`"),
+    QuantityKey("period", "the period", '"12 ms"', unit="s", bounds={"above": 0.0}, absent="a turn of `speed`"),
     Text(
         "speed",
         "instead of it the name of a speed of which a turn is a period, an axis too",
@@ -32,14 +30,11 @@ RECURRENCE_KEYS = {
         ),
         *_PERIOD,
         Whole("count", _COUNT, "100", least=1, most=MOST_SAMPLES, default=64),
-        Quantity("phase", "after the beginning of a period", '"3 ms"', unit="s", absent="at the beginning"),
+        QuantityKey("phase", "after the beginning of a period", '"3 ms"', unit="s", absent="at the beginning"),
     ),
-    EXPONENT: (
-        *_PERIOD,
-        Whole("count", _COUNT, "100", least=FEWEST, most=MOST_SAMPLES, default=50),
-    ),
+    EXPONENT: (*_PERIOD, Whole("count", _COUNT, "100", least=FEWEST, most=MOST_SAMPLES, default=50)),
 }
-"""Of each metric its keys."""
+"""Keys by kind of metric."""
 
 
 def recurrence_of(read: Chosen) -> PoincareSection | LyapunovExponent:

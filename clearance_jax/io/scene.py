@@ -1,4 +1,4 @@
-"""Scene files: TOML with units to a mechanism. Keys are strict: every message names the file, the key and the fix."""
+"""Reads scene files (TOML with units) as mechanisms. Unknown keys are errors. Messages name file, key and fix."""
 
 import dataclasses
 import warnings
@@ -10,10 +10,10 @@ import jax
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
-from clearance_jax.io.scene_joint import drive_of, joints_of, read_drive
+from clearance_jax.io.scene_joint import drive_of, joints_of, orientation_at, read_drive
 from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
 from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
-from clearance_jax.io.table import Table, naming
+from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf import read_robot, warn_of_notes
 from clearance_jax.mechanism.body import Body, Point, Spring
@@ -22,14 +22,14 @@ from clearance_jax.mechanism.controllers import ComputedTorque, Reference
 from clearance_jax.mechanism.loads import Force, Torque, Wrench
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.misalignment import with_misalignment
-from clearance_jax.mechanism.placement import Gravity, Orientation, Position
+from clearance_jax.mechanism.placement import Gravity, Position
 from clearance_jax.mechanism.structure import check_model
 from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
 
 
 class Scene(NamedTuple):
-    """What a scene file says: the mechanism, how it wants to be solved (keyword arguments of `simulate`), and the
-    trajectory that drives its robot.
+    """A scene file as read: `mechanism`, `solve` (keyword arguments of `simulate`), `text`, and the `trajectory` of its
+    robot, if any.
     """
 
     mechanism: Mechanism
@@ -39,20 +39,19 @@ class Scene(NamedTuple):
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file, and warn where its sizes are not to be believed and of what in its robot was not read.
+    """Read a scene file. It warns of implausible sizes, and of parts of a robot's file that were not read.
 
     **Raises:** `ClearanceError` naming the file, the key and the fix.
     """
     scene = read_scene(path)
-    said = implausible(scene.mechanism)
-    if said:
-        warnings.warn(f"{path}: {said}", ImplausibleWarning, stacklevel=2)
+    if warning := implausible(scene.mechanism):
+        warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
     warn_of_notes(path, scene.mechanism)
     return scene
 
 
 def read_scene(path: str | Path) -> Scene:
-    """As `load_scene`, without a warning: for who changes numbers before the mechanism is used."""
+    """As `load_scene`, without warnings, for callers that change numbers before the mechanism is used."""
     path = Path(path)
     if path.suffix.lower() == ".urdf":  # a robot says nothing of how it wants to be solved
         text, mechanism = read_robot(path)
@@ -63,7 +62,7 @@ def read_scene(path: str | Path) -> Scene:
     with naming(str(path)), jax.ensure_compile_time_eval(), warnings.catch_warnings():
         warnings.simplefilter("ignore", ImplausibleWarning)
         # Numbers stay numbers where a scene is loaded inside a jitted function.
-        top = Table(values, f"{path}:", SCENE)
+        top = TomlTable(values, f"{path}:", SCENE)
         mechanism, trajectory = _whole(top, path)
         return Scene(mechanism, _solve(top.table("solve", SOLVE)), text, trajectory)
 
@@ -78,8 +77,8 @@ def load(path: str | Path) -> Mechanism:
     return load_scene(path).mechanism
 
 
-def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
-    """The mechanism, and what drives its robot."""
+def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
+    """The mechanism, and the trajectory of its robot."""
     robot = robot_of(top, path) if top.has("robot") else NO_ROBOT
     placed = {joint.child for joint in robot.joints}
     joints, loops = joints_of(top, path, placed)
@@ -116,16 +115,16 @@ def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
 
 
 def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mechanism:
-    """The mechanism with a drive that gives way."""
+    """The mechanism with a compliant drive at the joint `name`."""
     with naming(where):
         words = SLIDING if isinstance(mechanism.joint(name), Prismatic) else TURNING
-    table = Table(values, where, COMPLIANCE, words)
+    table = TomlTable(values, where, COMPLIANCE, words)
     table.need("stiffness")
     with naming(where):
         return with_compliance(mechanism, name, Compliance(**table.arguments()))
 
 
-def _solve(table: Table) -> dict[str, Any]:
+def _solve(table: TomlTable) -> dict[str, Any]:
     options = table.arguments()
     if options.get("t0", 0.0) >= options.get("t1", float("inf")):
         raise ClearanceError(f"{table.key('t1')} must be greater than t0, but it is {options['t1']:g} s.")
@@ -133,18 +132,16 @@ def _solve(table: Table) -> dict[str, Any]:
 
 
 def _body(name: str, values: Any, where: str) -> Body:
-    table = Table(values, where, BODY)
-    return body_of(name, table)
+    return body_of(name, TomlTable(values, where, BODY))
 
 
 def _point(name: str, values: Any, where: str) -> Point:
-    table = Table(values, where, POINT)
-    orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
-    return Point(name, table.get("body"), Position(*table.get("at")), orientation)
+    table = TomlTable(values, where, POINT)
+    return Point(name, table.get("body"), Position(*table.get("at")), orientation_at(table, "orientation"))
 
 
 def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:
-    table = Table(values, where, WRENCH, {"coordinate": ""})
+    table = TomlTable(values, where, WRENCH, {"coordinate": ""})
     force = Force(*table.get("force")) if table.has("force") else Force()
     torque = Torque(*table.get("torque")) if table.has("torque") else Torque()
     course = drive_of(table, "course", path) if table.has("course") else None
@@ -152,7 +149,7 @@ def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:
 
 
 def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mechanism) -> ComputedTorque:
-    table, references = Table(values, where, CONTROLLER), []
+    table, references = TomlTable(values, where, CONTROLLER), []
     free = {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
     table.need("target")
     for coordinate, given, there in table.entries("target"):
@@ -167,7 +164,7 @@ def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mecha
 
 
 def _spring(name: str, values: Any, where: str) -> Spring:
-    table = Table(values, where, SPRING)
+    table = TomlTable(values, where, SPRING)
     numbers = {key: table.get(key) for key in ("stiffness", "damping", "free_length")}
     places = {key: Position(*table.get(key)) for key in ("at_a", "at_b")}
     return Spring(name, table.get("body_a"), table.get("body_b"), **numbers, **places)

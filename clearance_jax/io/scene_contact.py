@@ -1,7 +1,8 @@
-"""The clearance of a scene's joint: its geometry, however it is given, and its laws."""
+"""Reads the clearance of a scene's joint: its geometry and contact laws."""
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -22,7 +23,7 @@ from clearance_jax.io.play_keys import (
     STIFFNESS,
 )
 from clearance_jax.io.scene_worn import with_wear
-from clearance_jax.io.table import Keys, Table, naming
+from clearance_jax.io.table import Keys, TomlTable, naming
 from clearance_jax.joints import (
     AbstractClearance,
     AbstractPin,
@@ -53,21 +54,18 @@ LAYER = '"2e13 Pa/m"'
 WITH_A_BEARING = ("bearing", "friction", "element", "eccentricity")
 
 
-def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[str, Any]:
-    """The `clearance` of a joint of a kind (`None`: it is ideal) and its `eccentricity` at the start.
+def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> dict[str, Any]:
+    """The `clearance` of a joint (`None`: it is ideal) and its initial `eccentricity`, as arguments of its class
+    `kind`.
 
-    **Arguments:** `path`: of the scene, beside which files are; `usual`: whether laws that are not given are those of
-    steel in bronze.
+    **Arguments:** `path`: of the scene file; `usual`: whether contact laws default to those of steel in bronze.
     """
     play = PLAYS[kind]
     start = Position(*table.get("eccentricity"))
     radii = play.radii and table.has(PIN_RADIUS) and table.has(SLEEVE)
     if not (radii or any(table.has(key) for key in play.makes)):
-        for key in play.keys.keys:
-            if key.name != "eccentricity" and table.has(key.name):
-                raise ClearanceError(
-                    f"{table.key(key.name)} belongs to a joint with clearance: add `{play.makes[0]}` too."
-                )
+        others = (key.name for key in play.keys.keys if key.name != "eccentricity")
+        table.refuse(*others, why=f"belongs to a joint with clearance: add `{play.makes[0]}` too.")
         return {"clearance": None, "eccentricity": start}
     clearance = play.read(table, usual)
     if table.has("element"):
@@ -76,8 +74,8 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
                 f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
                 "already. Leave one of them out."
             )
-        word, own = table.variant("element", ELEMENT_TABLES)
-        clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.arguments("type")))
+        word, element = table.variant("element", ELEMENT_TABLES)
+        clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
     if play.keys is PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
         clearance = with_wear(clearance, table, path)
     with naming(table.where):
@@ -85,23 +83,17 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
     return {"clearance": clearance, "eccentricity": start}
 
 
-def _pin(table: Table, usual: bool) -> AbstractPin:
+def _pin(table: TomlTable, usual: bool) -> AbstractPin:
     return _bearing(table) if table.has("bearing") else _in_a_sleeve(PINS[table.get("kind")], table, usual)
 
 
-def _shaft(table: Table, usual: bool) -> AbstractPin:
-    return _in_a_sleeve(SleeveClearance, table, usual)
-
-
-def _in_a_sleeve(make: Any, table: Table, usual: bool) -> AbstractPin:
-    own = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
+def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
+    fields = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
     for kind, other in PINS.items():
         for key in (key.name for key in keys_of(other)):
-            if key in table.values and key not in (*own, *COMMON, "length"):
+            if key in table.values and key not in (*fields, *COMMON, "length"):
                 raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
-    for key, required in own.items():
-        if required:
-            table.need(key)
+    table.need(*(key for key, required in fields.items() if required))
     for key in OF_A_FACE:
         if key in table.values and "axial_clearance" not in table.values:
             raise ClearanceError(
@@ -109,21 +101,20 @@ def _in_a_sleeve(make: Any, table: Table, usual: bool) -> AbstractPin:
             )
     clearance, pin, tolerance = _radii(table, usual)
     normal, friction = _laws(table, round_contact(clearance) if usual else None)
-    given = {key: table.get(key) for key in ("length", *own) if key in table.values}
+    given = {key: table.get(key) for key in ("length", *fields) if key in table.values}
     with naming(table.where):
         return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **given)
 
 
-def _ball(table: Table, usual: bool) -> SphericalClearance:
+def _ball(table: TomlTable, usual: bool) -> SphericalClearance:
     table.need("ball_radius")
     clearance = table.get(RADIAL)
     laws = _laws(table, round_contact(clearance) if usual else None)
     return SphericalClearance(clearance, table.get("ball_radius"), *laws)
 
 
-def _guide(table: Table, usual: bool) -> GuideClearance:
-    for key in ("length", *(() if usual else ("height",))):
-        table.need(key)
+def _guide(table: TomlTable, usual: bool) -> GuideClearance:
+    table.need("length", *(() if usual else ("height",)))
     length, width = table.get("length"), table.get("width")
     height = table.get("height") if table.has("height") else length
     flat = flat_contact(length, height, 2) if width is None else flat_contact(length, width, 4)
@@ -133,10 +124,9 @@ def _guide(table: Table, usual: bool) -> GuideClearance:
     )
 
 
-def _bearing(table: Table) -> AbstractPin:
-    for key in PIN.keys:
-        if key.name not in WITH_A_BEARING and table.has(key.name):
-            raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
+def _bearing(table: TomlTable) -> AbstractPin:
+    others = (key.name for key in PIN.keys if key.name not in WITH_A_BEARING)
+    table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
     word, given = table.variant("bearing", BEARINGS)
     with naming(given.where):
         return BEARINGS_MADE[word](**given.arguments("type"), friction=_friction(table))
@@ -149,34 +139,34 @@ BEARINGS_MADE: dict[str, Callable] = {
 }
 
 
-class Play(NamedTuple):
-    """How the play of a kind of joint is read: its keys, those of which one must be there (or both `radii`)."""
+class PlayReader(NamedTuple):
+    """How the clearance of a kind of joint is read. A joint that has one of the keys `makes` (or, with `radii`, both
+    radii) has clearance.
+    """
 
     keys: Keys
     makes: tuple[str, ...]
-    read: Callable[[Table, bool], AbstractClearance]
+    read: Callable[[TomlTable, bool], AbstractClearance]
     radii: bool = False
 
 
 PLAYS = {
-    Revolute: Play(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
-    Cylindrical: Play(SHAFT, (RADIAL, DIAMETRAL, "fit"), _shaft, True),
-    Spherical: Play(BALL, (RADIAL,), _ball),
-    Prismatic: Play(GUIDE, ("side_clearance",), _guide),
+    Revolute: PlayReader(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
+    Cylindrical: PlayReader(SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, SleeveClearance), True),
+    Spherical: PlayReader(BALL, (RADIAL,), _ball),
+    Prismatic: PlayReader(GUIDE, ("side_clearance",), _guide),
 }
-"""By the kind of joint, of those that may have play."""
+"""Readers by class of joint."""
 
 
-def _radii(table: Table, usual: bool) -> tuple[Any, float, Tolerance | None]:
+def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]:
     """Radial clearance and pin radius [m], from a fit or from two of clearance, pin radius and sleeve radius."""
     pin, sleeve = table.get(PIN_RADIUS), table.get(SLEEVE)
     if usual and pin is None and sleeve is None and table.has("length"):
         pin = table.get("length") / 2
     if table.has("fit"):
         return _fit(table, pin)
-    for key in OF_A_FIT:
-        if table.has(key):
-            raise ClearanceError(f"{table.key(key)} belongs to a fit: add `fit` too.")
+    table.refuse(*OF_A_FIT, why="belongs to a fit: add `fit` too.")
     clearance = _given_clearance(table)
     if clearance is None:
         assert pin is not None
@@ -201,13 +191,10 @@ def _radii(table: Table, usual: bool) -> tuple[Any, float, Tolerance | None]:
     return clearance, pin, None
 
 
-def _fit(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
-    for key in (RADIAL, DIAMETRAL, SLEEVE):
-        if table.has(key):
-            raise ClearanceError(f"{table.key(key)} has no effect beside a `fit`, which gives the clearance.")
-    for key in EXPANSIONS:
-        if table.has(key) and not table.has("temperature"):
-            raise ClearanceError(f"{table.key(key)} has no effect without `temperature`: at 20 degC nothing expands.")
+def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
+    table.refuse(RADIAL, DIAMETRAL, SLEEVE, why="has no effect beside a `fit`, which gives the clearance.")
+    if not table.has("temperature"):
+        table.refuse(*EXPANSIONS, why="has no effect without `temperature`: at 20 degC nothing expands.")
     if pin is None:
         raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`, half the nominal diameter. Add it.")
     numbers = {key: table.get(key) for key in OF_A_FIT if key != "press" and table.has(key)}
@@ -217,18 +204,18 @@ def _fit(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
     return clearance, pin, tolerance
 
 
-def _given_clearance(table: Table) -> float | None:
+def _given_clearance(table: TomlTable) -> float | None:
     if table.has(RADIAL) and table.has(DIAMETRAL):
         raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
     return table.get(DIAMETRAL) / 2 if table.has(DIAMETRAL) else table.get(RADIAL)
 
 
-def _laws(joint: Table, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
-    """Normal and friction law; `usual`: the normal law where none is given, if there is one."""
+def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
+    """Normal and friction law; `usual`: the default of the normal law, if there is one."""
     return _normal(joint) if usual is None or joint.has("normal") else usual, _friction(joint)
 
 
-def _normal(joint: Table) -> AbstractNormalLaw:
+def _normal(joint: TomlTable) -> AbstractNormalLaw:
     if not joint.has("normal"):
         raise ClearanceError(
             f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
@@ -245,12 +232,12 @@ def _normal(joint: Table) -> AbstractNormalLaw:
             raise ClearanceError(f"{table.key('stiffness')} must be a quantity such as {LAYER}: a layer has no radii.")
         inner = table.table("stiffness", STIFFNESS)
         return make(stiffness=InternalHertz(**inner.arguments()), **values)
-    # In which unit, the law knows once it has its other numbers.
+    # The law's other numbers decide the unit.
     provisional = cast(AbstractNormalLaw, make(stiffness=1.0, **values))
     return make(stiffness=table.get("stiffness", provisional.units()), **values)
 
 
-def _friction(joint: Table) -> AbstractFrictionLaw | None:
+def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
     if not joint.has("friction") or joint.get("friction") in ("none", {}):
         return None
     word, table = joint.variant("friction", FRICTION_TABLES)

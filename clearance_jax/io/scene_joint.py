@@ -19,7 +19,7 @@ from clearance_jax.io.scene_keys import (
     MOTION,
     SPLINE_FILE,
 )
-from clearance_jax.io.table import Chosen, Table, check_table, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, check_table, naming, variant
 from clearance_jax.mechanism.actuators import AbstractActuator, Servo
 from clearance_jax.mechanism.body import GROUND, Motion
 from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
@@ -41,9 +41,9 @@ class Joints(NamedTuple):
     loops: tuple[AbstractJoint, ...]
 
 
-def joints_of(top: Table, path: Path, known: Collection[str] = ()) -> Joints:
-    """The joints of a scene: one that places a body which no earlier joint has placed (and which is not `known` to be
-    placed) belongs to the tree.
+def joints_of(top: TomlTable, path: Path, known: Collection[str] = ()) -> Joints:
+    """The joints of a scene. A joint belongs to the tree if no earlier joint has placed its child (and it is not
+    `known` to be placed); else it closes a loop.
     """
     tree: list[AbstractJoint] = []
     loops: list[AbstractJoint] = []
@@ -59,7 +59,7 @@ def joints_of(top: Table, path: Path, known: Collection[str] = ()) -> Joints:
     return Joints(tuple(tree), tuple(loops))
 
 
-def _closure(joint: AbstractJoint, table: Table) -> AbstractJoint:
+def _closure(joint: AbstractJoint, table: TomlTable) -> AbstractJoint:
     if isinstance(joint, Free):
         raise ClearanceError(f"{table.where} closes a loop (`{joint.child}` is placed already) and holds nothing.")
     for key in OF_THE_TREE:
@@ -80,44 +80,45 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
         at_parent=Position(*table.get("at_parent")),
         at_child=Position(*table.get("at_child")),
         angle=table.get("angle"),
-        orientation=_orientation(table, "orientation"),
-        child_orientation=_orientation(table, "child_orientation"),
+        orientation=orientation_at(table, "orientation"),
+        child_orientation=orientation_at(table, "child_orientation"),
     )
     if kind == "fixed":
         return Fixed(**common)
     if kind not in ("revolute", "prismatic"):
         return JOINTS[kind](**common, **_several(JOINTS[kind], table, path))
-    # What a coordinate and a force along it are measured in, the kind of joint decides.
+    # The kind of joint decides the units of its coordinate and efforts.
     table.words = TURNING if kind == "revolute" else SLIDING
     return JOINTS[kind](**common, motion=motion_of(table, path), **play_of(JOINTS[kind], table, path), **_axis(table))
 
 
-def _orientation(table: Table, key: str) -> Orientation | None:
+def orientation_at(table: TomlTable, key: str) -> Orientation | None:
+    """The orientation that a key gives [rad], or `None`."""
     return Orientation(*table.get(key)) if table.has(key) else None
 
 
-def _axis(table: Table) -> dict[str, Axis]:
+def _axis(table: TomlTable) -> dict[str, Axis]:
     return {"axis": table.get("axis")} if table.has("axis") else {}
 
 
-def _several(cls: type, table: Table, path: Path) -> dict[str, Any]:
-    """What a joint of several coordinates has beside what every joint has."""
+def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
+    """Arguments of a joint with several coordinates, beyond those of every joint."""
     out = play_of(cls, table, path) if cls in PLAYS else {}
     for field in dataclasses.fields(cls):
         if field.type is Axis:
             out |= _axis(table)
         if field.type is Ball:
             spin = table.get("spin") if table.has("spin") else ()
-            start = _orientation(table, "start") or Orientation()
+            start = orientation_at(table, "start") or Orientation()
             out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)), table.get("damping"))
         if field.type in (Slide, Turn) and table.has(field.name):
             words = SLIDING if field.type is Slide else TURNING
-            out[field.name] = motion_of(Table(table.get(field.name), table.key(field.name), MOTION, words), path)
+            out[field.name] = motion_of(TomlTable(table.get(field.name), table.key(field.name), MOTION, words), path)
     return out
 
 
-def motion_of(table: Table, path: Path) -> Motion:
-    """How a coordinate moves."""
+def motion_of(table: TomlTable, path: Path) -> Motion:
+    """The motion of a coordinate: driven, or free with actuators."""
     drive = drive_of(table, "drive", path) if table.has("drive") else None
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
@@ -131,23 +132,23 @@ def motion_of(table: Table, path: Path) -> Motion:
     return Motion(drive, table.get("position"), table.get("velocity"), actuators, rotor_inertia=rotor)
 
 
-def drive_of(table: Table, name: str, path: Path) -> AbstractDrive:
-    """The drive that a key of a table gives."""
+def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:
+    """The drive that a key of a table describes."""
     return read_drive(table.get(name), table.key(name), table.words, path)
 
 
 def read_drive(given: Any, where: str, words: Words, path: Path) -> AbstractDrive:
-    """A drive: an expression, or a table; `words`: what it is measured in."""
+    """A drive from an expression or a table; `words`: units of its coordinate by placeholder."""
     with naming(where):
         if isinstance(given, str):
             return read_expression(given)
         if check_table(given, where).get("type") == "spline" and "file" in given:
-            return _spline(Table(given, where, SPLINE_FILE, words), path)
+            return _spline(TomlTable(given, where, SPLINE_FILE, words), path)
         kind, inner = variant(given, where, DRIVE_TABLES, words)
         return DRIVES[kind](**inner.arguments("type"))
 
 
-def _spline(table: Table, path: Path) -> Spline:
+def _spline(table: TomlTable, path: Path) -> Spline:
     times, values = read_table(path.parent / table.get("file"), table.key("file"))
     scale = to_si(f"1 {table.get('unit')}", table.words["coordinate"], table.key("unit"))
     return Spline(times, values * scale, table.get("ends"))

@@ -2,7 +2,7 @@
 
 from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.fields import keys_of, kind_of, kinds_of, summary
-from clearance_jax.io.kinds import LONGEST_PATH, Flag, Names, Place, Quantity, Sub, Text, Triple, Whole, Word
+from clearance_jax.io.kinds import LONGEST_PATH, Flag, Names, QuantityKey, Sub, Text, Triple, VectorKey, Whole, Word
 from clearance_jax.io.play_keys import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
 from clearance_jax.io.table import Keys
 from clearance_jax.io.urdf import BASES, MIMICS
@@ -45,7 +45,7 @@ SCENE = Keys(
     "What stands in a scene file before its first table.",
     (
         Text("name", "name of the mechanism", '"slider-crank"', absent="the file's name"),
-        Place("gravity", "acceleration of free fall", '["0 m/s^2", "-9.81 m/s^2"]', unit="m/s^2", absent="none"),
+        VectorKey("gravity", "acceleration of free fall", '["0 m/s^2", "-9.81 m/s^2"]', unit="m/s^2", absent="none"),
         Flag(
             "assemble",
             "whether a solve starts by closing the loops; off: from exactly the given initial values",
@@ -115,8 +115,8 @@ SOLVE = (
         "How a scene is solved",
         "Each may be overruled on the command line.",
         (
-            Quantity("t0", "start of the motion", '"0 s"', unit="s", absent="0 s"),
-            Quantity("t1", "end of the motion", '"24 ms"', unit="s", absent="to be given on the command line"),
+            QuantityKey("t0", "start of the motion", '"0 s"', unit="s", absent="0 s"),
+            QuantityKey("t1", "end of the motion", '"24 ms"', unit="s", absent="to be given on the command line"),
             Whole("samples", "number of output times", "2001", least=2, most=MOST_SAMPLES, absent="1001"),
             Word(
                 "fidelity",
@@ -141,7 +141,7 @@ PAYLOAD = (
         "A body on a fixed joint `NAME_grip`.",
         (
             Text("on", "the robot's body, or its point, that carries it", '"tcp"', required=True),
-            Place("at", "where its frame is in that of what carries it", '["0 mm", "0 mm", "80 mm"]', unit="m"),
+            VectorKey("at", "where its frame is in that of what carries it", '["0 mm", "0 mm", "80 mm"]', unit="m"),
             Triple("orientation", "its roll, pitch and yaw there", '["0 deg", "90 deg", "0 deg"]', unit="rad"),
         ),
     )
@@ -242,25 +242,15 @@ COMPLIANCE = Keys(
 )
 _TYPE = Word("type", "the kind of joint", '"revolute"', allowed=tuple(JOINTS), required=True)
 # Beside what the class of a joint holds.
-_OF_JOINTS = {
-    Revolute: (MOTION, PIN),
-    Prismatic: (MOTION, GUIDE),
-    Spherical: (BALL,),
-    Cylindrical: (SHAFT,),
-}
+_OF_JOINTS = {Revolute: (MOTION, PIN), Prismatic: (MOTION, GUIDE), Spherical: (BALL,), Cylindrical: (SHAFT,)}
 
 
 def _joint(word: str, cls: type) -> Keys:
     shared = (JOINT, *_OF_JOINTS.get(cls, ()))
     elsewhere = {key.name for table in shared for key in table.keys}
-    own = (*keys_of(cls), *(keys_of(Ball) if cls in (Spherical, Free) else ()))
+    keys = (*keys_of(cls), *(keys_of(Ball) if cls in (Spherical, Free) else ()))
     table = kind_of(
-        "joint.NAME",
-        "Joints",
-        _TYPE,
-        word,
-        summary(cls),
-        *(key for key in own if key.name not in elsewhere),
+        "joint.NAME", "Joints", _TYPE, word, summary(cls), *(key for key in keys if key.name not in elsewhere)
     )
     return sum(shared, start=table)
 

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.poses import Pose, is_identity, rotation_of, rpy_of
+from clearance_jax.io.poses import FramePose, is_identity, rotation_of, rpy_of
 from clearance_jax.io.scene_contact import PLAYS, play_of
-from clearance_jax.io.scene_joint import motion_of
+from clearance_jax.io.scene_joint import motion_of, orientation_at
 from clearance_jax.io.scene_keys import MOTION, PAYLOAD, ROBOT
-from clearance_jax.io.table import Table
+from clearance_jax.io.table import TomlTable
 from clearance_jax.io.urdf import read_robot
 from clearance_jax.io.urdf_joints import orientation_of, position_of
 from clearance_jax.io.urdf_merge import triple
@@ -22,8 +22,8 @@ from clearance_jax.mechanism.placement import Gravity, Orientation, Position
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 
 
-class Robot(NamedTuple):
-    """What a robot brings into a scene; `trajectory`: the file that drives it; `notes`: what of it was not read."""
+class RobotParts(NamedTuple):
+    """Parts that a robot adds to a scene; `trajectory`: its file; `notes`: what of the URDF file was not read."""
 
     bodies: tuple[Body, ...] = ()
     joints: tuple[AbstractJoint, ...] = ()
@@ -33,48 +33,48 @@ class Robot(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-NO_ROBOT = Robot()
+NO_ROBOT = RobotParts()
 
 
-def robot_of(top: Table, path: Path) -> Robot:
-    """The robot of a scene that has one."""
+def robot_of(top: TomlTable, path: Path) -> RobotParts:
+    """Read the table `robot` of a scene."""
     table = top.table("robot", ROBOT)
-    found = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
-    joints = {joint.name: joint for joint in found.joints}
+    robot = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
+    joints = {joint.name: joint for joint in robot.joints}
     for name, values, where in table.entries("joint"):
         if name not in joints:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
         joints[name] = _joint(joints[name], values, where, path)
-    carried = [_payload(found, *part) for part in table.parts("payload")]
-    return Robot(
-        (*found.bodies, *(body for body, _ in carried)),
+    carried = [_payload(robot, *part) for part in table.parts("payload")]
+    return RobotParts(
+        (*robot.bodies, *(body for body, _ in carried)),
         (*joints.values(), *(grip for _, grip in carried)),
-        found.points,
-        found.gravity,
+        robot.points,
+        robot.gravity,
         path.parent / table.get("trajectory") if table.has("trajectory") else None,
-        found.notes,
+        robot.notes,
     )
 
 
 def _joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
-    """A joint of the robot as the scene moves it, with the play that it gives it."""
+    """A joint of the robot with the motion and the clearance that the scene gives it."""
     if not isinstance(joint, (Revolute, Prismatic)):
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
     kind = type(joint)
-    table = Table(values, where, MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
-    given, own = motion_of(table, path), joint.motion
+    table = TomlTable(values, where, MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
+    given, motion = motion_of(table, path), joint.motion
     if given.drive is None:
-        position = given.position if table.has("position") else own.position
-        rotor = own.rotor_inertia if given.rotor_inertia is None else given.rotor_inertia
-        actuators = *own.actuators, *given.actuators
+        position = given.position if table.has("position") else motion.position
+        rotor = motion.rotor_inertia if given.rotor_inertia is None else given.rotor_inertia
+        actuators = *motion.actuators, *given.actuators
         given = dataclasses.replace(given, position=position, actuators=actuators, rotor_inertia=rotor)
-    motion = dataclasses.replace(given, limits=own.limits)
+    motion = dataclasses.replace(given, limits=motion.limits)
     return dataclasses.replace(joint, motion=motion, **play_of(kind, table, path, usual=True))
 
 
 def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body, Fixed]:
     """A payload, and the fixed joint that carries it."""
-    table = Table(values, where, PAYLOAD)
+    table = TomlTable(values, where, PAYLOAD)
     on, points = table.get("on"), {point.name: point for point in robot.points}
     bodies = {GROUND, *(body.name for body in robot.bodies)}
     if on not in points and on not in bodies:
@@ -83,21 +83,20 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
             + suggest(on, bodies | set(points))
         )
     point = points.get(on) or Point(on, on)
-    held = _pose(point.at, point.orientation)
-    orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
-    pose = held.of(*_pose(Position(*table.get("at")), orientation))
+    carrier = _pose(point.at, point.orientation)
+    pose = carrier.of(*_pose(Position(*table.get("at")), orientation_at(table, "orientation")))
     turned = orientation_of(NOWHERE if is_identity(pose.rotation) else triple(rpy_of(pose.rotation)))
     grip = Fixed(f"{name}_grip", point.body, name, position_of(triple(pose.position)), orientation=turned)
     return body_of(name, table), grip
 
 
-def _pose(at: Position, orientation: Orientation | None) -> Pose:
+def _pose(at: Position, orientation: Orientation | None) -> FramePose:
     angles = (None,) * 3 if orientation is None else (orientation.roll, orientation.pitch, orientation.yaw)
     rpy = [0.0 if angle is None else float(angle) for angle in angles]
-    return Pose(np.array([float(x) for x in at.vector]), rotation_of(rpy))
+    return FramePose(np.array([float(x) for x in at.vector]), rotation_of(rpy))
 
 
-def body_of(name: str, table: Table) -> Body:
-    """A body, by the table that describes it."""
+def body_of(name: str, table: TomlTable) -> Body:
+    """The body that a table describes."""
     numbers = {key: table.get(key) for key in ("mass", "inertia", "picked_up", "put_down")}
     return Body(name, center_of_mass=Position(*table.get("center_of_mass")), **numbers)

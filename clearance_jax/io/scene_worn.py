@@ -7,24 +7,23 @@ import numpy as np
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.files import read_table
 from clearance_jax.io.play_keys import WORN
-from clearance_jax.io.table import Table, naming
+from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.joints import AbstractPin
 from clearance_jax.units import to_si
 
-# By how much an angle of a table may be off its sector [deg]: what is written with two decimals is.
+# Tolerance of the angles of a table [deg]: they may be rounded to two decimals.
 OFF = 0.01
+UNUSED = "has no effect here. Remove it."
 
 
-def with_wear(clearance: AbstractPin, joint: Table, path: Path) -> AbstractPin:
-    """The clearance of a joint with its sleeve worn as the table says, of one that has a length all along it; `path`:
-    the scene's.
-    """
+def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:
+    """The clearance with its sleeve worn as the table `worn` says, evenly along its length; `path`: of the scene."""
     where = joint.key("worn")
     table = joint.table("worn", WORN)
     if table.has("depth") == table.has("file"):
         raise ClearanceError(f"{where} must have `depth` or `file`, and not both.")
     if table.has("depth"):
-        _none_of(table, "cycles", "unit")
+        table.refuse("cycles", "unit", why=UNUSED)
         depth = np.array(table.get("depth"))
     else:
         file = path.parent / table.get("file")
@@ -36,9 +35,9 @@ def with_wear(clearance: AbstractPin, joint: Table, path: Path) -> AbstractPin:
         return clearance.worn(depth)
 
 
-def _of_life(table: Table, file: Path) -> np.ndarray:
-    """The profile at an age."""
-    _none_of(table, "unit")
+def _of_life(table: TomlTable, file: Path) -> np.ndarray:
+    """The depths of a wear result at an age [m], shape (sectors,)."""
+    table.refuse("unit", why=UNUSED)
     where = table.key("file")
     if not file.is_file():
         raise ClearanceError(f"{where}: there is no file `{file}`.")
@@ -56,8 +55,8 @@ def _of_life(table: Table, file: Path) -> np.ndarray:
     return dataset["depth"].interp(cycle=age).values
 
 
-def _of_table(table: Table, file: Path) -> np.ndarray:
-    _none_of(table, "cycles")
+def _of_table(table: TomlTable, file: Path) -> np.ndarray:
+    table.refuse("cycles", why=UNUSED)
     table.need("unit")
     angle, depth = read_table(file, table.key("file"), "angle [deg] and depth")
     if np.any(np.abs(angle - 360 * np.arange(angle.size) / angle.size) > OFF):
@@ -65,9 +64,3 @@ def _of_table(table: Table, file: Path) -> np.ndarray:
             f"{table.key('file')}: the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg."
         )
     return depth * to_si(f"1 {table.get('unit')}", "m", table.key("unit"))
-
-
-def _none_of(table: Table, *names: str) -> None:
-    for name in names:
-        if table.has(name):
-            raise ClearanceError(f"{table.key(name)} has no effect here. Remove it.")

@@ -1,7 +1,7 @@
 """A JSON Schema of scene and study files, by which editors complete keys and check values.
 
-It is made from the declarations by which the readers read. It knows every key, what its values are, and what they mean;
-not which keys of a table go together, which the reader says.
+It is made from the readers' declarations: all keys, their values and meanings. Only the reader checks which keys may
+stand together.
 """
 
 from typing import Any
@@ -13,12 +13,12 @@ from clearance_jax.io.kinds import (
     Key,
     Moments,
     Names,
-    Place,
     Quantities,
-    Quantity,
+    QuantityKey,
     Sub,
     Text,
     Triple,
+    VectorKey,
     Whole,
     Wholes,
     Word,
@@ -27,13 +27,13 @@ from clearance_jax.io.kinds import (
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 _NUMBER = {"type": ["string", "number"]}
 _SEVERAL = {"type": "array", "items": _NUMBER}
-# What says of a value how it may look.
+# Schema words that restrict a value.
 _SHAPE = ("type", "items", "minItems", "maxItems", "enum", "minimum", "maximum")
-# Of each kind of key what its values may be in TOML; a table of its own stands where it is declared.
+# Schemas of values by kind of key. Sub-tables are added where they are declared.
 _VALUES: dict[type[Key], dict[str, Any]] = {
-    Quantity: _NUMBER,
+    QuantityKey: _NUMBER,
     Quantities: _SEVERAL | {"minItems": 1},
-    Place: _SEVERAL | {"minItems": 2, "maxItems": 3},
+    VectorKey: _SEVERAL | {"minItems": 2, "maxItems": 3},
     Triple: _SEVERAL | {"minItems": 3, "maxItems": 3},
     Direction: {"type": ["string", "array"]},
     Moments: {"type": ["string", "number", "array"]},
@@ -46,7 +46,7 @@ _VALUES: dict[type[Key], dict[str, Any]] = {
 
 
 def schema(file: File) -> dict[str, Any]:
-    """The schema of a scene or a study, as JSON has it."""
+    """The JSON schema of scene or study files."""
     root: dict[str, Any] = {"$schema": DRAFT, "title": f"clearance_jax {file}", "type": "object"}
     for table in FILES[file]:
         for path in _paths(table.name, file):
@@ -57,22 +57,22 @@ def schema(file: File) -> dict[str, Any]:
 
 
 def _paths(name: str, file: File) -> list[list[str]]:
-    """Where a table of that name stands, key by key; `NAME` for a name of the user's."""
+    """The paths of a table in the file, as lists of keys; `NAME` stands for a user's name."""
     if name == file:
         return [[]]
     first, *others = name.replace('"', "").split(", ")
     head = first.split(".")
-    return [head, *([*head[:-1], one.lstrip(".")] for one in others if one != "...")]
+    return [head, *([*head[:-1], part.lstrip(".")] for part in others if part != "...")]
 
 
 def _table(root: dict[str, Any], path: list[str]) -> dict[str, Any]:
-    """The schema of the table at a path, made where there is none yet."""
+    """The schema of the table at a path, added if it is absent."""
     at = root
     for name in path:
         if name == "NAME":
             at = at.setdefault("additionalProperties", {})
         else:
-            # What may be a table may be a value too.
+            # The same key may hold a table or a value.
             inside = at.setdefault("properties", {})
             inside[name] = at = _unshape(inside.get(name, {}))
     at.setdefault("properties", {})
@@ -82,7 +82,7 @@ def _table(root: dict[str, Any], path: list[str]) -> dict[str, Any]:
 
 
 def _merge(properties: dict[str, Any], key: Key) -> None:
-    """Add a key to those of a table; what another kind of the table has by that name may stand there too."""
+    """Add a key to the properties of a table. If another kind of the table has it too, both forms are allowed."""
     new, old = _of(key), properties.get(key.name)
     if old is None or "description" not in old:  # nothing, or what stands in a table of that name
         properties[key.name] = {**(_unshape(new) if old else new), **(old or {})}
@@ -98,9 +98,9 @@ def _unshape(given: dict[str, Any]) -> dict[str, Any]:
 
 def _of(key: Key) -> dict[str, Any]:
     default = "" if key.required or not key.absent else f" Without it: {key.absent}."
-    said = {"description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}
+    description = {"description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}
     if isinstance(key, Word):
-        return {"enum": list(key.allowed)} | said
+        return {"enum": list(key.allowed)} | description
     if isinstance(key, Whole):
-        return {"type": "integer", "minimum": key.least, "maximum": key.most} | said
-    return dict(_VALUES[type(key)]) | said
+        return {"type": "integer", "minimum": key.least, "maximum": key.most} | description
+    return dict(_VALUES[type(key)]) | description

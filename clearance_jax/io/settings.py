@@ -28,7 +28,7 @@ def parse_settings(texts: Iterable[str], mechanism: Mechanism) -> dict[str, floa
 
 
 def values_by_name(given: Iterable[tuple[str, Any, str]], model: Any) -> dict[str, float]:
-    """Entries of a study's table, in SI: dotted names of a model's parameters, quantities, and where each stands."""
+    """Numbers in SI by parameter name, from a table's entries: (name, quantity, place in the file)."""
     known = parameters(model)
     return {name: _setting(known, name, value, where) for name, value, where in given}
 

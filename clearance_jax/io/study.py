@@ -1,11 +1,11 @@
-"""Study files: TOML with units to what is asked of a scene. Keys are strict, as a scene's."""
+"""Reads study files (TOML with units). Unknown keys are errors."""
 
 import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.calibrate_section import calibration_of
 from clearance_jax.io.design_section import DesignAsked, design_of
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
@@ -16,7 +16,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 
 
 class Study(NamedTuple):
-    """What a study file says.
+    """A study file as read.
 
     - `name` of the study, `text` of the file, `scene_text` of its scene; `mechanism`: that of the scene, with the
       numbers that the study sets.
@@ -43,14 +43,13 @@ def load_study(path: str | Path) -> Study:
     """
     path = Path(path)
     with naming(str(path)):
-        asked = Asked(path)
-        said = implausible(asked.mechanism)
-        if said:
-            warnings.warn(f"{path}: {said}", ImplausibleWarning, stacklevel=2)
+        asked = StudyFile(path)
+        if warning := implausible(asked.mechanism):
+            warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
         return _study(asked)
 
 
-def _study(asked: Asked) -> Study:
+def _study(asked: StudyFile) -> Study:
     has = {section: asked.table.has(section) for section in ("sweep", "design", "wear", "calibrate")}
     if not any(has.values()):
         raise ClearanceError(
@@ -69,5 +68,5 @@ def _study(asked: Asked) -> Study:
 
 
 def _wears(design: DesignAsked | None) -> bool:
-    """Whether a limit is to hold as a joint wears."""
+    """Whether a limit of the design is checked after wear."""
     return design is not None and any(limit.metric.ages != ("",) for limit in design.problem.specification.limits)

@@ -1,11 +1,9 @@
-"""The keys of a study file: what stands at its top, its metrics, its scatter, and its sections. A new key is a line in
-one of the modules of keys, and its use.
-"""
+"""Keys of study files: top level, metrics, scatter, and the tables of all sections."""
 
 from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.calibrate_keys import CALIBRATE_TABLES
 from clearance_jax.io.design_keys import DESIGN_TABLES
-from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Word
+from clearance_jax.io.kinds import LONGEST_PATH, QuantityKey, Sub, Text, Word
 from clearance_jax.io.metric_keys import METRIC_KINDS
 from clearance_jax.io.sweep_keys import SWEEP_TABLES
 from clearance_jax.io.table import Keys
@@ -27,7 +25,7 @@ STUDY = Keys(
             required=True,
             longest=LONGEST_PATH,
         ),
-        Quantity("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
+        QuantityKey("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
         Sub(
             "set",
             "parameters of the scene to change, by name",
@@ -93,16 +91,16 @@ SCATTER = Keys(
     "ask for it.",
     (
         Word("distribution", "how it scatters", '"normal"', allowed=tuple(DISTRIBUTIONS), default="normal"),
-        Quantity("mean", "its mean", '"0.14 kg"', unit=PARAMETER, absent="the scene's value, or the design's"),
-        Quantity(
+        QuantityKey("mean", "its mean", '"0.14 kg"', unit=PARAMETER, absent="the scene's value, or the design's"),
+        QuantityKey(
             "deviation",
             "its standard deviation, as a quantity or in percent of the mean",
             '"2 percent"',
             unit=PARAMETER,
             absent="none of a uniform one; of others it must be there",
         ),
-        Quantity("lower", "its least value", '"0.13 kg"', unit=PARAMETER, absent="none"),
-        Quantity("upper", "its greatest value", '"0.15 kg"', unit=PARAMETER, absent="none"),
+        QuantityKey("lower", "its least value", '"0.13 kg"', unit=PARAMETER, absent="none"),
+        QuantityKey("upper", "its greatest value", '"0.15 kg"', unit=PARAMETER, absent="none"),
     ),
     renamed={"law": "distribution", "least": "lower", "greatest": "upper"},
 )

@@ -2,7 +2,7 @@
 
 from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.fields import kind_of
-from clearance_jax.io.kinds import Key, Names, Quantities, Quantity, Sub, Whole, Word
+from clearance_jax.io.kinds import Key, Names, Quantities, QuantityKey, Sub, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.parameters import PARAMETER
 from clearance_jax.solve.settings import MOST_SAMPLES
@@ -75,8 +75,8 @@ AXIS_TABLES = {
     "range": _axis(
         "range",
         "Values of a parameter from one to another.",
-        Quantity("from", "the first", '"0.1 mm"', unit=PARAMETER, required=True),
-        Quantity("to", "the last", '"0.5 mm"', unit=PARAMETER, required=True),
+        QuantityKey("from", "the first", '"0.1 mm"', unit=PARAMETER, required=True),
+        QuantityKey("to", "the last", '"0.5 mm"', unit=PARAMETER, required=True),
         _count("200"),
         Word("spacing", "equal differences, or equal ratios", '"log"', allowed=("linear", "log"), default="linear"),
     ),
@@ -133,7 +133,7 @@ CORRELATION = Keys(
     "Of the normal scores of two numbers that scatter: of normal ones it is their own.",
     (
         Names("between", "the two", '["slider.mass", "conrod.mass"]', required=True),
-        Quantity("value", "the correlation", "0.5", bounds={"above": -1.0, "below": 1.0}, required=True),
+        QuantityKey("value", "the correlation", "0.5", bounds={"above": -1.0, "below": 1.0}, required=True),
     ),
 )
 

@@ -6,18 +6,18 @@ import numpy as np
 
 from clearance_jax.ask.question import OPTIONS
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.metric import Span
 from clearance_jax.io.scene import read_scene
 from clearance_jax.io.sweep_keys import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
-from clearance_jax.io.table import Chosen, Table, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.sweep.axes import Choice, Sampled, Zipped
 from clearance_jax.sweep.saltelli import sobol_samples
 
 
-def sweep_of(study: Asked) -> dict[str, Any]:
+def sweep_of(study: StudyFile) -> dict[str, Any]:
     """The arguments of `sweep` by name."""
     table = study.table.table("sweep", SWEEP)
     table.need("axis")
@@ -45,27 +45,27 @@ def sweep_of(study: Asked) -> dict[str, Any]:
     return arguments
 
 
-def _outputs(table: Table, study: Asked, span: Span) -> dict[str, Any]:
-    """Metrics, and quantities by their names."""
+def _outputs(table: TomlTable, study: StudyFile, span: Span) -> dict[str, Any]:
+    """What the sweep computes, by name: metrics, and names of quantities."""
     names, quantities = table.get("metrics"), table.get("quantities") or ()
     names = study.metric_names if names is None else names
     if not (names or quantities):
         raise ClearanceError(f"{table.where} asks for nothing: add a table `[metric.NAME]`, or `quantities`.")
-    found: dict[str, Any] = {name: study.metric(name, span, table.key("metrics")) for name in names}
+    outputs: dict[str, Any] = {name: study.metric(name, span, table.key("metrics")) for name in names}
     for name in quantities:
-        if name in found:
+        if name in outputs:
             raise ClearanceError(f"{table.key('quantities')}: `{name}` is a metric's name too. Rename the metric.")
-        found[name] = name
-    return found
+        outputs[name] = name
+    return outputs
 
 
 def _unit(name: str, mechanism: Mechanism, where: str) -> dict[str, str]:
-    """The unit of what an axis varies, by the word that its keys have for it."""
+    """The unit of the number that an axis varies, by its placeholder."""
     with naming(where):
         return {PARAMETER: OPTIONS[name] if name in OPTIONS else units_of(mechanism, [name])[name]}
 
 
-def _axis(read: Chosen, name: str, study: Asked) -> Any:
+def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
     kind, table = read
     mechanism, where = study.mechanism, table.where
     if kind == "values":
@@ -75,14 +75,11 @@ def _axis(read: Chosen, name: str, study: Asked) -> Any:
     if kind == "zipped":
         table.need("values")
         lists = AXIS_TABLES["values"]
-        return Zipped(
-            {
-                inner: Table({"values": given, "kind": "values"}, there, lists, _unit(inner, mechanism, there)).get(
-                    "values"
-                )
-                for inner, given, there in table.entries("values")
-            }
-        )
+        columns = {}
+        for inner, given, there in table.entries("values"):
+            column = TomlTable({"values": given, "kind": "values"}, there, lists, _unit(inner, mechanism, there))
+            columns[inner] = column.get("values")
+        return Zipped(columns)
     if kind in ("sampled", "sensitivity"):
         scatter = study.distributions(table.get("of"), where)
         if kind == "sampled":
@@ -98,7 +95,7 @@ def _axis(read: Chosen, name: str, study: Asked) -> Any:
     return Choice({label: read_scene(study.path.parent / given).mechanism for label, (given, _) in files.items()})
 
 
-def _range(table: Table, unit: dict[str, str]) -> np.ndarray:
+def _range(table: TomlTable, unit: dict[str, str]) -> np.ndarray:
     first, last = table.get("from", unit), table.get("to", unit)
     if table.get("spacing") == "linear":
         return np.linspace(first, last, table.get("count"))
@@ -107,12 +104,12 @@ def _range(table: Table, unit: dict[str, str]) -> np.ndarray:
     return np.geomspace(first, last, table.get("count"))
 
 
-def _correlation(table: Table) -> dict[tuple[str, ...], float]:
+def _correlation(table: TomlTable) -> dict[tuple[str, ...], float]:
     pairs = {}
     for _, values, where in table.entries("correlation"):
-        own = Table(values, where, CORRELATION)
-        names = own.get("between")
+        pair = TomlTable(values, where, CORRELATION)
+        names = pair.get("between")
         if len(names) != 2:
-            raise ClearanceError(f"{own.key('between')} must be two names, but there are {len(names)}.")
-        pairs[names] = own.get("value")
+            raise ClearanceError(f"{pair.key('between')} must be two names, but there are {len(names)}.")
+        pairs[names] = pair.get("value")
     return pairs

@@ -1,4 +1,4 @@
-"""A table of a scene or study file, read by what is declared of its keys: it knows no key that is not."""
+"""Tables of scene and study files, read by the declarations of their keys. Unknown keys are errors."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,11 +12,9 @@ NO_WORDS: Words = {}
 
 
 class Keys(NamedTuple):
-    """What is declared of one kind of table: how the reference calls it (`name`, and the `choice` that selects it among
-    others of that name, as `law = "hertz"`), what it is, and its keys; `renamed`: what a key was called once; `shared`:
-    tables whose keys are among its own, because several tables have them.
-
-    Tables of one name and one title are kinds of one family.
+    """The declaration of a table: its `name` in the file, `title` and `help` for the reference, and its `keys`.
+    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present by former names of keys;
+    `shared`: tables whose keys it includes. Tables of one name and title are kinds of one family.
     """
 
     name: str
@@ -32,14 +30,14 @@ class Keys(NamedTuple):
         return self._replace(keys=(*self.keys, *other.keys), shared=(*self.shared, other))
 
     @property
-    def own(self) -> tuple[Key, ...]:
+    def unshared(self) -> tuple[Key, ...]:
         """The keys that no shared table has."""
         others = {key.name for table in self.shared for key in table.keys}
         return tuple(key for key in self.keys if key.name not in others)
 
 
-class Table:
-    """A TOML table, where it stands, and what is declared of it.
+class TomlTable:
+    """A TOML table, its place in the file, and the declarations of its keys.
 
     **Arguments:** `values` as read; `where` it stands, for messages; its `keys`; `words`: units that depend on what
     else is given.
@@ -63,44 +61,51 @@ class Table:
         """Whether the key is there."""
         return self._keys[name].name in self.values
 
-    def need(self, name: str) -> None:
-        """Raise where the key is absent."""
-        if not self.has(name):
-            raise ClearanceError(f"{self.where} lacks the key `{name}`. Add it.")
+    def need(self, *names: str) -> None:
+        """Raise if one of the keys is absent."""
+        for name in names:
+            if not self.has(name):
+                raise ClearanceError(f"{self.where} lacks the key `{name}`. Add it.")
+
+    def refuse(self, *names: str, why: str) -> None:
+        """Raise if one of the keys is present."""
+        for name in names:
+            if self.has(name):
+                raise ClearanceError(f"{self.key(name)} {why}")
 
     def get(self, name: str, words: Words = NO_WORDS) -> Any:
-        """The key's value, or its default; `words`: further units that depend on what else is given."""
+        """The key's value, or its default; `words`: further units by placeholder."""
         key = self._keys[name]
         if not self.has(name):
             if key.required:
                 self.need(name)
             return key.default
-        # What is said here comes first: its words may have those of the table in them.
+        # These placeholders come first: they may contain those of the table.
         return key.read(self.values[name], self.key(name), {**words, **self.words})
 
     def arguments(self, *skip: str) -> dict[str, Any]:
-        """All keys that are there, or must be, but for those to `skip`."""
+        """Values by name of the keys that are present or required, without those to `skip`."""
         keys = (key for key in self._keys.values() if key.name not in skip)
         return {key.name: self.get(key.name) for key in keys if key.required or self.has(key.name)}
 
     def only(self, *names: str) -> dict[str, Any]:
-        """Those of the keys that are there."""
+        """Values by name of those keys that are present."""
         return {name: self.get(name) for name in names if self.has(name)}
 
-    def table(self, name: str, keys: Keys, words: Words = NO_WORDS) -> "Table":
+    def table(self, name: str, keys: Keys, words: Words = NO_WORDS) -> "TomlTable":
         """The key's sub-table (empty where absent)."""
-        return Table(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
+        return TomlTable(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
 
     def variant(self, name: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> "Chosen":
         """The key's sub-table, one of several kinds."""
         return variant(self.values[name] if self.has(name) else {}, self.key(name), tables, {**self.words, **words})
 
     def entries(self, name: str) -> Iterator[tuple[str, Any, str]]:
-        """Of each entry of the key's table, whose names are the user's: its name, its value and where it stands."""
+        """The entries of the key's table, whose names the user chooses: (name, value, place in the file)."""
         return entries(self.values[name] if self.has(name) else {}, self.key(name))
 
     def parts(self, name: str) -> Iterator[tuple[str, Any, str]]:
-        """As `entries`, of tables whose names become names of parts."""
+        """As `entries`, with names checked as names of parts."""
         for inner, values, where in self.entries(name):
             yield check_name(inner, where), values, where
 
@@ -109,11 +114,11 @@ class Chosen(NamedTuple):
     """A table of one of several kinds, and the word that chose the kind."""
 
     word: str
-    table: Table
+    table: TomlTable
 
 
 def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
-    """The table of the kind that its own first declared key chooses, or by default that key's default."""
+    """The table of one of several kinds, which its first declared key chooses, or the default of that key."""
     first = next(iter(tables.values()))
     head, given = first.keys[0], check_table(values, where)
     if head.name not in given and head.default is None:
@@ -124,7 +129,7 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
         given.get(head.name, head.default), below(where, head.name), words
     )
     _check_kind(given, where, tables, word, head.name)
-    return Chosen(word, Table(given, where, tables[word], words))
+    return Chosen(word, TomlTable(given, where, tables[word], words))
 
 
 def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
@@ -142,13 +147,13 @@ def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys]
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:
-    """Raise for a key by what it was called once."""
+    """Raise for the former name of a key."""
     if name in keys.renamed:
         raise ClearanceError(f"{below(where, name)} is called `{keys.renamed[name]}` now. Rename it.")
 
 
 def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
-    """Of each entry of a table whose names are the user's: its name, its value and where it stands."""
+    """The entries of a table whose names the user chooses: (name, value, place in the file)."""
     for name, value in check_table(values, where).items():
         yield name, value, below(where, name)
 
@@ -168,7 +173,7 @@ def below(where: str, name: str) -> str:
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Errors of what is done inside name the place (a file, or a key of it)."""
+    """A context in which messages of `ClearanceError` begin with a place (a file or a key)."""
     try:
         yield
     except ClearanceError as error:

@@ -1,4 +1,4 @@
-"""Trajectories: a CSV file of times and joint coordinates to drives. Every message names file, line and column."""
+"""Reads trajectories, CSV files of times and joint coordinates, as drives. Messages name file, line and column."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.columns import TIME, Head, Line, Meant, read_columns
+from clearance_jax.io.columns import TIME, CsvLine, Head, Meant, read_columns
 from clearance_jax.mechanism.driving import drivable, gives_way, motor_of
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import Spline
@@ -28,7 +28,7 @@ class Trajectory(NamedTuple):
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time, which all of its drives have in common [s]."""
+        """First and last time of its drives [s]."""
         times = next(iter(self.drives.values())).times
         return float(times[0]), float(times[-1])
 
@@ -58,25 +58,25 @@ def read_trajectory(
     times = table[:, [column.name for column in columns].index(TIME)]
     _check_times(times, rows)
     with jax.ensure_compile_time_eval():  # numbers stay numbers inside a jitted function
-        found = {
+        drives = {
             column.name: _spline(times, values, ends, f"`{path}`, column `{column.name}`")
             for column, values in zip(columns, table.T, strict=True)
             if column.name != TIME
         }
-    return found if mechanism is None else _of_motors(found, mechanism, path)
+    return drives if mechanism is None else _of_motors(drives, mechanism, path)
 
 
 def _of_motors(drives: dict[str, Spline], mechanism: Mechanism, path: Path) -> dict[str, Spline]:
-    """Drives of the motors, where drives give way."""
-    known, found = drivable(mechanism.joints), {}
+    """The drives; those of compliant drives by the names of their motors."""
+    known, motors = drivable(mechanism.joints), {}
     for name, drive in drives.items():
         moved = motor_of(name) if gives_way(known[name].motion) else name
         if moved != name and moved in drives:
             raise ClearanceError(
                 f"`{path}`: the columns `{name}` and `{moved}` move the same motor. Take one of them away."
             )
-        found[moved] = drive
-    return found
+        motors[moved] = drive
+    return motors
 
 
 def _units(mechanism: Mechanism | None) -> dict[str, str] | None:
@@ -87,7 +87,7 @@ def _units(mechanism: Mechanism | None) -> dict[str, str] | None:
 
 
 def _scale(column: Head, units: Mapping[str, str] | None) -> float:
-    """By what the column's numbers are multiplied to be in SI; `units`: those of the coordinates that there are."""
+    """The factor from a column's unit to SI; `units`: SI units of the known coordinates."""
     if column.name == TIME:
         allowed = ["s"]
     elif units is None:
@@ -109,7 +109,7 @@ def _scale(column: Head, units: Mapping[str, str] | None) -> float:
     raise ClearanceError(f"{column.where}: `{column.name}` must be in a unit of {meant}, not in {quote(column.unit)}.")
 
 
-def _check_times(times: np.ndarray, lines: list[Line]) -> None:
+def _check_times(times: np.ndarray, lines: list[CsvLine]) -> None:
     with np.errstate(all="ignore"):
         stays = np.flatnonzero(~(np.diff(times) > 0))
     if stays.size:
@@ -123,7 +123,7 @@ def _check_times(times: np.ndarray, lines: list[Line]) -> None:
 def _spline(times: np.ndarray, values: np.ndarray, ends: str, where: str) -> Spline:
     with np.errstate(all="ignore"):
         bends = np.diff(np.diff(values) / np.diff(times)) / (times[2:] - times[:-2])
-    # A spline bends by no more than some times that.
+    # The spline's second derivative is at most some times that.
     if not np.all(np.abs(bends) < 1e150):
         raise ClearanceError(f"{where}: its numbers are too large, or its times too close, for a spline.")
     return Spline(times, values, ends)

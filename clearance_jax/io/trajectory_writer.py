@@ -1,4 +1,4 @@
-"""Drives to a trajectory file, as `read_trajectory` and `clearance simulate --trajectory` take it."""
+"""Writes drives as a trajectory file, for `read_trajectory` and `clearance simulate --trajectory`."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Robots from URDF files."""
+"""Reads URDF files as mechanisms of robots."""
 
 import warnings
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from clearance_jax.io.urdf_bodies import check_bodies
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_joints import joint_of, orientation_of, position_of
 from clearance_jax.io.urdf_merge import Assembly, Rigid, merge, triple
-from clearance_jax.io.urdf_names import Names
+from clearance_jax.io.urdf_names import UniqueNames
 from clearance_jax.io.urdf_parts import NOWHERE, Joint, Robot
 from clearance_jax.mechanism.body import GROUND, Body, Point
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -119,7 +119,7 @@ def _check_no_mimic(robot: Robot) -> None:
 
 
 def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
-    """The links whose frames are asked for by name; `None`: nobody says."""
+    """The links whose frames become points; `None`: not given."""
     if end_effector is None:
         return None
     asked = [end_effector] if isinstance(end_effector, str) else end_effector
@@ -139,7 +139,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     _check_base(whole, free)
     moving = {joint.child: whole.bodies[joint.child] for joint in joints}
     check_bodies(joints, moving)
-    names = Names()
+    names = UniqueNames()
     bodies = {GROUND: GROUND, **names.of(moving, "link")}
     if not free:
         bodies[whole.root] = GROUND
@@ -185,7 +185,7 @@ def _body(body: Rigid, name: str) -> Body:
 
 
 def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:
-    """The links that carry none, on bodies that move and carry none."""
+    """The links at the ends of limbs: neither the link nor its body carries a joint, and the body moves."""
     carrying = {joint.parent for joint in robot.joints}
     inner = {joint.parent for joint in whole.joints} | (set() if free else {whole.root})
     return [

@@ -1,5 +1,5 @@
-"""Whether a robot's bodies can be, and can be moved. Links are judged together with those that are fixed to them: a
-frame without mass, a sensor whose inertia nobody measured, do not matter on a link that has both.
+"""Checks that a robot's bodies have physical inertias, and that joints move mass. Links that are fixed to each other
+are checked as one body, so that a frame or sensor may lack mass.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,13 +13,13 @@ from clearance_jax.io.urdf_moved import check_moved
 from clearance_jax.io.urdf_parts import Joint
 from clearance_jax.mechanism.placement import PRINTED
 
-# A mass within a ten thousandth of a millimetre [m] has no inertia, whatever digits are printed of it.
+# Least radius of gyration [m]: a smaller one is round-off of printed digits.
 SMALLEST = 1e-7
 
 
 def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
-    """Raise `ClearanceError` naming line, link and fix where one of the `bodies` that the `joints` move (parents first)
-    cannot be, and where a joint moves no mass.
+    """Raise `ClearanceError` for a body with an impossible inertia, and for a joint that moves no mass. `joints`:
+    parents first; `bodies`: those that they move.
     """
     for body in bodies.values():
         _check_inertia(body)

@@ -1,7 +1,7 @@
-"""Elements of a URDF file read one by one: their names, numbers and children, with messages that say where they stand.
+"""Reads names, numbers and children of URDF elements. Messages name the line.
 
-What a file holds beside the dynamics (pictures, collision shapes, plugins) is passed over (`urdf_unread` says what
-else); a word that is nearly one of those that are read is not, for then what was meant would be missing without a sign.
+Content beside the dynamics (pictures, collision shapes, plugins) is ignored; `urdf_unread` lists the rest. A word that
+is nearly a known one is refused, for it is probably misspelt.
 """
 
 import difflib
@@ -16,7 +16,7 @@ from clearance_jax.io.urdf_parts import Triple
 from clearance_jax.io.xml_file import Element
 from clearance_jax.units import check_comma
 
-# What is read, and what else has its place there: children, and attributes.
+# Known children and attributes by tag, whether they are read or not.
 CHILDREN = {
     "robot": ("link", "joint", "material", "transmission", "gazebo", "force_element"),
     "link": ("inertial", "visual", "collision"),
@@ -49,18 +49,18 @@ ATTRIBUTES = {
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference", "armature"),
     "joint_properties": ("damping", "friction"),
 }
-# An `origin` says the whole pose: any other word there (`quat_xyzw`) says something of it too.
+# Elements that allow no unknown attribute: `quat_xyzw` of an `origin` would change the pose.
 CLOSED = ("origin", "axis", "mass", "inertia")
-# Words so alike are one word and a slip; `limits` is `limit`, `K` is no `damping`.
+# Similarity from which a word counts as misspelt: `limits` for `limit`, but not `K` for `damping`.
 ALIKE = 0.75
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
-# Beyond it a product of two numbers may no longer be finite, and no robot is so large, heavy or strong.
+# Numbers below it have finite products.
 LARGEST = 1e100
 
 
 def place(element: Element) -> str:
-    """How a message names an element: its line, its tag, and its name."""
+    """The name of an element in messages: its line, its tag, and its name."""
     name = element.attributes.get("name")
     return f"line {element.line}: {element.word[:60]}" + ("" if name is None else f" {_name(name)}")
 
@@ -70,12 +70,12 @@ def _name(name: str) -> str:
 
 
 def check_spelling(element: Element, where: str) -> None:
-    """Raise for a child or an attribute that is nearly one that is read (see the head of this module)."""
+    """Raise for a misspelt child or attribute."""
     tags, allowed = {child.tag for child in element.children}, CHILDREN.get(element.tag, ())
     _check_words(tags, allowed, f"{where} holds <{{}}>, which is no known element", allowed)
     given, known = element.attributes, ATTRIBUTES.get(element.tag, ())
     wrong = f"{where}: <{element.tag}> has an attribute `{{}}`, which is not known"
-    # Beside a `velocity` a `gear_velocity` is meant as it is.
+    # A `gear_velocity` beside a `velocity` is not misspelt.
     meant = known if element.tag in CLOSED else [word for word in known if word not in given]
     _check_words(given, known, wrong, meant, element.tag in CLOSED)
 
@@ -83,7 +83,7 @@ def check_spelling(element: Element, where: str) -> None:
 def _check_words(
     given: Collection[str], known: Collection[str], wrong: str, meant: Collection[str], closed: bool = False
 ) -> None:
-    """Raise for a word that is not known and nearly one of those that may be `meant`."""
+    """Raise for an unknown word that is similar to one in `meant`, or if `closed` for any unknown word."""
     for word in sorted(set(given) - set(known)):
         if closed or difflib.get_close_matches(word[:100].lower(), meant, n=1, cutoff=ALIKE):
             raise ClearanceError(f"{wrong.format(word[:100])}. " + suggest(word, known))
@@ -91,21 +91,21 @@ def _check_words(
 
 def only(element: Element, tag: str, where: str) -> Element | None:
     """The child of that tag, if it is there. **Raises** for several."""
-    found = [child for child in element.children if child.tag == tag]
-    if len(found) > 1:
-        raise ClearanceError(f"{where} has {len(found)} <{tag}> (line {found[1].line} too). Leave one.")
-    if not found:
+    children = [child for child in element.children if child.tag == tag]
+    if len(children) > 1:
+        raise ClearanceError(f"{where} has {len(children)} <{tag}> (line {children[1].line} too). Leave one.")
+    if not children:
         return None
-    check_spelling(found[0], where)
-    return found[0]
+    check_spelling(children[0], where)
+    return children[0]
 
 
 def need(element: Element, tag: str, where: str, example: str) -> Element:
     """The child of that tag. **Raises** where it is absent, with an example of it."""
-    found = only(element, tag, where)
-    if found is None:
+    child = only(element, tag, where)
+    if child is None:
         raise ClearanceError(f"{where} lacks <{tag}>. Add one, as {example}.")
-    return found
+    return child
 
 
 def text(element: Element, attribute: str, where: str) -> str:
@@ -124,7 +124,7 @@ EXPAND = "Expand the file first: `xacro robot.urdf.xacro > robot.urdf`."
 def numbers(
     element: Element, attribute: str, count: int, where: str, default: tuple[float, ...] | None = None
 ) -> tuple[float, ...]:
-    """The numbers of an attribute; the default where it is absent, or else it must be there."""
+    """The numbers of an attribute. If it is absent, the default, or without one an error."""
     if attribute not in element.attributes and default is not None:
         return default
     words = text(element, attribute, where).split()
@@ -144,7 +144,7 @@ def number(element: Element, attribute: str, where: str, default: float | None =
 
 
 def bound(element: Element, attribute: str, where: str) -> float | None:
-    """A number that may be absent, or infinite, which says the same."""
+    """A number; `None` if it is absent or infinite."""
     if INFINITE.fullmatch(element.attributes.get(attribute, "inf").strip()):
         return None
     return number(element, attribute, where)
@@ -168,7 +168,7 @@ def parse_number(word: str, where: str) -> float:
 
 
 def pose(element: Element, where: str) -> tuple[Triple, Triple]:
-    """Place and turn of an element's <origin>; none where it is absent."""
+    """Position [m] and roll, pitch, yaw [rad] of an element's <origin>; zeros if it is absent."""
     origin = only(element, "origin", where)
     if origin is None:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What dialects of URDF say of a joint beside its own elements: springs, rotors of motors, and joints that close loops.
+"""Springs, rotors of motors and loop joints of URDF dialects, which stand outside a joint's own elements.
 
 Springs: `spring_stiffness` and `spring_reference` of <dynamics>, <springStiffness> and <springReference> of a <gazebo>
 that refers to the joint (Gazebo), <torsional_spring> of a <force_element>. Rotors: `armature` of <dynamics> (MuJoCo's
@@ -13,12 +13,9 @@ from clearance_jax.io.urdf_elements import number, only, parse_number, place, te
 from clearance_jax.io.urdf_parts import MAY_MIMIC, Joint
 from clearance_jax.io.xml_file import Element
 
-# Joints with one coordinate, as those that may follow another.
-SINGLE = MAY_MIMIC
-
 
 def check_loops(top: Element) -> None:
-    """Raise for joints that URDF has not: without them the robot would move otherwise."""
+    """Raise for joints that URDF does not have: loop joints, and joints of dialects."""
     for element in top.children:
         inner = [child for child in element.children if child.word == "joint"] if element.tag == "gazebo" else []
         for joint in [element] if element.word == "loop_joint" else inner:
@@ -46,36 +43,36 @@ def spring_of(element: Element, kind: str, where: str) -> tuple[float, float, fl
 
 
 def with_extras(joints: Sequence[Joint], top: Element) -> tuple[Joint, ...]:
-    """The joints with what elements beside them say of them."""
-    found, extra = {joint.name: joint for joint in joints}, set()
+    """The joints with the springs and rotors that elements outside them describe."""
+    by_name, extra = {joint.name: joint for joint in joints}, set()
     for element in top.children:
         for name, given in _extras(element):
             where = place(element)
-            if name not in found:
-                raise ClearanceError(f"{where}: there is no joint `{name[:60]}`. " + suggest(name, found))
-            joint = found[name]
+            if name not in by_name:
+                raise ClearanceError(f"{where}: there is no joint `{name[:60]}`. " + suggest(name, by_name))
+            joint = by_name[name]
             for key, value in given.items():
                 if getattr(joint, key) not in (0.0, value):
                     raise ClearanceError(
                         f"{where}: the {key} of joint `{name}` is {value:g} here and {getattr(joint, key):g} elsewhere "
                         "in the file. Leave one."
                     )
-            found[name] = joint._replace(**given)
+            by_name[name] = joint._replace(**given)
             extra.add(name)
-            _check(joint.kind, found[name].stiffness, found[name].rotor, where)
-    # Two of one name stay two, and are refused later.
-    return tuple(found[joint.name] if joint.name in extra else joint for joint in joints)
+            _check(joint.kind, by_name[name].stiffness, by_name[name].rotor, where)
+    # Joints of equal names stay apart, and are refused later.
+    return tuple(by_name[joint.name] if joint.name in extra else joint for joint in joints)
 
 
 def _extras(element: Element) -> Iterator[tuple[str, dict[str, float]]]:
-    """Names of joints, and what an element beside them says of each."""
+    """Names of joints, each with the numbers that an element outside it gives."""
     where = place(element)
     if element.tag == "gazebo":
         given = {child.word: child for child in element.children}
         if "springStiffness" in given:
-            numbers = {"stiffness": _said(given["springStiffness"], where)}
+            numbers = {"stiffness": _number_in(given["springStiffness"], where)}
             if "springReference" in given:
-                numbers["rest"] = _said(given["springReference"], where)
+                numbers["rest"] = _number_in(given["springReference"], where)
             yield text(element, "reference", where), numbers
     elif element.tag == "force_element":
         for spring in element.children:
@@ -98,7 +95,7 @@ def _joint_of(element: Element, where: str) -> str:
     return text(named[0], "name", where)
 
 
-def _said(element: Element, where: str) -> float:
+def _number_in(element: Element, where: str) -> float:
     """The number that an element holds as its text."""
     return parse_number(element.text, f"{where}: <{element.word}>")
 
@@ -107,7 +104,7 @@ def _check(kind: str, stiffness: float, rotor: float, where: str) -> None:
     if stiffness < 0 or rotor < 0:
         what, value = ("stiffness", stiffness) if stiffness < 0 else ("inertia of its rotor", rotor)
         raise ClearanceError(f"{where}: the {what} must be at least 0, but it is {value:g}. Correct it.")
-    if (stiffness > 0 or rotor > 0) and kind not in SINGLE and kind != "fixed":
+    if (stiffness > 0 or rotor > 0) and kind not in (*MAY_MIMIC, "fixed"):
         raise ClearanceError(
             f"{where}: a spring or a rotor acts along the one coordinate of a revolute, continuous or prismatic joint, "
             f"but this joint is {kind}. Remove it, and add the spring in Python (`Motion(actuators=...)`)."

@@ -1,7 +1,6 @@
-"""URDF files to links and joints, each checked by itself and then together: nothing is loaded by halves.
+"""Reads URDF files as links and joints, and checks them.
 
-What does not move a robot is passed over: pictures, collision shapes, materials, plugins of simulators. What else is
-not read is listed (`urdf_unread`).
+Pictures, collision shapes, materials and plugins of simulators are ignored. `urdf_unread` lists what else is not read.
 """
 
 from pathlib import Path
@@ -34,9 +33,9 @@ from clearance_jax.mechanism.limits import Limits
 def read_urdf(path: str | Path) -> tuple[str, Robot]:
     """Text of a URDF file, and the robot that it describes.
 
-    **Raises:** `ClearanceError` naming the file, the line, the element and the fix: for what is no URDF, unknown kinds
-    of joints and names of links, links that hang on two joints or on none, garbled numbers, negative masses. (Whether
-    what moves has mass and inertia is seen when links are merged, `urdf_bodies`.)
+    **Raises:** `ClearanceError` naming the file, the line, the element and the fix: for another file, unknown kinds of
+    joints and names of links, links with two joints or none above them, garbled numbers, negative masses. (Whether
+    moving bodies have mass and inertia is checked when links are merged, `urdf_bodies`.)
     """
     path = Path(path)
     written, top = read_xml(path, "URDF file")
@@ -45,7 +44,7 @@ def read_urdf(path: str | Path) -> tuple[str, Robot]:
 
 
 def describe(top: Element) -> Robot:
-    """The robot that the outermost element of a URDF describes."""
+    """The robot in the outermost element of a URDF."""
     if top.tag != "robot":
         raise ClearanceError(f"a URDF file must hold a <robot>, but it holds a <{top.tag[:60]}>. Give another file.")
     _check_expanded(top)
@@ -88,7 +87,7 @@ def _link(element: Element) -> Link:
 
 
 def _inertia(inertial: Element, where: str) -> Matrix3:
-    """The inertia in the axes that it is given in."""
+    """The inertia along the axes that it is given in [kg m^2], shape (3, 3)."""
     example = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
     element = need(inertial, "inertia", where, example)
     xx, yy, zz = (number(element, key, where) for key in ("ixx", "iyy", "izz"))
@@ -118,28 +117,28 @@ def _joint(element: Element) -> Joint:
 
 def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
     """Damping and friction, from whichever element the file's dialect has for them."""
-    found = {"damping": 0.0, "friction": 0.0}
-    said: dict[str, str] = {}
+    losses = {"damping": 0.0, "friction": 0.0}
+    sources: dict[str, str] = {}
     for tag in ("dynamics", "limit", "joint_properties"):
         given = only(element, tag, where)
         if given is None:
             continue
-        for key in found.keys() & given.attributes.keys():
+        for key in losses.keys() & given.attributes.keys():
             value = number(given, key, where)
             if value < 0:
                 raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <{tag}>.")
-            if key in said and value != found[key]:
+            if key in sources and value != losses[key]:
                 raise ClearanceError(
-                    f"{where}: its {key} is {found[key]:g} in <{said[key]}> and {value:g} in <{tag}>. Leave one."
+                    f"{where}: its {key} is {losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>. Leave one."
                 )
-            found[key], said[key] = value, tag
-    if found["friction"] > 0 and kind == "floating":
+            losses[key], sources[key] = value, tag
+    if losses["friction"] > 0 and kind == "floating":
         raise ClearanceError(f"{where} is floating, and turns about no axis of its own: remove its friction.")
-    return found["damping"], found["friction"]
+    return losses["damping"], losses["friction"]
 
 
 def _limits(element: Element, kind: str, where: str) -> Limits | None:
-    """Where one end is given, the other is URDF's default, 0; a joint that turns on and on has none."""
+    """The limits of a joint. If one end is given, the other defaults to 0 (URDF); a continuous joint has no ends."""
     limit = only(element, "limit", where)
     if limit is None:
         return None

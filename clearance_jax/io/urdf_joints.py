@@ -1,16 +1,16 @@
-"""Joints of a URDF as joints of a mechanism. What is exactly zero there, or along a coordinate axis, stays absent."""
+"""Converts URDF joints to joints of a mechanism. Numbers that are exactly zero become `None`."""
 
 from clearance_jax.io.urdf_parts import NOWHERE, Joint, Triple
 from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.compounds import Ball, Free, Planar
 from clearance_jax.mechanism.limits import Limits
-from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, as_axis
+from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position, as_axis
 from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
 
 
 def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:
-    """The joint between two bodies, under the names that these have in the mechanism."""
+    """The joint of a mechanism between two bodies, with the names that it and they have there."""
     ends = {"name": name, "parent": parent, "child": child}
     ends |= {"at_parent": position_of(joint.xyz), "orientation": orientation_of(joint.rpy)}
     if joint.kind == "floating":
@@ -19,9 +19,9 @@ def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:
         return Free(**ends, **slides, motion=Ball(damping=damping))
     if joint.kind == "planar":
         motions = {name: Motion(actuators=_losses(joint)) for name in ("slide_x", "slide_y", "turn")}
-        return Planar(**ends, **motions, axis=axis_of(joint.axis))
+        return Planar(**ends, **motions, axis=as_axis(joint.axis))
     kind = Prismatic if joint.kind == "prismatic" else Revolute
-    return kind(**ends, axis=axis_of(joint.axis), motion=_motion(joint))
+    return kind(**ends, axis=as_axis(joint.axis), motion=_motion(joint))
 
 
 def _motion(joint: Joint) -> Motion:
@@ -31,14 +31,14 @@ def _motion(joint: Joint) -> Motion:
 
 
 def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
-    """Its spring, damping and friction, each along every coordinate of the joint."""
+    """Actuators for its spring, damping and friction, along each coordinate of the joint."""
     spring = JointSpring(joint.stiffness, joint.damping, joint.rest)
     damper = (spring,) if joint.damping > 0 or joint.stiffness > 0 else ()
     return (*damper, JointFriction(joint.friction)) if joint.friction > 0 else damper
 
 
 def _start(limits: Limits) -> float:
-    """Zero where the limits hold it, or else their middle (of one limit: there)."""
+    """The initial coordinate: 0 if it is within the limits, else their middle, or the only one."""
     lower = -float("inf") if limits.lower is None else limits.lower
     upper = float("inf") if limits.upper is None else limits.upper
     if lower <= 0.0 <= upper:
@@ -47,18 +47,13 @@ def _start(limits: Limits) -> float:
     return sum(ends) / len(ends)
 
 
-def axis_of(axis: Triple) -> Axis:
-    """An axis, by its letter where it has one."""
-    return as_axis(axis)
-
-
 def position_of(xyz: Triple) -> Position:
-    """A place [m], without components that are zero."""
+    """A position [m]; zero components become `None`."""
     return ORIGIN if xyz == NOWHERE else Position(*_present(xyz))
 
 
 def orientation_of(rpy: Triple) -> Orientation | None:
-    """A turn [rad], without angles that are zero; none where all are."""
+    """An orientation [rad]; zero angles become `None`, as does a zero rotation."""
     return None if rpy == NOWHERE else Orientation(*_present(rpy))
 
 

@@ -5,15 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.io.poses import HERE, Pose, clean, is_identity, rotation_of, rpy_of
+from clearance_jax.io.poses import HERE, FramePose, clean, is_identity, rotation_of, rpy_of
 from clearance_jax.io.urdf_parts import Joint, Link, Matrix3, Robot, Triple, Vector3
 
 
-class Frame(NamedTuple):
+class LinkFrame(NamedTuple):
     """The frame of a link: the body that it is on, and its pose there."""
 
     body: str
-    pose: Pose
+    pose: FramePose
 
 
 class Rigid(NamedTuple):
@@ -38,42 +38,42 @@ class Assembly(NamedTuple):
     root: str
     bodies: dict[str, Rigid]
     joints: tuple[Joint, ...]
-    frames: dict[str, Frame]
+    frames: dict[str, LinkFrame]
 
 
 def merge(robot: Robot) -> Assembly:
     """The robot without fixed joints.
 
-    Masses, centres and inertias are those of the links together, exactly. A joint on a link that was merged into
-    another is on that one, at the place and with the turn that it has there.
+    A body has the total mass, the centre of mass and the inertia of its links. Joints of a merged link move to its
+    body.
     """
-    frames = {robot.root: Frame(robot.root, HERE)}
+    frames = {robot.root: LinkFrame(robot.root, HERE)}
     joints = []
     for joint in robot.joints:
         carrier = frames[joint.parent]
         if joint.moves:
             joints.append(_carry_over(joint, carrier))
-            frames[joint.child] = Frame(joint.child, HERE)
+            frames[joint.child] = LinkFrame(joint.child, HERE)
         else:
-            frames[joint.child] = Frame(carrier.body, carrier.pose.of(np.array(joint.xyz), rotation_of(joint.rpy)))
+            frames[joint.child] = LinkFrame(carrier.body, carrier.pose.of(np.array(joint.xyz), rotation_of(joint.rpy)))
     return Assembly(robot.name, robot.root, _bodies(robot.links, frames), tuple(joints), frames)
 
 
-def _carry_over(joint: Joint, parent: Frame) -> Joint:
+def _carry_over(joint: Joint, parent: LinkFrame) -> Joint:
     """The joint, on the body that its parent was merged into."""
     pose = parent.pose.of(np.array(joint.xyz), rotation_of(joint.rpy))
-    # What the file says of the turn stays as it is where nothing turns it further.
+    # Without a further rotation the angles stay those of the file.
     rpy = joint.rpy if is_identity(parent.pose.rotation) else triple(rpy_of(pose.rotation))
     return joint._replace(parent=parent.body, xyz=triple(pose.position), rpy=rpy)
 
 
 def triple(values: Vector3) -> Triple:
-    """Three numbers as Python has them."""
+    """Three Python floats."""
     x, y, z = (float(value) for value in values)
     return x, y, z
 
 
-def _bodies(links: Sequence[Link], frames: Mapping[str, Frame]) -> dict[str, Rigid]:
+def _bodies(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> dict[str, Rigid]:
     parts: dict[str, list[Link]] = {frame.body: [] for frame in frames.values()}
     for link in links:
         # The link that gives the body its name comes first.
@@ -81,7 +81,7 @@ def _bodies(links: Sequence[Link], frames: Mapping[str, Frame]) -> dict[str, Rig
     return {name: _together(of, frames) for name, of in parts.items()}
 
 
-def _together(links: Sequence[Link], frames: Mapping[str, Frame]) -> Rigid:
+def _together(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> Rigid:
     """One body of links (the first gives it its name and frame)."""
     first, names = links[0], tuple(link.name for link in links)
     weighing = [_in_body(link, frames[link.name].pose) for link in links if link.mass > 0 or link.inertia.any()]
@@ -98,7 +98,7 @@ def _together(links: Sequence[Link], frames: Mapping[str, Frame]) -> Rigid:
     return Rigid(first.name, float(mass), center, np.asarray(inertia), names, first.line)
 
 
-def _in_body(link: Link, pose: Pose) -> tuple[float, Vector3, Matrix3]:
+def _in_body(link: Link, pose: FramePose) -> tuple[float, Vector3, Matrix3]:
     """Mass, centre of mass and inertia of a link, in the frame and along the axes of its body."""
     if is_identity(pose.rotation):
         return link.mass, pose.position + link.center, link.inertia

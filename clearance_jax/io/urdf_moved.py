@@ -1,4 +1,4 @@
-"""Whether every motion of a robot's joints moves mass: where one does not, no force tells its acceleration."""
+"""Checks that every motion of a robot's joints moves mass. Otherwise its acceleration is not determined."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -7,33 +7,32 @@ import numpy as np
 from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.poses import HERE, Matrix3, Pose, Vector3, rotation_of
+from clearance_jax.io.poses import HERE, FramePose, Matrix3, Vector3, rotation_of
 from clearance_jax.io.urdf_merge import Rigid
 from clearance_jax.io.urdf_parts import Joint
 
-# A motion that meets this share of the inertia that its coordinates meet one by one moves nothing but rounding.
+# Least eigenvalue of the mass matrix, scaled to a unit diagonal, that is no round-off.
 NOTHING = 1e-12
 X, Y, Z = np.eye(3)
 
 
-class Column(NamedTuple):
-    """What a unit rate of one coordinate does: slide along an axis, or turn about the axis through a pivot."""
+class JointTwist(NamedTuple):
+    """The motion at unit rate of one coordinate: a slide along an axis, or a turn about the axis through a pivot."""
 
     slides: bool
     axis: Vector3
     pivot: Vector3
 
     def rates(self, point: Vector3) -> Float[np.ndarray, "6"]:
-        """Velocity of the moved body's point, and spin."""
+        """Velocity of a point of the moved body [m/s], and its angular velocity [rad/s]."""
         if self.slides:
             return np.concatenate([self.axis, np.zeros(3)])
         return np.concatenate([np.cross(self.axis, point - self.pivot), self.axis])
 
 
 def check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
-    """Raise where the joints (parents first) can move without moving any mass.
-
-    The mass matrix tells, at a pose where no two axes are in line by chance.
+    """Raise where the joints (parents first) can move without moving any mass, by the mass matrix at a random pose,
+    where no two axes are aligned by chance.
     """
     matrix, owners = mass_matrix(joints, bodies, 0)
     met = np.diag(matrix)
@@ -52,48 +51,53 @@ def mass_matrix(
     joints: Sequence[Joint], bodies: Mapping[str, Rigid], seed: int
 ) -> tuple[Float[np.ndarray, "n n"], list[Joint]]:
     """The mass matrix at a random pose, and the joint of each coordinate."""
-    columns, moving, poses = _kinematics(joints, seed)
-    matrix = np.zeros((len(columns), len(columns)))
+    twists, moving, poses = _kinematics(joints, seed)
+    matrix = np.zeros((len(twists), len(twists)))
     for name, body in bodies.items():
         pose = poses[name]
         center = pose.position + pose.rotation @ body.center
         which = moving[name]
-        rates = np.array([columns[i].rates(center) for i in which])
+        rates = np.array([twists[i].rates(center) for i in which])
         inertia = np.zeros((6, 6))
         inertia[:3, :3], inertia[3:, 3:] = body.mass * np.eye(3), pose.rotation @ body.inertia @ pose.rotation.T
         matrix[np.ix_(which, which)] += rates @ inertia @ rates.T
-    return matrix, [joint for joint in joints for _ in _own(joint, HERE)]
+    return matrix, [joint for joint in joints for _ in _twists(joint, HERE)]
 
 
-def _kinematics(joints: Sequence[Joint], seed: int) -> tuple[list[Column], dict[str, list[int]], dict[str, Pose]]:
-    """Every coordinate's column; of each body which of them move it, and its pose."""
+def _kinematics(
+    joints: Sequence[Joint], seed: int
+) -> tuple[list[JointTwist], dict[str, list[int]], dict[str, FramePose]]:
+    """The twists of all coordinates; for each body the indices of those that move it, and its pose."""
     rng = np.random.default_rng(seed)
-    columns: list[Column] = []
+    twists: list[JointTwist] = []
     moving: dict[str, list[int]] = {}
-    poses: dict[str, Pose] = {}
+    poses: dict[str, FramePose] = {}
     for joint in joints:
         frame = poses.get(joint.parent, HERE).of(np.array(joint.xyz), rotation_of(joint.rpy))
-        own = _own(joint, frame)
-        moving[joint.child] = [*moving.get(joint.parent, []), *range(len(columns), len(columns) + len(own))]
-        columns += own
+        count = len(twists)
+        twists += _twists(joint, frame)
+        moving[joint.child] = [*moving.get(joint.parent, []), *range(count, len(twists))]
         poses[joint.child] = frame.of(*_move(joint, rng))
-    return columns, moving, poses
+    return twists, moving, poses
 
 
-def _own(joint: Joint, frame: Pose) -> list[Column]:
-    """The columns of a joint's coordinates, as if it were at zero: of several they span the same motions anywhere."""
+def _twists(joint: Joint, frame: FramePose) -> list[JointTwist]:
+    """The twists of a joint's coordinates at zero. Those of several coordinates span the same motions at any value."""
     axis = np.array(joint.axis)
     across = np.cross(axis, X if abs(axis[0]) < 0.9 else Y)
     slides = {"prismatic": [axis], "planar": [across, np.cross(axis, across)], "floating": [X, Y, Z]}
     turns = {"revolute": [axis], "continuous": [axis], "planar": [axis], "floating": [X, Y, Z]}
-    found = [Column(True, frame.rotation @ axis, frame.position) for axis in slides.get(joint.kind, [])]
-    return found + [Column(False, frame.rotation @ axis, frame.position) for axis in turns.get(joint.kind, [])]
+    return [
+        JointTwist(is_slide, frame.rotation @ axis, frame.position)
+        for is_slide, axes in ((True, slides), (False, turns))
+        for axis in axes.get(joint.kind, [])
+    ]
 
 
 def _move(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
-    """A place and a turn of the child in the joint's frame that the joint allows."""
+    """A random position and rotation of the child in the joint's frame that the joint allows."""
     by, turn = np.zeros(3), np.eye(3)
-    for slides, axis, _ in _own(joint, HERE):
+    for slides, axis, _ in _twists(joint, HERE):
         if slides:
             by = by + rng.uniform(0.1, 1.0) * axis
         else:

@@ -1,29 +1,28 @@
-"""Names of a robot's file as a mechanism can have them: links and joints have names apart there, and dots in them."""
+"""Names of a mechanism's parts from a URDF file, where links and joints may share names and contain dots."""
 
 from collections.abc import Iterable
 
 from clearance_jax.mechanism.body import GROUND
 
 
-class Names:
-    """Gives every part a name of its own: the one in the file where it can.
+class UniqueNames:
+    """Gives every part a unique name: that in the file if possible.
 
-    `.` and `=` separate names and values, and become `_`. Where two parts have one name, the later one has what it is
-    added to its name.
+    `.` and `=` become `_`. If two parts have the same name, the kind of the later one is appended to its name.
     """
 
     def __init__(self):
         self.taken = {GROUND, "gravity", "drive", "target"}
 
     def of(self, given: Iterable[str], what: str) -> dict[str, str]:
-        """The names of parts of one sort, by those in the file; `what` they are, in a word."""
-        return {name: self._one(name, what) for name in given}
+        """Unique names by the names in the file; `what`: the kind of these parts in one word."""
+        return {name: self._unique(name, what) for name in given}
 
-    def _one(self, name: str, what: str) -> str:
+    def _unique(self, name: str, what: str) -> str:
         wanted = name.replace(".", "_").replace("=", "_")
-        found, count = wanted, 1
-        while found in self.taken:
-            found = f"{wanted}_{what}" if count == 1 else f"{wanted}_{what}_{count}"
+        unique, count = wanted, 1
+        while unique in self.taken:
+            unique = f"{wanted}_{what}" if count == 1 else f"{wanted}_{what}_{count}"
             count += 1
-        self.taken.add(found)
-        return found
+        self.taken.add(unique)
+        return unique

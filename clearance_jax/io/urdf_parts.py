@@ -1,4 +1,4 @@
-"""What a URDF file says of a robot, as it says it: links, joints, and how they hang together.
+"""Records of a URDF file: links, joints and the robot.
 
 Units are SI. A pose is a place `xyz` [m] and a turn `rpy` [rad], R = Rz(yaw) Ry(pitch) Rx(roll).
 """
@@ -46,7 +46,7 @@ class Mimic(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """A joint: its frame is the child's, at zero at the pose `xyz`, `rpy` in the parent's frame.
+    """A joint. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
 
     **Arguments:** `kind`: one of `KINDS`; `axis`: a unit vector in the joint's frame; `damping` [N m s/rad or N s/m];
     `friction` [N m or N]; `stiffness` of a spring [N m/rad or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or
@@ -76,9 +76,7 @@ class Joint(NamedTuple):
 
 
 class Robot(NamedTuple):
-    """A whole file: links in its order, joints parents first, the link that no joint carries, and what of the file was
-    not read, in words.
-    """
+    """A robot: links in the file's order, joints parents first, the `root` link, and what was not read, in words."""
 
     name: str
     links: tuple[Link, ...]

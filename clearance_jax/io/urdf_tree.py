@@ -1,4 +1,4 @@
-"""Links and joints of a URDF together: every name is known and used once, and all hang on one root, without a loop."""
+"""Checks that the links and joints of a URDF form one tree with unique names."""
 
 import collections
 from collections.abc import Mapping, Sequence
@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.urdf_parts import MAY_MIMIC, Joint, Link, Robot
 
-# A robot's program grows with its links; what has more is no robot, or not meant to be one file.
+# The compiled program grows with the links.
 MOST_LINKS = 2000
-# So many names stand in a message.
+# Most names in a message.
 SHOWN = 4
 
 
@@ -57,17 +57,17 @@ def _say(joint: Joint) -> str:
 
 def _carriers(joints: Sequence[Joint]) -> dict[str, Joint]:
     """The joint that carries each link."""
-    found: dict[str, Joint] = {}
+    carriers: dict[str, Joint] = {}
     for joint in joints:
-        if joint.child in found:
-            other = found[joint.child]
+        if joint.child in carriers:
+            other = carriers[joint.child]
             raise ClearanceError(
                 f"{_say(joint)} closes a loop: the link `{joint.child}` hangs on joint `{other.name}` (line "
                 f"{other.line}) already. URDF knows trees only. Remove one of both, and close the loop in Python "
                 "(`Mechanism(..., loops=...)`)."
             )
-        found[joint.child] = joint
-    return found
+        carriers[joint.child] = joint
+    return carriers
 
 
 def _root(links: Sequence[Link], carried: Mapping[str, Joint]) -> str:
@@ -89,7 +89,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _circle(link: str, carried: Mapping[str, Joint]) -> str:
-    """In words, the circle of joints that one comes to from a link upwards."""
+    """The loop of joints above a link, in words."""
     seen: list[str] = []
     while link not in seen:
         seen.append(link)
@@ -103,12 +103,12 @@ def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
     children = collections.defaultdict(list)
     for joint in joints:
         children[joint.parent].append(joint)
-    found, waiting = [], children[root][::-1]
+    ordered, waiting = [], children[root][::-1]
     while waiting:
         joint = waiting.pop()
-        found.append(joint)
+        ordered.append(joint)
         waiting += children[joint.child][::-1]
-    return tuple(found)
+    return tuple(ordered)
 
 
 def _check_reached(root: str, links: Sequence[Link], ordered: Sequence[Joint], carried: Mapping[str, Joint]) -> None:

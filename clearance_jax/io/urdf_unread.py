@@ -1,4 +1,4 @@
-"""What of a URDF file was not read, in words: nothing that may be physics is dropped without a sign."""
+"""Lists the elements and attributes of a URDF file that were not read and may be physics."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -6,21 +6,21 @@ from collections.abc import Iterator
 from clearance_jax.io.urdf_elements import ATTRIBUTES, CHILDREN
 from clearance_jax.io.xml_file import Element
 
-# What does not move a robot by itself: looks, shapes for collisions and what these feel, calibration, soft limits.
+# Elements without effect on the motion: looks, shapes for collisions, calibration, soft limits.
 PASSED = {"visual", "collision", "collision_checking", "contact", "material", "calibration", "safety_controller"}
-# Of a <gazebo>: the same, and what simulators run beside the motion.
+# The same in a <gazebo>, and what simulators run beside the motion.
 OF_GAZEBO = PASSED | {"plugin", "sensor", "mu1", "mu2", "mu", "kp", "kd", "fdir1", "minDepth", "maxVel", "maxContacts"}
 OF_GAZEBO |= {"selfCollide", "self_collide", "laserRetro", "provideFeedback", "springStiffness", "springReference"}
 # Of a transmission: how a controller reaches the motor, and what is read of it.
 OF_TRANSMISSION = {"type", "joint", "actuator", "hardwareInterface", "mechanicalReduction", "motorTorqueConstant"}
 OF_TRANSMISSION |= {"rotor_inertia", "gear_ratio", "leftActuator", "rightActuator", "flexJoint", "role", "offset"}
-# So many kinds stand in a line.
+# Most kinds in a message.
 SHOWN = 8
 
 
 def unread(top: Element) -> tuple[str, ...]:
-    """Kinds of elements and attributes that were not read, each with how often it stands in the file and where first;
-    of many kinds the first ones, and how many more there are.
+    """Kinds of elements and attributes that were not read, each with its first line and how often it stands in the
+    file; at most `SHOWN` kinds.
     """
     count, first = Counter(), {}
     for words, line in _of(top):
@@ -51,7 +51,7 @@ def _of(element: Element) -> Iterator[tuple[str, int]]:
 
 
 def _beside(element: Element, passed: set[str]) -> Iterator[tuple[str, int]]:
-    """Of an element that other programs read."""
+    """Unknown children of an element for other programs."""
     for child in element.children:
         if child.word not in passed:
             yield f"<{child.word[:60]}> in <{element.tag}>", child.line

@@ -4,7 +4,7 @@ import dataclasses
 
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.fields import keys_of, kind_of, kinds_of, summary
-from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import LONGEST_PATH, Key, QuantityKey, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.joints.bore import FEWEST
 from clearance_jax.laws import Material
@@ -25,7 +25,7 @@ WEAR = Keys(
             '{ kind = "foundation", stiffness = "2e13 Pa/m" }',
             required=True,
         ),
-        Quantity("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the study's t1"),
+        QuantityKey("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the study's t1"),
         Whole(
             "cycles",
             "how many cycles it lives, if nothing ends its life before",
@@ -33,7 +33,7 @@ WEAR = Keys(
             least=1,
             absent="no life is asked for: the section says how limits wear",
         ),
-        Quantity(
+        QuantityKey(
             "length",
             "length of the contact along the pin",
             '"20 mm"',
@@ -51,7 +51,7 @@ WEAR = Keys(
             most=MOST,
             absent="as many as the patch needs, at least 360; in a design that of the scene's own numbers",
         ),
-        Quantity(
+        QuantityKey(
             "tolerance",
             "what a block of cycles may be off by, as a part of the largest depth",
             "1e-2",
@@ -90,7 +90,7 @@ _CHANGES = (
     Sub("running_in", "wears faster at first", '{ factor = 5.0, duration = "1 h" }', absent="it does not"),
 )
 _OF_ARCHARD = (
-    Quantity(
+    QuantityKey(
         "coefficient",
         "coefficient of wear: depth by pressure and way, volume by force and way; or Archard's number, with a "
         "`hardness`",
@@ -99,13 +99,8 @@ _OF_ARCHARD = (
         bounds={"least": 0.0},
         required=True,
     ),
-    Quantity(
-        "hardness",
-        "of the softer surface",
-        '"1.3 GPa"',
-        unit="Pa",
-        bounds={"above": 0.0},
-        absent="in the coefficient",
+    QuantityKey(
+        "hardness", "of the softer surface", '"1.3 GPa"', unit="Pa", bounds={"above": 0.0}, absent="in the coefficient"
     ),
 )
 LAW_TABLES = kinds_of(
@@ -128,7 +123,7 @@ PRESSURE_TABLES = kinds_of(
     {
         "foundation": (
             *(dataclasses.replace(key, required=False, absent="from a layer") for key in keys_of(Foundation)),
-            Quantity("thickness", f"thickness {_LAYER}", '"2 mm"', unit="m", bounds={"above": 0.0}),
+            QuantityKey("thickness", f"thickness {_LAYER}", '"2 mm"', unit="m", bounds={"above": 0.0}),
             Sub("material", f"material {_LAYER}", '{ modulus = "3 GPa", poisson_ratio = 0.4 }'),
         )
     },
@@ -139,7 +134,7 @@ _END = Word("kind", "what ends its life", '"depth"', allowed=("metric", "depth",
 
 
 def _until(kind: str, help: str, unit: str, example: str, *keys: Key) -> Keys:
-    bound = Quantity("bound", "where it ends", example, unit=unit, bounds={"above": 0.0}, required=True)
+    bound = QuantityKey("bound", "where it ends", example, unit=unit, bounds={"above": 0.0}, required=True)
     return kind_of("wear.until", "End of a life", _END, kind, help, *keys, bound)
 
 

@@ -1,4 +1,4 @@
-"""How a joint wears, as a study describes it: which joint, by which law, under which pressure."""
+"""Reads the wear model of a study: the joint that wears, the law and the pressure."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.kinds import Words
-from clearance_jax.io.table import Chosen, Table, naming
+from clearance_jax.io.table import Chosen, TomlTable, naming
 from clearance_jax.io.wear_keys import COEFFICIENT_UNIT, GRADED, LAW_TABLES, MATERIAL, PRESSURE_TABLES, RUNNING_IN
 from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
@@ -17,13 +17,12 @@ from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
 
 
-def wear_model(top: Table, mechanism: Mechanism, cycle: float) -> WearModel:
-    """What a table with the keys `WEARING` says, of cycles that end at `cycle` [s]; the joint has the length and the
-    materials that the table gives it. **Raises:** `ClearanceError` naming the key and the fix.
+def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
+    """The wear model of a section `wear`, with cycles that end at `cycle` [s]. The joint gets the length and the
+    materials of the table. **Raises:** `ClearanceError` naming the key and the fix.
     """
     mechanism, joint = _with_joint_values(top, mechanism)
-    for key in ("law", "pressure"):
-        top.need(key)
+    top.need("law", "pressure")
     law = _law(top.variant("law", LAW_TABLES, _coefficient(top)))
     pressure = _pressure(top.variant("pressure", PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
@@ -32,8 +31,8 @@ def wear_model(top: Table, mechanism: Mechanism, cycle: float) -> WearModel:
     return WearModel(mechanism, joint, law, pressure, cycle)
 
 
-def _with_joint_values(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
-    """The mechanism, whose joint knows the length and the materials that the table gives it."""
+def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism, str]:
+    """The mechanism with the length and materials of the table in the worn joint, and the joint's name."""
     name, known = top.get("joint"), {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
         raise ClearanceError(f"{top.key('joint')}: no joint with clearance has this name. {suggest(name, known)}")
@@ -49,12 +48,12 @@ def _with_joint_values(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str
     return mechanism.with_clearance(name, clearance), name
 
 
-def _material(table: Table, key: str) -> Material:
+def _material(table: TomlTable, key: str) -> Material:
     return Material(**table.table(key, MATERIAL).arguments())
 
 
-def _coefficient(top: Table) -> Words:
-    """In which unit the coefficient is: beside a hardness in none."""
+def _coefficient(top: TomlTable) -> Words:
+    """The unit of the coefficient by its placeholder: none beside a hardness."""
     given = top.values.get("law")
     return {COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}
 
@@ -83,6 +82,5 @@ def _pressure(read: Chosen) -> AbstractPressure:
         raise ClearanceError(f"{table.where} must have a `stiffness`, or `thickness` and `material` of a layer.")
     if not layer:
         return Foundation(table.get("stiffness"))
-    for key in ("thickness", "material"):
-        table.need(key)
+    table.need("thickness", "material")
     return foundation(_material(table, "material"), table.get("thickness"))

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.metric import Span
-from clearance_jax.io.table import Chosen, Table
+from clearance_jax.io.table import Chosen, TomlTable
 from clearance_jax.io.wear_keys import UNTIL_TABLES, WEAR
 from clearance_jax.io.wear_model import wear_model
 from clearance_jax.wear import WearModel
@@ -18,9 +18,9 @@ OF_A_LIFE = ("until", "longest", "journal")
 
 
 class WearAsked(NamedTuple):
-    """What the section says: the `model` of the joint that wears; `cycles` of its life (`None`: none is asked for) and
-    its `options`, those of the solves (`solve`) beside; what ends the life, and that in words, if anything; the
-    journal's file, if it is named.
+    """The section as read: the `model`; `cycles` of the life (`None`: no life is asked for); `options` of its
+    simulation, and `solve` options of the motions; `until`: the criterion that ends it, in `words` too; the `journal`
+    file.
     """
 
     model: WearModel
@@ -32,15 +32,13 @@ class WearAsked(NamedTuple):
     journal: Path | None
 
 
-def wear_of(study: Asked) -> WearAsked:
-    """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
+def wear_of(study: StudyFile) -> WearAsked:
+    """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("wear", WEAR)
     span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
     model = wear_model(table, study.mechanism, span.t1)
     if not table.has("cycles"):
-        for key in OF_A_LIFE:
-            if table.has(key):
-                raise ClearanceError(f"{table.key(key)} has no effect without `cycles`, how many it lives. Add it.")
+        table.refuse(*OF_A_LIFE, why="has no effect without `cycles`, how many it lives. Add it.")
     until, words = None, ""
     if table.has("until"):
         until, words = _until(table.variant("until", UNTIL_TABLES), study, span)
@@ -55,7 +53,7 @@ def wear_of(study: Asked) -> WearAsked:
     )
 
 
-def _until(read: Chosen, study: Asked, span: Span) -> tuple[AbstractCriterion, str]:
+def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterion, str]:
     kind, table = read
     if kind == "depth":
         return Deepest(table.get("bound")), "largest depth of wear"
@@ -68,5 +66,5 @@ def _until(read: Chosen, study: Asked, span: Span) -> tuple[AbstractCriterion, s
     return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, study.options), name
 
 
-def _is_one_number(table: Table, metric: Any) -> bool:
+def _is_one_number(table: TomlTable, metric: Any) -> bool:
     return getattr(metric, "times", None) is None or callable(metric.times)

@@ -1,7 +1,7 @@
-"""XML files as trees of elements that know their lines; what an XML text can do beyond that is refused.
+"""Reads XML files as trees of elements that know their lines.
 
-A robot's file often comes from a stranger. A document type may define entities that grow without end, or name other
-files and addresses to read. No robot needs one: it is refused as a whole. So is a text too large or nested too deep.
+A file may come from a stranger. Document types, which can define endless entities or read other files, are refused. So
+are texts that are too large or nested too deep.
 """
 
 import dataclasses
@@ -44,7 +44,7 @@ class Element:
 
 
 class _Builder:
-    """What the parser calls. It asks the parser for the line of each element that begins."""
+    """The target of the parser: builds the tree, with the line of each element."""
 
     def __init__(self):
         self.top: Element | None = None
@@ -69,7 +69,7 @@ class _Builder:
             self.open[-1].pieces.append(text)
 
     def close(self) -> None:
-        """The tree is at the top."""
+        """The parser ends; the tree is `top`."""
 
 
 def read_xml(path: Path, what: str) -> tuple[str, Element]:

@@ -1,4 +1,4 @@
-"""What is asked of a motion: a reduction over time (`Peak`, `Rms`, `At`, ...) of a signal (`PositionError`, ...)."""
+"""Metrics: a reduction over time (`Peak`, `Rms`, `At`, ...) of a signal of a motion (`PositionError`, ...)."""
 
 from clearance_jax.metrics.crossing import CrossingTime
 from clearance_jax.metrics.iso9283 import (

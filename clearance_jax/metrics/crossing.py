@@ -1,4 +1,4 @@
-"""When something happens in a motion: a signal crosses a value."""
+"""The time at which a signal crosses a value."""
 
 from typing import Any, ClassVar
 
@@ -61,14 +61,14 @@ class CrossingTime(AbstractMetric):
         (record,), (picked,) = reply.solution.records, reply.picked
         assert picked is not None
         above = self._sign * (signal_at(self.signal, reply, picked.time, picked.y)[0] - self.level)
-        # Newton's step on the signal itself, which is zero already but for what a closure moves: its derivative is that
-        # of the crossing.
+        # Newton's step on the signal has the derivative of the crossing. The signal is already zero, but for what a
+        # closure moves.
         moved = above / jnp.where(record.slope < 0, record.slope, -jnp.inf)
         return jnp.where(record.entered, 1.0, jnp.nan) * (jax.lax.stop_gradient(picked.time[0]) - moved)
 
 
 class Signed(Module):
-    """A signal with a sign."""
+    """A signal times a sign."""
 
     signal: Any
     sign: float = eqx.field(static=True)

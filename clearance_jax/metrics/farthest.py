@@ -13,17 +13,17 @@ from clearance_jax.joints.reach import farthest
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.metrics.signals import AbstractSignal
 
-# From so many places the largest error is climbed to; so often each time. A climb of a norm never falls, and ends after
-# a few turns where one end of the mechanism moves by sums of parts.
+# Starting points, and iterations from each. An iteration never lowers a norm, and few are needed if one end of the
+# mechanism moves by sums of parts.
 STARTS, CLIMB = 6, 6
 
 
 class Farthest(AbstractSignal):
     """The largest value of a signal over all places that rigid pins may have in their play.
 
-    An error is nearly a norm of a linear function of the play, which is largest on its boundary: from each place the
-    play goes where the error's gradient points farthest, until it stays. A lower one than the largest of all is
-    possible, and rare. The derivative is that at the place found (it is stationary there but for the play's size).
+    An error is nearly a norm of a linear function of the play, so it is largest on the boundary. Each iteration moves
+    the play to the boundary point farthest along the error's gradient. It may end at a lower maximum, which is rare.
+    The derivative is that at the place found, where the error is stationary but for the play's size.
     """
 
     needs_ideal: ClassVar[bool] = True
@@ -51,8 +51,8 @@ class Farthest(AbstractSignal):
             return self.signal.value(time, displaced(time, mechanism, split(play), reference), mechanism, reference)
 
         def corner(weights, given):
-            own = given[1].clearance_joints()
-            return jnp.concatenate([farthest(j.clearance.joint, w) for j, w in zip(own, split(weights), strict=True)])
+            pins = [joint.clearance.joint for joint in given[1].clearance_joints()]
+            return jnp.concatenate([farthest(pin, w) for pin, w in zip(pins, split(weights), strict=True)])
 
         def climb(weights):
             def once(_, weights):
@@ -61,8 +61,8 @@ class Farthest(AbstractSignal):
             weights = jax.lax.fori_loop(0, CLIMB, once, weights)
             return weights, error(corner(weights, fixed), fixed)
 
-        sizes = jnp.concatenate([jnp.stack([one.scale for one in j.joint.play()]) for j in fixed[1].clearance_joints()])
-        weights, reached = jax.vmap(climb)(
-            np.random.default_rng(0).standard_normal((STARTS, sum(counts))) / sizes[None]
-        )
+        plays = [joint.joint.play() for joint in fixed[1].clearance_joints()]
+        sizes = jnp.concatenate([jnp.stack([play.scale for play in joint_play]) for joint_play in plays])
+        directions = np.random.default_rng(0).standard_normal((STARTS, sum(counts)))
+        weights, reached = jax.vmap(climb)(directions / sizes[None])
         return error(corner(weights[jnp.argmax(reached)], given), given)

@@ -1,4 +1,4 @@
-"""When the first fall of a pin is over: what it does until then a start in mid-air causes, and the machine does not."""
+"""The end of a pin's first fall, an artefact of a start without contact."""
 
 from typing import NamedTuple
 
@@ -32,8 +32,8 @@ class FirstFall(AbstractMetric):
 
 
 class _Fall(NamedTuple):
-    """When it is `over` [s] (infinity: not yet), whether the pin has `landed`, and how often its rate has changed sign
-    since.
+    """The time when it is `over` [s] (infinity: not yet), whether the pin has `landed`, and how often its rate has
+    changed sign since.
     """
 
     over: Array
@@ -42,7 +42,7 @@ class _Fall(NamedTuple):
 
 
 class _Landing(AbstractObserver):
-    """Follows a joint (by its place among the clearance joints) through its first fall."""
+    """Follows a joint (by its index among the clearance joints) through its first fall."""
 
     joint: int = eqx.field(static=True)
 
@@ -62,7 +62,7 @@ class _Landing(AbstractObserver):
         return _Fall(over, landed, turns)
 
     def _deepest(self, time: Scalar, y: Array, problem: Problem) -> tuple[Array, Array]:
-        """Penetration and its rate at the deepest point."""
+        """Penetration [m] and its rate [m/s] at the deepest point."""
         clearance = problem.mechanism.clearance_joints()[self.joint].clearance
         depth, rate = clearance.depths(relative_motions(time, y, problem.mechanism)[self.joint])
         k = jnp.argmax(depth)

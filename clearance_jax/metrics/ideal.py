@@ -1,4 +1,4 @@
-"""The ideal mechanism beside the actual one: how freely it moves, and where it is."""
+"""Mobility and state of the ideal mechanism, to which errors refer."""
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +13,17 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 
-# Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
+# Newton steps from a pin's place to the ideal mechanism. Each squares the error, which is small at first.
 ASSEMBLE = 4
 
 
 def freedom(ideal: Mechanism) -> int:
-    """How many velocities drives and closures leave free; in space, where conditions repeat each other, as it is
-    assembled. While its numbers are traced (jit, vmap, derivatives) all conditions are taken to be independent.
+    """The number of velocities that drives and closures leave free. In space, where conditions may repeat each other,
+    it is that of the assembled mechanism. For traced numbers (jit, vmap, derivatives) all conditions count as
+    independent.
 
-    **Raises:** `ClearanceError` where loops demand more than the joints can give: in the plane, and in space while
-    which of them repeat others cannot be known.
+    **Raises:** `ClearanceError` if loops demand more than the joints can give: in the plane, and in space if repeated
+    conditions cannot be known.
     """
     free, loops = layout(ideal).free, ideal.closures()
     if ideal.may_repeat and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(ideal)):
@@ -44,19 +45,19 @@ def freedom(ideal: Mechanism) -> int:
 
 
 def _condition_count(loop) -> int:
-    """How many conditions a loop's joint asks for in space."""
+    """The number of conditions of a loop's joint in space."""
     hold = loop.joint_constraint()
     return (3 if hold.along is None else len(hold.along)) + len(hold.square)
 
 
 def ideal_state(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """The state of the ideal mechanism, where drives and closures determine it: the actual one's, loops closed."""
+    """The state of an ideal mechanism that drives and closures determine: the actual one's, with loops closed."""
     ideal = mechanism.ideal()
-    plan, own = layout(mechanism), layout(ideal)
-    if own.free == 0:
+    plan, ideal_plan = layout(mechanism), layout(ideal)
+    if ideal_plan.free == 0:
         return jnp.zeros(0)
     state = plan.split(y)
-    places = (state.q[plan.positions.index(name)] for name in own.positions)
-    rates = (state.v[plan.velocities.index(name)] for name in own.velocities)
+    places = (state.q[plan.positions.index(name)] for name in ideal_plan.positions)
+    rates = (state.v[plan.velocities.index(name)] for name in ideal_plan.velocities)
     guess = jnp.stack([*places, *rates])
     return project(time, guess, ideal, ASSEMBLE)

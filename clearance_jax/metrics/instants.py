@@ -1,4 +1,4 @@
-"""When a signal peaks, beside how high: what a peak is, and whether it belongs to the start."""
+"""Peaks of a signal with their times."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ class Instants(NamedTuple):
 
 
 class PeakInstants(AbstractMetric):
-    """A peak's values and when they are, from the solve that the peak itself takes; times have no derivative."""
+    """The values and times of a peak, from the solve of the peak itself. Times have no derivative."""
 
     peak: Peak
 

@@ -83,9 +83,9 @@ def path_repeatability(attained: Any, commanded: Any) -> Scalar:
 
     **Arguments:** `attained`: paths, shape (cycles, samples, axes); `commanded`: the path, shape (places, axes).
     """
-    found = crossings(attained, commanded)
-    _cloud(found[:, 0])
-    return jnp.max(jnp.stack([_repeatability(found[:, i]) for i in range(found.shape[1])]))
+    points = crossings(attained, commanded)
+    _cloud(points[:, 0])
+    return jnp.max(jnp.stack([_repeatability(points[:, i]) for i in range(points.shape[1])]))
 
 
 def crossings(attained: Any, commanded: Any) -> Float[Array, "cycles places axes"]:

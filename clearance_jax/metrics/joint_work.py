@@ -1,4 +1,4 @@
-"""What a clearance joint bears on average and loses over a motion: by which its wear and its heat are judged."""
+"""Mean force and losses of a clearance joint over a motion, which measure its wear and its heat."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from clearance_jax.metrics.signals import clearance_index
 
 
 class Work(NamedTuple):
-    """Of a joint: time average of its normal force [N], energy lost in its friction and in its contact damping [J]."""
+    """The mean normal force of a joint [N], and the energy lost in its friction and in its contact damping [J]."""
 
     mean_force: Scalar
     friction_loss: Scalar
@@ -33,7 +33,7 @@ class JointWork(AbstractMetric):
 
     def request(self, mechanism, t1, options):
         clearance_index(mechanism, self.joint)  # an unknown name raises here
-        return Request(integrands=(Powers(self.joint),))
+        return Request(integrands=(JointPowers(self.joint),))
 
     def value(self, reply):
         pressed, rubbed, absorbed = reply.integrals[0]
@@ -43,13 +43,13 @@ class JointWork(AbstractMetric):
         return Work(pressed / reply.span, rubbed, absorbed - gained)
 
 
-class Powers(Module):
+class JointPowers(Module):
     """Normal force [N], power lost in friction and power absorbed beside it [W] of a joint, shape (3,)."""
 
     joint: str = eqx.field(static=True)
 
     def __call__(self, time, y, mechanism):
-        """The three at a state."""
+        """The three powers at a state."""
         joint, at, state = _play(mechanism, self.joint, time, y)
         action = joint.clearance.act(at, state.memory[joint.name])
         return jnp.stack([action.normal_force, action.friction_power, action.absorbed_power])

@@ -71,17 +71,15 @@ class Reply(NamedTuple):
         return self.t1 - self.begin
 
 
-class Form(NamedTuple):
-    """How the values of a metric are to be read: their `unit`, and their `axes`, of each its name and the labels along
-    it (none: it only counts).
-    """
+class MetricForm(NamedTuple):
+    """The `unit` and the `axes` of a metric's values: name and labels of each axis (no labels: a counter)."""
 
     unit: str
     axes: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 class AbstractMeasure(Module):
-    """What may be limited: a metric of one motion (`AbstractMetric`), or one at several ages of a mechanism's parts."""
+    """What a limit may bound: a metric of one motion (`AbstractMetric`), or one at several ages of the parts."""
 
     @property
     @abc.abstractmethod
@@ -90,7 +88,7 @@ class AbstractMeasure(Module):
 
     @abc.abstractmethod
     def with_metric(self, metric: "AbstractMetric") -> "AbstractMeasure":
-        """The same of another metric of one motion."""
+        """The same measure of another metric of one motion."""
 
     @property
     @abc.abstractmethod
@@ -99,21 +97,21 @@ class AbstractMeasure(Module):
 
     @property
     def ages(self) -> tuple[str, ...]:
-        """What a label says of each age at which it has the values of `base_metric`: by default one, as it is."""
+        """A suffix of the label for each age of its values; by default one age, without suffix."""
         return ("",)
 
     @property
     def title_suffix(self) -> str:
-        """What a title says behind the metric, with a space before. Nothing by default."""
+        """What follows the metric in a title, with a space before. Empty by default."""
         return ""
 
     def finer(self, factor: float) -> "AbstractMeasure":
-        """The same with errors of its own, if it has any beside those of a solve, so many times smaller."""
+        """The same with errors of its own, beyond those of a solve, `factor` times smaller."""
         del factor
         return self
 
     def model(self, mechanism: Mechanism) -> Any:
-        """What has all numbers that move it, the mechanism's among them: the mechanism by default."""
+        """The model that has all numbers it depends on; by default the mechanism."""
         return mechanism
 
 
@@ -134,10 +132,10 @@ class AbstractMetric(AbstractMeasure):
     def unit(self) -> str:
         return getattr(getattr(self, "signal", None), "unit", "")
 
-    def form(self, mechanism: Mechanism) -> Form:
-        """How its values of a mechanism's motion are to be read; axes are not named by default."""
+    def form(self, mechanism: Mechanism) -> MetricForm:
+        """Unit and axes of its values for a mechanism's motion; by default axes have no names."""
         del mechanism
-        return Form(self.unit)
+        return MetricForm(self.unit)
 
     def static_bound(self) -> "AbstractMetric":
         """The metric of the largest errors that play alone allows, of a metric that has an error as its `signal`.
@@ -154,7 +152,7 @@ class AbstractMetric(AbstractMeasure):
 
     @abc.abstractmethod
     def request(self, mechanism: Mechanism, t1: Any, options: Settings) -> Request:
-        """What it needs of the solve of the motion from `options.t0` to `t1`."""
+        """What it needs of the solve of the motion from `options.t0` to `t1` [s]."""
 
     @abc.abstractmethod
     def value(self, reply: Reply) -> Any:
@@ -193,12 +191,12 @@ class Function(AbstractMetric):
     def of(self, mechanism: Mechanism, solution: Solution) -> Array:
         """The function's value."""
         given = (solution,) if arguments(self.function) == 1 else (mechanism, solution)
-        found = self.function(*given)
+        answer = self.function(*given)
         try:
-            return jnp.asarray(found)
+            return jnp.asarray(answer)
         except (TypeError, ValueError):
             raise ClearanceError(
-                f"The metric `{self.called}` must return a number or an array, but it returned {type(found).__name__}."
+                f"The metric `{self.called}` must return a number or an array, but it returned {type(answer).__name__}."
             ) from None
 
 
@@ -219,16 +217,16 @@ def arguments(function: Callable) -> int:
     demanded = [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
     swapped = placed[:1] == ["solution"] and len(placed) == 2
     if len(placed) not in (1, 2) or demanded or swapped or isinstance(function, type):
-        found = f"`{_function_name(function)}({', '.join([*placed, *demanded])})`"
+        signature = f"`{_function_name(function)}({', '.join([*placed, *demanded])})`"
         raise ClearanceError(
             f"A metric is one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`; "
-            f"{found} is neither."
+            f"{signature} is neither."
         )
     return len(placed)
 
 
 def as_measure(given: Any) -> AbstractMeasure:
-    """What may be limited as it is; a function as a metric. **Raises** `ClearanceError` for anything else."""
+    """A measure as it is; a function as a metric. **Raises** `ClearanceError` for anything else."""
     return given if isinstance(given, AbstractMeasure) else as_metric(given)
 
 
@@ -246,10 +244,7 @@ def as_metric(given: Any) -> AbstractMetric:
 
 
 def measure(
-    mechanism: Mechanism,
-    metrics: Mapping[str, AbstractMetric | Callable],
-    t1: Any,
-    **options: Unpack[SolveOptions],
+    mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, **options: Unpack[SolveOptions]
 ) -> dict[str, Any]:
     """Several metrics of one motion, from one solve. It works under jit, vmap, jvp and grad.
 
@@ -276,14 +271,14 @@ def by_name(given: Any) -> dict[str, AbstractMetric]:
 def measure_settings(
     mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, options: Settings
 ) -> dict[str, Any]:
-    """As `measure`, by options that have been read."""
+    """As `measure`, with settings instead of options."""
     wanted = by_name(metrics)
     if options.fidelity == STATIC:
         wanted = {name: metric.static_bound() for name, metric in wanted.items()}
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
     times = [_times(request, begins[name]) for name, request in requests.items()]
-    together = [one for one in times if one is not None]
+    together = [samples for samples in times if samples is not None]
     energy_balance = options.energy_balance or any(request.energy_balance for request in requests.values())
     solution = run(
         mechanism,
@@ -297,32 +292,32 @@ def measure_settings(
     for (name, request), asked in zip(requests.items(), times, strict=True):
         count = len(request.observers)
         part = slice(seen, seen + count)
-        own = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
+        view = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
         seen += count
         first = solution.initial
         if asked is not None:
             size = asked.shape[0]
-            own = dataclasses.replace(own, time=asked, y=solution.y[samples : samples + size], sampled=True)
+            view = dataclasses.replace(view, time=asked, y=solution.y[samples : samples + size], sampled=True)
             samples += size
         if request.since is not None:
-            first = own.y[-1]
-            own = dataclasses.replace(own, time=own.time[:-1], y=own.y[:-1])
+            first = view.y[-1]
+            view = dataclasses.replace(view, time=view.time[:-1], y=view.y[:-1])
         if request.times is None:
-            own = dataclasses.replace(own, time=own.end_time[None], y=own.final[None], sampled=False)
+            view = dataclasses.replace(view, time=view.end_time[None], y=view.final[None], sampled=False)
         sums = _integrals(solution.final - first, summed, sizes[name])
         summed += sum(sizes[name])
-        value = wanted[name].value(Reply(mechanism, t1, options, own, sums, begins[name], first))
+        value = wanted[name].value(Reply(mechanism, t1, options, view, sums, begins[name], first))
         # A lane of a batch in which nothing is left to count has no value.
         if request.since is not None:
             some = jnp.where(begins[name] < t1, 1.0, jnp.nan)
             value = jax.tree.map(lambda v, some=some: some * v, value)
-        # Once more, of the value: not every function of a number that is none is none.
+        # Mask the value too: a function of NaN may be finite.
         out[name] = only_reached(solution, value) if isinstance(solution.final, Tracer) else value
     return out
 
 
 def begin_of(since: Any, t1: Any, options: Settings) -> Any:
-    """From when on a metric counts [s]. **Raises** `ClearanceError` where nothing would be left."""
+    """The time from which a metric counts [s]. **Raises** `ClearanceError` if it is not before the end."""
     if since is None:
         return options.t0
     if not any(isinstance(t, Tracer) for t in (since, t1)) and not float(since) < float(t1):
@@ -333,14 +328,14 @@ def begin_of(since: Any, t1: Any, options: Settings) -> Any:
 
 
 def _times(request: Request, begin: Any) -> Array | None:
-    """Samples that a metric asks for, and the one at which it begins to count behind them."""
+    """Sample times of a metric [s], and behind them the time from which it counts, if it has one."""
     if request.since is None:
         return request.times
     return jnp.concatenate([jnp.zeros(0) if request.times is None else request.times, jnp.asarray(begin)[None]])
 
 
 def _sizes(mechanism: Mechanism, requests: dict[str, Request], energy_balance: bool) -> dict[str, list[int]]:
-    """How many numbers each integrand of each request is."""
+    """The size of each integrand of each request."""
     if not any(request.integrands for request in requests.values()):
         return {name: [] for name in requests}
     ready = mechanism.prepare()
@@ -350,7 +345,7 @@ def _sizes(mechanism: Mechanism, requests: dict[str, Request], energy_balance: b
 
 
 def _integrals(gained: Array, start: int, sizes: list[int]) -> tuple[Array, ...]:
-    """The integrals, one after the other from `start`, of what the quadratures have gained."""
+    """The integrals, one after the other from `start`, in what the quadratures have gained."""
     out = []
     for size in sizes:
         out.append(gained[start] if size == 1 else gained[start : start + size])

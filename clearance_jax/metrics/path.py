@@ -1,4 +1,4 @@
-"""The distance of a point from its ideal path as a curve, whatever time the ideal point is where on it."""
+"""The distance of a point from its ideal path, at whatever time the ideal point passes there."""
 
 from typing import Any, ClassVar
 
@@ -20,15 +20,15 @@ from clearance_jax.solve.simulate import run
 from clearance_jax.solve.tolerances import largest_length
 from clearance_jax.spatial import as_array, length_of, three
 
-# Halvings of an interval: of 1 mm they leave less than 1e-12 m.
+# Bisections of an interval: of 1 mm they leave less than 1e-12 m.
 HALVINGS = 30
-# The path's own error is at most this part of the largest play, or of the mechanism's length.
+# Largest error of the path, relative to the largest play and to the mechanism's length.
 OF_PLAY, OF_LENGTH = 1e-3, 1e-8
 
 
-class Curve(Module):
-    """A path: places [m] at equal distances in time, and what they move in one of these at their velocity [m]; `known`:
-    whether these say well enough where it is between them.
+class SampledPath(Module):
+    """A path by samples at equal time intervals: `places` [m], and `moves`, velocities times the interval [m]; `known`:
+    whether these are dense enough.
     """
 
     places: Float[Array, "samples 3"]
@@ -36,13 +36,13 @@ class Curve(Module):
     known: Bool[Array, ""]
 
     def at(self, x: Scalar) -> Float[Array, " 3"]:
-        """The place after x of the intervals, by the cubic between two samples."""
+        """The place [m] after x of the intervals, by the cubic between two samples."""
         k = jnp.clip(jnp.floor(jax.lax.stop_gradient(x)).astype(int), 0, len(self.places) - 2)
         return hermite(self.places[k], self.moves[k], self.places[k + 1], self.moves[k + 1], x - k)
 
     def nearest(self, point: Float[Array, " 3"]) -> Scalar:
-        """Where on it (in intervals) the nearest of all its places is: on the nearest chord's part of the curve, where
-        a plane across it goes through the point. Halvings find it also where the path's velocity is zero.
+        """The parameter (in intervals) of the place nearest to a point: on the part of the curve at the nearest chord,
+        where the plane across the curve goes through the point. Bisection works also where the velocity is zero.
         """
         ways, off = jnp.diff(self.places, axis=0), point[None] - self.places[:-1]
         squares = jnp.sum(ways * ways, axis=1)
@@ -59,9 +59,8 @@ class Curve(Module):
         return jax.lax.fori_loop(0, HALVINGS, halve, (1.0 * k, k + 1.0))[0]
 
     def distance(self, point: Float[Array, " 3"]) -> Scalar:
-        """The distance of a point from it [m]; not a number where it is not `known`. At the foot of the perpendicular,
-        or at an end of the path, the distance does not change with the place on the path: its derivative is that at a
-        fixed place.
+        """The distance of a point from the path [m]; NaN if the path is not `known`. At the foot of the perpendicular,
+        or at an end of the path, the distance is stationary along the path: its derivative is that at a fixed place.
         """
         here, curve = jax.lax.stop_gradient((point, self))
         off = length_of(three(point - self.at(curve.nearest(here))))
@@ -74,7 +73,7 @@ class OnPath(AbstractSignal):
     word: ClassVar[str] = "path-deviation"
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
-    curve: Curve
+    curve: SampledPath
 
     def scale(self, mechanism):
         return play_size(mechanism)  # a distance has a kink at zero
@@ -121,28 +120,28 @@ class PathDeviation(AbstractSignal):
     def value(self, time, y, mechanism, reference):
         raise ClearanceError("A path deviation is of a whole motion: `prepare` it by the mechanism and its span.")
 
-    def _curve(self, mechanism: Mechanism, t1: Any, options: Settings) -> Curve:
+    def _curve(self, mechanism: Mechanism, t1: Any, options: Settings) -> SampledPath:
         times, ideal = evenly(options.t0, t1, self.samples), mechanism.ideal()
         if self.against_free(mechanism):
             y = self._freely(mechanism, t1, times, options)
         elif layout(ideal).free:
-            own = options._replace(save_at=times, y0=None, atol=None, energy_balance=False, fidelity=DYNAMICS)
-            y = run(ideal, t1, own).y
+            settings = options._replace(save_at=times, y0=None, atol=None, energy_balance=False, fidelity=DYNAMICS)
+            y = run(ideal, t1, settings).y
         else:
             y = jnp.zeros((self.samples, layout(ideal).size))
         ready, apart = ideal.prepare(), (t1 - options.t0) / (self.samples - 1)
         places, velocities = jax.vmap(lambda t, y: motion_of(self.point, ready, t, y))(times, y)
         moves = apart * velocities
         tolerance = OF_PLAY * play_size(mechanism) + OF_LENGTH * largest_length(mechanism)
-        return Curve(places, moves, jax.lax.stop_gradient(_error(places, moves) <= tolerance))
+        return SampledPath(places, moves, jax.lax.stop_gradient(_error(places, moves) <= tolerance))
 
 
 def _error(places: Array, moves: Array) -> Scalar:
-    """By how much the cubics between samples may miss the path, at most: what those between every second sample miss
-    the samples between them by, across the path, over 2^4.
+    """An estimate of the largest error of the cubics between samples [m]: the error across the path of those between
+    every second sample, over 2^4.
     """
-    found = hermite(places[:-2:2], 2 * moves[:-2:2], places[2::2], 2 * moves[2::2], 0.5)
-    off, way = places[1::2] - found, moves[1::2]
+    middles = hermite(places[:-2:2], 2 * moves[:-2:2], places[2::2], 2 * moves[2::2], 0.5)
+    off, way = places[1::2] - middles, moves[1::2]
     squares = jnp.sum(way * way, axis=1)
     along = jnp.sum(off * way, axis=1) / jnp.where(squares > 0, squares, 1.0)
     return jnp.max(jnp.sqrt(jnp.sum((off - along[:, None] * way) ** 2, axis=1))) / 16

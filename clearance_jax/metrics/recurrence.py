@@ -22,17 +22,17 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.breaks import sampling_periods
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.metrics.measure import AbstractMetric, Form, Request
+from clearance_jax.metrics.measure import AbstractMetric, MetricForm, Request
 from clearance_jax.parameters import units_of, values_of
 from clearance_jax.solve.flow import Inputs, flow
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import tolerances
 
-# By this part of a period the last instant may lie beyond `t1`: as much as round-off of many periods.
+# Part of a period by which the last instant may lie beyond `t1`: round-off of many periods.
 ROUNDED = 1e-9
-# Of fewer periods there is no scatter to tell an uncertainty by.
+# Fewest periods whose scatter tells an uncertainty.
 FEWEST = 4
-# What an exponent with its uncertainty has along its last axis.
+# Labels along the last axis of an exponent with its uncertainty.
 ESTIMATE = ("value", "uncertainty")
 
 
@@ -45,7 +45,7 @@ def _period():
 
 
 def seconds(period: Any, mechanism: Mechanism) -> Array:
-    """A period that is given as such, or by a name. **Raises** `ClearanceError` where it is that of no speed."""
+    """A period in seconds, given as such or by the name of a speed. **Raises** `ClearanceError` for another name."""
     if not isinstance(period, str):
         return period
     unit = units_of(mechanism, [period])[period]
@@ -105,10 +105,10 @@ class PoincareSection(AbstractMetric):
         return Request(times=jax.lax.stop_gradient(timed.times(t1, options.t0)))
 
     def form(self, mechanism):
-        known, one = quantities(mechanism, energy_balance=True), isinstance(self.quantities, str)
-        names = (self.quantities,) if one else self.quantities
-        axes = (("instant", ()), *(() if one else (("quantity", names),)))
-        return Form(", ".join(known[name].unit for name in names), axes)
+        known, single = quantities(mechanism, energy_balance=True), isinstance(self.quantities, str)
+        names = (self.quantities,) if single else self.quantities
+        axes = (("instant", ()), *(() if single else (("quantity", names),)))
+        return MetricForm(", ".join(known[name].unit for name in names), axes)
 
     def value(self, reply):
         period = seconds(self.period, reply.mechanism)
@@ -119,8 +119,8 @@ class PoincareSection(AbstractMetric):
         parts = {name: jnp.asarray(reply.solution[name], float) for name in names}
         for name in (name for name, part in parts.items() if part.ndim != 1):
             raise ClearanceError(f"A Poincare section is of numbers, but `{name}` has several: name one, `{name}.x`.")
-        found = jnp.stack([factor * part for part in parts.values()], axis=-1)
-        return found[:, 0] if isinstance(self.quantities, str) else found
+        points = jnp.stack([factor * part for part in parts.values()], axis=-1)
+        return points[:, 0] if isinstance(self.quantities, str) else points
 
 
 class LyapunovExponent(AbstractMetric):
@@ -172,7 +172,7 @@ class LyapunovExponent(AbstractMetric):
 
     def form(self, mechanism):
         axes = [("period", ())] * self.running + [("exponent", ())] * (self.exponents > 1)
-        return Form(self.unit, (*axes, *((("estimate", ESTIMATE),) if self.uncertainty else ())))
+        return MetricForm(self.unit, (*axes, *((("estimate", ESTIMATE),) if self.uncertainty else ())))
 
     def request(self, mechanism, t1, options):
         size = layout(mechanism).size
@@ -194,14 +194,16 @@ class LyapunovExponent(AbstractMetric):
         grown = factor * _constant(metric, (reply.mechanism, begin, reply.solution.y[0], reply.options))
         rates = grown if self.exponents > 1 else grown[:, 0]
         counted = jnp.arange(1, self.count + 1).reshape(-1, *(1,) * (rates.ndim - 1))
-        found = jnp.cumsum(rates, axis=0) / (period * counted)
+        estimates = jnp.cumsum(rates, axis=0) / (period * counted)
         if self.uncertainty:
-            return jnp.stack([found[-1], uncertainty(rates, period)], axis=-1)
-        return found if self.running else found[-1]
+            return jnp.stack([estimates[-1], uncertainty(rates, period)], axis=-1)
+        return estimates if self.running else estimates[-1]
 
 
 def uncertainty(grown: Array, period: Any) -> Array:
-    """That of the mean growth a second, from the logarithms of the growth in every period, shape (count, ...)."""
+    """The uncertainty of the mean growth rate [1/s], from the logarithms of the growth in every period, shape (count,
+    ...).
+    """
     count = len(grown)
     blocks = math.isqrt(count)
     length = count // blocks

@@ -20,17 +20,14 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
-from clearance_jax.metrics.signals import (
-    AbstractSignal,
-    clearance_index,
-)
+from clearance_jax.metrics.signals import AbstractSignal, clearance_index
 from clearance_jax.solve.observers import PeakFinder, Picked, TouchCounter, without_derivatives
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
 
 
 def _since(**field):
-    """From when on a metric counts [s]."""
+    """A field: the time from which a metric counts [s]."""
     return eqx.field(converter=lambda t: None if t is None else jnp.asarray(t, float), default=None, **field)
 
 
@@ -65,11 +62,11 @@ class Peak(AbstractMetric):
         (picked,) = reply.picked
         assert picked is not None
         if reply.mechanism.has_manifold or self.signal.against_free(reply.mechanism):
-            # What was seen was seen of a state not yet projected, or against an interpolated ideal.
-            found = _at_peaks(self.signal, reply, picked)
+            # The observer saw unprojected states, or an interpolated ideal.
+            peaks = _at_peaks(self.signal, reply, picked)
         else:
-            found = _as_seen(picked.value, (self.signal, reply, picked))
-        return found[0] if self.count == 1 else found
+            peaks = _as_seen(picked.value, (self.signal, reply, picked))
+        return peaks[0] if self.count == 1 else peaks
 
     def times(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Float[Array, " count"]:
         """When the peaks are [s], the highest first."""
@@ -81,7 +78,7 @@ class Peak(AbstractMetric):
 
 
 def _at_peaks(signal: AbstractSignal, reply: Reply, picked: Picked) -> Array:
-    """A signal of the states that were picked."""
+    """The signal at the peaks that were picked."""
     # In the order of time, for an ideal mechanism that moves freely; and back.
     order = jnp.argsort(picked.time)
     return signal_at(signal, reply, picked.time[order], picked.y[order])[jnp.argsort(order)]
@@ -89,7 +86,7 @@ def _at_peaks(signal: AbstractSignal, reply: Reply, picked: Picked) -> Array:
 
 @eqx.filter_custom_jvp
 def _as_seen(value, given):
-    """What the observer saw is the value; only its derivative needs the signal in the program once more."""
+    """The value that the observer saw. Only its derivative needs the signal in the program once more."""
     return value
 
 
@@ -101,7 +98,7 @@ def _as_seen_jvp(primals, tangents):
 
 
 def signal_at(signal: AbstractSignal, reply: Reply, times: Array, y: Array) -> Array:
-    """A signal of states at increasing times."""
+    """A signal of states at increasing times [s], shape (times,)."""
     return signal.of(times, y, reply.mechanism, reply.t1, reply.options)
 
 
@@ -232,8 +229,8 @@ class EnergyLost(AbstractMetric):
         ready, size = reply.mechanism.prepare(), layout(reply.mechanism).size
 
         def loss(time, y):
-            held = energies(jnp.asarray(time, float), y, ready).contacts
-            energy_balance = read_balance(y[size : size + len(BALANCE_TERMS)], held)
+            contacts = energies(jnp.asarray(time, float), y, ready).contacts
+            energy_balance = read_balance(y[size : size + len(BALANCE_TERMS)], contacts)
             return energy_balance["damping_loss"] + energy_balance["friction_loss"]
 
         # `y0` may come with an energy balance that is not empty.

@@ -1,4 +1,4 @@
-"""Signals: what of a motion is looked at as a function of time."""
+"""Signals: scalar functions of time along a motion."""
 
 import abc
 from collections.abc import Callable
@@ -59,23 +59,23 @@ class AbstractSignal(Module):
 
     def bind(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
-        own = self.prepare(mechanism, t1, options)
-        if not own.against_free(mechanism):
-            return Instant(own)
+        signal = self.prepare(mechanism, t1, options)
+        if not signal.against_free(mechanism):
+            return Instant(signal)
         times = evenly(options.t0, t1, TABLE)
         y = self._freely(mechanism, t1, times, options)
         ready = mechanism.ideal().prepare()
-        return Tabulated(own, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
+        return Tabulated(signal, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
 
     def integrand(self, mechanism: Mechanism, t1: Any, options: Settings, power: int) -> "Integrand":
-        """A power of the signal, to be integrated along with the motion."""
-        own = self.prepare(mechanism, t1, options)
-        if own.against_free(mechanism):
+        """The signal to a power, to be integrated along with the motion."""
+        signal = self.prepare(mechanism, t1, options)
+        if signal.against_free(mechanism):
             raise ClearanceError(
                 "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive "
                 "its joints, or average samples: `At(signal, times)`."
             )
-        return Integrand(own, power)
+        return Integrand(signal, power)
 
     def prepare(self, mechanism: Mechanism, t1: Any, options: Settings) -> "AbstractSignal":
         """The signal with what it needs of the whole ideal motion, which is not computed at every step; by default it
@@ -85,28 +85,26 @@ class AbstractSignal(Module):
         return self
 
     def against_free(self, mechanism: Mechanism) -> bool:
-        """Whether it needs an ideal mechanism that moves freely."""
+        """Whether it refers to an ideal mechanism that moves freely."""
         return self.needs_ideal and freedom(mechanism.ideal()) > 0
 
     def _reference(self, time, y, mechanism):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None
 
     def _freely(self, mechanism, t1, times, options):
-        """States of an ideal mechanism that moves freely, by its dynamics, whatever judges the actual one; from its own
-        initial state, for it has no other.
-        """
+        """States at `times` of an ideal mechanism that moves freely, by its dynamics, from its own initial state."""
         if options.y0 is not None:
             raise ClearanceError(
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             )
-        own = options._replace(save_at=times, atol=None, energy_balance=False, fidelity=DYNAMICS)
-        return run(mechanism.ideal(), t1, own).y
+        settings = options._replace(save_at=times, atol=None, energy_balance=False, fidelity=DYNAMICS)
+        return run(mechanism.ideal(), t1, settings).y
 
 
 @solo_jit
 def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism, reference: Array | None) -> Array:
-    """A signal of states, as one program: outside of one every operation would be compiled and called by itself."""
+    """A signal of states, shape (times,), in one program: else every operation would be compiled by itself."""
     ready = mechanism.prepare()
     if reference is not None:
         return jax.vmap(lambda t, y, r: signal.value(t, y, ready, r))(times, y, reference)
@@ -114,7 +112,7 @@ def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism,
 
 
 class Instant(Module):
-    """A signal whose ideal reference, if any, follows from the state itself."""
+    """A signal whose ideal reference, if any, follows from the state itself, as a function."""
 
     signal: AbstractSignal
 
@@ -123,7 +121,7 @@ class Instant(Module):
 
 
 class Tabulated(Module):
-    """A signal whose ideal reference is interpolated (cubic Hermite)."""
+    """A signal whose ideal reference is interpolated (cubic Hermite), as a function."""
 
     signal: AbstractSignal
     times: Array
@@ -140,7 +138,7 @@ class Tabulated(Module):
 
 
 class Integrand(Module):
-    """A power of a signal."""
+    """A signal to a power, as a function."""
 
     signal: AbstractSignal
     power: int = eqx.field(static=True)
@@ -163,14 +161,14 @@ def play_size(mechanism: AbstractMechanism) -> Scalar:
 
 
 def index_of(kind: str, name: str, names: list[str]) -> int:
-    """The place of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
+    """The index of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
     if name not in names:
         raise ClearanceError(f"There is no {kind} `{name}`. " + suggest(name, names))
     return names.index(name)
 
 
 def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
-    """The place of a joint among those with clearance."""
+    """The index of a joint among those with clearance."""
     return index_of("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
 
 
@@ -324,15 +322,15 @@ class Quantity(AbstractSignal):
         return self
 
     def value(self, time, y, mechanism, reference):
-        found = quantities(mechanism, energy_balance=False)[self.quantity]
-        if found.place is not None:
-            return jnp.asarray(y[found.place], float)
+        quantity = quantities(mechanism, energy_balance=False)[self.quantity]
+        if quantity.place is not None:
+            return jnp.asarray(y[quantity.place], float)
         # Without what is integrated along, which would be read as work and losses.
-        return evaluate(found.variable, time, y[: layout(mechanism).size], mechanism)[found.index]
+        return evaluate(quantity.variable, time, y[: layout(mechanism).size], mechanism)[quantity.index]
 
 
 def numbers_of(mechanism: AbstractMechanism) -> list[str]:
-    """The names of the quantities of a state that are numbers."""
+    """Names of the scalar quantities of a state."""
     known = quantities(mechanism, energy_balance=False)
     vectors = {name.rpartition(".")[0] for name in known if name.endswith((".x", ".y", ".z"))}
     return [name for name in known if name not in vectors]

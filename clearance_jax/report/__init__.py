@@ -1,4 +1,4 @@
-"""Figures, films and pages of results, which are handed what they show."""
+"""Figures, films and report pages of results."""
 
 import lazy_loader
 

@@ -1,5 +1,5 @@
-"""Films of a motion: the mechanism, beside it a clearance joint magnified, below it when that joint bears how and how
-much. Dataset in, film out.
+"""Films of a motion from a dataset: the mechanism, beside it a magnified clearance joint, below it the joint's contact
+force and state over time.
 """
 
 from typing import Any
@@ -11,16 +11,16 @@ from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
-from clearance_jax.report.magnified import Section, Side, magnify
+from clearance_jax.report.magnified import CrossSection, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
 from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import round_down
 from clearance_jax.results.bearing import require_joint
 from clearance_jax.results.places import places
-from clearance_jax.results.play import Play
+from clearance_jax.results.play import JointPlay
 
-# How long a film lasts if nothing is said [s]: slowed by the roundest factor that makes it no longer.
+# Default length of a film [s]. It is slowed by a round factor that makes it no longer.
 LASTS = 10.0
 
 
@@ -72,8 +72,8 @@ class Film(AbstractFilm):
         of = f", {self.joint} with its play x {self.exaggeration:g}" if self.joint else ""
         return f"Film of {self.name}{of}: {len(self)} frames, {self.fps:.3g} a second"
 
-    def _lay_out(self, dataset: xr.Dataset, enlarged: Play | None) -> tuple[list, list]:
-        """Draw what stays; the views that follow the motion, and the cursors on time axes."""
+    def _lay_out(self, dataset: xr.Dataset, enlarged: JointPlay | None) -> tuple[list, list]:
+        """Draw what does not move; returns the views that follow the motion, and the cursors on time axes."""
         projection = "3d" if dataset.sizes["axis"] == 3 else None
         if enlarged is None:
             return [Skeleton(self.figure.add_subplot(projection=projection), places(dataset))], []
@@ -94,16 +94,16 @@ class Film(AbstractFilm):
         return views, [axis.axvline(0.0, color="k", lw=1.2, zorder=9) for axis in (force, bar)]
 
 
-def _scale(joint: Play) -> str:
-    """How large the play is drawn, and how large it is."""
+def _scale(joint: JointPlay) -> str:
+    """The magnification and the size of the play, in words."""
     size = f"{1e6 * joint.clearance:g} µm"
     known = f"{size} to either side" if joint.block is not None else f"dashed: clearance {size}"
     return f"play × {joint.factor:g} ({known})"
 
 
-def _views(figure: Any, joint: Play) -> list:
-    """What is seen of a joint: of a pin without tilt one section, of a ball two, of a sleeve both ends and both sides,
-    of a block its sides.
+def _views(figure: Any, joint: JointPlay) -> list:
+    """Views of a joint: one section of a pin without tilt, two of a ball, both ends and sides of a sleeve, the sides of
+    a block.
     """
     if joint.block is not None:
         ways = "xy" if joint.block[1] is not None else "x"
@@ -114,17 +114,15 @@ def _views(figure: Any, joint: Play) -> list:
         ]
     if joint.length is not None:
         sides, ends = figure.subplots(2, 2)
-        found: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
+        views: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
         for axis, station in zip(ends, (0, -1), strict=True):
             place = f"{1e3 * joint.heights[station]:+.3g} mm".replace("-", "−")
-            found.append(Section(_title(axis, f"across the edge at z = {place}"), joint, station))
-        return found
-    if joint.place.shape[1] == 3:
-        views = []
-        for axis, pair in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
-            views.append(Section(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair))
+            views.append(CrossSection(_title(axis, f"across the edge at z = {place}"), joint, station))
         return views
-    return [Section(figure.subplots(), joint)]
+    if joint.place.shape[1] == 3:
+        pairs = zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True)
+        return [CrossSection(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair) for axis, pair in pairs]
+    return [CrossSection(figure.subplots(), joint)]
 
 
 def _title(axis: Any, title: str) -> Any:
@@ -179,7 +177,7 @@ def _most_loaded(dataset: xr.Dataset) -> str | None:
 
 
 def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
-    """The samples of a span of time."""
+    """Indices of the samples in a span of time [s]."""
     first, last = (time[0], time[-1]) if span is None else span
     chosen = np.flatnonzero((time >= first) & (time <= last))
     if len(chosen) < 2:
@@ -191,5 +189,5 @@ def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
 
 
 def _digits(last: float) -> int:
-    """Decimals of a clock that runs to `last`: a thousandth of it is seen."""
+    """Decimals of a clock that runs to `last`, so that it shows a thousandth of it."""
     return int(np.clip(3 - np.floor(np.log10(last)), 0, 6))

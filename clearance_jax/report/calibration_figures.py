@@ -1,4 +1,4 @@
-"""Figures of a calibration: signals as measured and as the fitted motion has them, intervals, correlations."""
+"""Figures of a calibration: measured and fitted signals, intervals, correlations."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -8,7 +8,7 @@ from clearance_jax.report.design_figures import HEIGHT, STYLED, WIDTH
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.style import length_unit
 
-# Letters of a name that stand beside an axis.
+# Most letters of a name beside an axis.
 SHORT = 22
 
 
@@ -17,54 +17,54 @@ def _short(name: str) -> str:
 
 
 @STYLED
-def signal_fit(found: Calibration, name: str) -> Figure:
-    """A signal over time, measured and fitted; below it the residuals, with two deviations of the noise."""
+def signal_fit(calibration: Calibration, name: str) -> Figure:
+    """A measured and fitted signal over time; below it the residuals, with two deviations of the noise."""
     figure = Figure(figsize=(WIDTH, 1.4 * HEIGHT), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    measured = found.residuals[name]
+    measured = calibration.residuals[name]
     factor, unit = 1.0, str(measured.attrs["units"])
     if unit == "m":
         factor, unit = length_unit(float(np.nanmax(np.abs(measured.values))))
-    times = time_axis(below, float(found.residuals["time"][-1])) * found.residuals["time"].values
+    times = time_axis(below, float(calibration.residuals["time"][-1])) * calibration.residuals["time"].values
     above.plot(times, factor * measured.values, ".", ms=3, color="C0", label="measured")
-    above.plot(times, factor * found.residuals[f"{name}_model"].values, lw=0.9, color="C1", label="fitted")
+    above.plot(times, factor * calibration.residuals[f"{name}_model"].values, lw=0.9, color="C1", label="fitted")
     above.set_ylabel(f"{_short(name)}" + (f", {unit}" if unit else ""))
-    noise, unit = found.noise[name], str(measured.attrs["units"])
+    noise, unit = calibration.noise[name], str(measured.attrs["units"])
     factor = 1.0
     if unit == "m":
         factor, unit = length_unit(noise)
     below.axhspan(-2 * factor * noise, 2 * factor * noise, color="0.9", lw=0, zorder=0)
-    below.plot(times, factor * found.residuals[f"{name}_residual"].values, ".", ms=3, color="C0")
+    below.plot(times, factor * calibration.residuals[f"{name}_residual"].values, ".", ms=3, color="C0")
     below.set_ylabel("residual" + (f", {unit}" if unit else ""))
     figure.legend(loc="outside lower center", ncol=2)
     return figure
 
 
 @STYLED
-def interval_widths(found: Calibration) -> Figure:
-    """The intervals of 95 %, each over its number; those that reach beyond are cut off."""
-    names = list(found.values)
+def interval_widths(calibration: Calibration) -> Figure:
+    """The widths of the 95 % intervals relative to their numbers, cut off at 100 %."""
+    names = list(calibration.values)
     figure = Figure(figsize=(WIDTH, 1.0 + 0.4 * len(names)), layout="constrained")
     axes = figure.subplots()
     for row, name in enumerate(names):
-        low, high = np.array(found.intervals[name])
-        size = abs(found.values[name]) or 1.0
+        low, high = np.array(calibration.intervals[name])
+        size = abs(calibration.values[name]) or 1.0
         half = 100 * (high - low) / 2 / size
         axes.errorbar(0.0, row, xerr=min(half, 100.0), fmt="o", ms=4, capsize=3, color="C0")
-        known = f"{_short(name)}: " + ("not determined" if name in found.undetermined else f"± {half:.2g} %")
+        known = f"{_short(name)}: " + ("not determined" if name in calibration.undetermined else f"± {half:.2g} %")
         axes.annotate(known, (0, row - 0.18), xytext=(0, 0), textcoords="offset points", ha="center", va="bottom")
     axes.set(yticks=[], xlabel="half of the interval, % of the number", ylim=(len(names) - 0.5, -0.8))
     return figure
 
 
 @STYLED
-def correlations(found: Calibration) -> Figure:
+def correlations(calibration: Calibration) -> Figure:
     """The correlation of every pair of numbers."""
-    names = [str(name) for name in found.correlation["parameter"].values]
+    names = [str(name) for name in calibration.correlation["parameter"].values]
     figure = Figure(figsize=(WIDTH, 1.2 + 0.45 * len(names)), layout="constrained")
     axes = figure.subplots()
-    axes.imshow(found.correlation.values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-    for i, line in enumerate(found.correlation.values):
+    axes.imshow(calibration.correlation.values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
+    for i, line in enumerate(calibration.correlation.values):
         for k, value in enumerate(line):
             axes.text(k, i, f"{value:.2f}", ha="center", va="center", color="w" if abs(value) > 0.6 else "k")
     numbers = [str(i + 1) for i in range(len(names))]

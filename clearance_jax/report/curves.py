@@ -1,21 +1,20 @@
-"""What a picture shows of more numbers than it has columns, or of fewer than a path has turns."""
+"""Envelopes of curves with more points than a picture has columns, and smooth paths through few points."""
 
 from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-# Points drawn of each interval of a flight, and how near to one another (as a part of the flight) two of its points
-# are one to a spline.
+# Points drawn per interval of a flight. Places nearer in time than this part of the flight count as one.
 FINE, NEAR = 12, 1e-3
 
 
 def envelope(time: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least and greatest value in each of so many equal columns of time that holds any, and the columns' middles."""
+    """Middles of equal columns of time that hold values, with the least and the greatest value in each."""
     edges = np.linspace(time[0], time[-1], columns + 1)
     column = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, columns - 1)
-    held, first = np.unique(column, return_index=True)
-    middles = 0.5 * (edges[:-1] + edges[1:])[held]
+    filled, first = np.unique(column, return_index=True)
+    middles = 0.5 * (edges[:-1] + edges[1:])[filled]
     return middles, np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
 
 
@@ -35,7 +34,7 @@ def flights(time: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def smooth(time: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """The path through places (n, 2): nothing touches, so it has no corner between them."""
+    """A smooth path through places (n, 2) of a flight: a spline, for without contact it has no corner."""
     apart = NEAR * (time[-1] - time[0])
     kept = [0]
     for i in range(1, len(time)):

@@ -1,4 +1,4 @@
-"""Figures of a design: errors over time, contributions, what a bound costs, how the solver came there, pins' paths."""
+"""Figures of a design: errors over time, contributions, trade-off, convergence, paths of pins."""
 
 import textwrap
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ def _label(text: str, unit: str, width: int) -> str:
 
 @STYLED
 def over_time(history: TimeHistory) -> Figure:
-    """The signal of a limit over time in every condition, with its bound and what of it does not count."""
+    """The signal of a limit over time in every condition, with its bound; times that do not count are shaded."""
     figure, axes = new_figure()
     factor, unit = _scale(history.unit)
     per_second = time_axis(axes, float(history.times[-1]))
@@ -69,7 +69,7 @@ def over_time(history: TimeHistory) -> Figure:
 
 @STYLED
 def contributions(why: Sequence[Response]) -> Figure:
-    """Which clearance has how much of each limit's value, to first order, and what is left."""
+    """Shares of the clearances in each limit's value, to first order, and the rest."""
     names = [*why[0].contributions, "the rest"]
     figure, axes = new_figure(0.8 + 0.55 * len(why) + 0.18 * len(names))
     colours = [f"C{i}" for i in range(10)]
@@ -90,30 +90,30 @@ def contributions(why: Sequence[Response]) -> Figure:
 
 
 @STYLED
-def trade(found: Tradeoff, design: Design) -> Figure:
-    """What each bound costs, or how large a clearance it allows."""
+def trade(tradeoff: Tradeoff, design: Design) -> Figure:
+    """The cost, or the clearance, that each bound allows."""
     figure, axes = new_figure()
-    factor, unit = _scale(found.unit)
+    factor, unit = _scale(tradeoff.unit)
     times, label = _objective(design)
-    axes.plot(factor * found.bounds, times * found.objectives, "o-", lw=1)
-    axes.plot([factor * found.asked], [times * design.objective], "k*", ms=12, label="the design")
-    axes.set(xlabel=_label(f"bound on {found.label}", unit, LEVEL), ylabel=label)
+    axes.plot(factor * tradeoff.bounds, times * tradeoff.objectives, "o-", lw=1)
+    axes.plot([factor * tradeoff.asked], [times * design.objective], "k*", ms=12, label="the design")
+    axes.set(xlabel=_label(f"bound on {tradeoff.label}", unit, LEVEL), ylabel=label)
     legend_below(axes)
     return figure
 
 
 @STYLED
-def intervals(found: Maintenance, design: Design) -> Figure:
+def intervals(maintenance: Maintenance, design: Design) -> Figure:
     """After how many cycles a limit is met, against the clearance; or against the share of the designed ones."""
     figure, axes = new_figure()
-    places, label = found.shares, "clearances, share of the design"
+    places, label = maintenance.shares, "clearances, share of the design"
     if len(design.specification.names) == 1:
         factor, unit = _scale(next(iter(design.units.values())))
-        places = factor * found.shares * next(iter(design.clearances.values()))
+        places = factor * maintenance.shares * next(iter(design.clearances.values()))
         label = f"clearance, {unit}" if unit == "µm" else f"{design.specification.names[0]}, {unit}"
-    for name, lives in found.lives.items():
-        draw_lives(axes, places, lives, found.most, name)
-    axes.axhline(found.asked, color="k", ls="--", lw=0.8, label="asked for")
+    for name, lives in maintenance.lives.items():
+        draw_lives(axes, places, lives, maintenance.most, name)
+    axes.axhline(maintenance.asked, color="k", ls="--", lw=0.8, label="asked for")
     axes.set(xlabel=label, ylabel="cycles of wear", ylim=(0, None))
     figure.legend(loc="outside lower center", ncol=2)
     return figure
@@ -121,14 +121,14 @@ def intervals(found: Maintenance, design: Design) -> Figure:
 
 @STYLED
 def convergence(design: Design) -> Figure:
-    """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
+    """Cost (or clearance) of each evaluated design; those that violate a limit have another mark."""
     figure, axes = new_figure()
     points, (times, label) = design.program.history, _objective(design)
     values = times * np.array([p.objective for p in points])
-    held = np.array([p.feasible for p in points])
+    feasible = np.array([p.feasible for p in points])
     axes.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
     number = np.arange(1, len(points) + 1)
-    for chosen, style, what in ((held, "o", "holds all limits"), (~held, "x", "violates one")):
+    for chosen, style, what in ((feasible, "o", "holds all limits"), (~feasible, "x", "violates one")):
         if np.any(chosen):
             axes.plot(number[chosen], values[chosen], style, ms=4, label=what)
     axes.set(xlabel="evaluation", ylabel=label)
@@ -140,20 +140,20 @@ def convergence(design: Design) -> Figure:
 
 @STYLED
 def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
-    """The path of a pin's centre inside the clearance circle, and where the surfaces touch; or where it tilts the paths
-    of both ends of its axis; and where it slides along the sleeve, how far over time.
+    """The path of a pin's centre inside the clearance circle, and its contacts. Of a pin that tilts the paths of both
+    ends of its axis. Of a pin with axial play also its axial position over time.
     """
-    found, path = play(dataset, joint), middle_path(dataset, joint)
-    if found is None or found.axial is None:
+    pin, path = play(dataset, joint), middle_path(dataset, joint)
+    if pin is None or pin.axial is None:
         figure, axes = new_figure(3.6)
     else:
         figure = Figure(figsize=(WIDTH, 4.9), layout="constrained")
         axes, below = figure.subplots(2, height_ratios=(3, 1))
-        _along_the_sleeve(below, path.time, found.place[:, 2], found.axial)
+        _along_the_sleeve(below, path.time, pin.place[:, 2], pin.axial)
     states = {0: ("path", "0.6"), 1: ("in contact", "tab:red")}
-    if found is not None and found.length is not None:  # an end beyond the circle is in contact
+    if pin is not None and pin.length is not None:  # an end beyond the circle is in contact
         states = {}
-        ends = found.centres(found.heights[[0, -1]])
+        ends = pin.centres(pin.heights[[0, -1]])
         for k, name in enumerate(("end at −z", "end at +z")):
             axes.plot(*(1e6 * ends[:, k].T), lw=0.8, label=name)
     draw_path(axes, path, states)

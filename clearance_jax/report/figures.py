@@ -1,4 +1,4 @@
-"""Figures from a dataset: panels of the motion, and pins' paths in their sleeves. Dataset in, Figure out."""
+"""Figures of a motion from a dataset: panels of variables, and paths of pins in their sleeves."""
 
 from pathlib import Path
 from string import ascii_lowercase
@@ -90,14 +90,13 @@ def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     joints = [str(name) for name in dataset["joint"].values]
     for place, joint in enumerate(bearing_most(dataset)):
-        index = joints.index(joint)
         time, force = at_steps(dataset, joint, "contact_force")
         colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
-            own = dataset["episode_joint"].values == index
+            episodes = dataset["episode_joint"].values == joints.index(joint)
             axis.plot(
-                dataset["peak_time"].values[own] * factor,
-                dataset["peak_force"].values[own],
+                dataset["peak_time"].values[episodes] * factor,
+                dataset["peak_force"].values[episodes],
                 "v",
                 ms=4,
                 color=colour,
@@ -110,7 +109,7 @@ def _force(axis, dataset: xr.Dataset) -> None:
 
 
 def _fit_peaks(axis, dataset: xr.Dataset) -> None:
-    """Where one short peak towers over the motion, keep the motion readable and state the peak in words."""
+    """If one short peak is far above the motion, limit the axis to the motion and state the peak in words."""
     if "peak_force" not in dataset or dataset.sizes["episode"] == 0:
         return
     largest = int(dataset["peak_force"].values.argmax())
@@ -137,7 +136,7 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
 
 
 def _draw_states(axis, dataset: xr.Dataset, joint: str, shares: bool) -> None:
-    """A pin's path; `shares`: the states with their parts of the time."""
+    """Draw a pin's path; `shares`: label the states with their fractions of the time."""
     path = middle_path(dataset, joint)
     states = {
         code: (with_share(name, path.share(code)) if shares else name, colour)

@@ -1,4 +1,4 @@
-"""What every film has in common: a figure on which frames are drawn one after another, written to a file."""
+"""The base class of films: frames drawn on a figure one after another, and written to a file."""
 
 import abc
 import base64
@@ -35,7 +35,7 @@ class AbstractFilm(abc.ABC):
         """Draw frame `k`."""
 
     def settle(self) -> None:
-        """Draw the first frame and lay the figure out, once: no frame moves what another one has put in its place."""
+        """Draw the first frame, and keep its layout for all frames."""
         self.show(0)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")
@@ -80,7 +80,7 @@ class AbstractFilm(abc.ABC):
                 progress((k + 1) / len(self))
 
     def _repr_html_(self) -> str:
-        """Itself, in a notebook."""
+        """The film as a GIF, for a notebook."""
         with TemporaryDirectory() as folder:
             data = self.save(Path(folder) / "film.gif").read_bytes()
         return f'<img alt="{escape(self.name)}" src="data:image/gif;base64,{base64.b64encode(data).decode()}">'
@@ -92,7 +92,7 @@ def _pixels(canvas: FigureCanvasAgg) -> np.ndarray:
 
 
 def check_movie(path: str | Path) -> None:
-    """Raise where a film could not be written for want of a format or of its program."""
+    """Raise if a film's format is unknown, or needs a program that is missing."""
     ending = Path(path).suffix.lower()
     if ending not in MOVIES:
         raise ClearanceError(f"Cannot write the film `{path}`: its name must end in {' or '.join(MOVIES)}.")

@@ -1,4 +1,4 @@
-"""GIFs of drawn pictures: one palette for all frames, half the size of one for each."""
+"""Writes GIFs with one palette for all frames, which makes the file smaller than one palette each."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -8,21 +8,21 @@ import numpy as np
 from PIL import Image
 from scipy.spatial import KDTree
 
-# Colours of a GIF, one less than it can have: the last is for what stays as it was in the frame before, without which a
-# film is three times as large. And in how many frames they are looked for.
+# Colours of a GIF (the last of 256 marks pixels that stay as they were, which makes the file smaller), and in how many
+# frames they are looked for.
 COLOURS, LOOKED_AT = 255, 10
 _BITS = np.array([1 << 16, 1 << 8, 1])
 
 
-class Frame(NamedTuple):
-    """A picture by its colours, packed to a number each, and which of them every pixel has."""
+class GifFrame(NamedTuple):
+    """A picture: its `colours`, packed to one number each, and `which` of them every pixel has, (height, width)."""
 
     colours: np.ndarray
     which: np.ndarray
 
 
 def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> None:
-    """Write pictures (height, width, 3 or 4), of bytes each, one after another, again and again."""
+    """Write pictures (height, width, 3 or 4), of bytes each, as a GIF that repeats."""
     frames = [_frame(picture) for picture in pictures]
     palette = _palette(frames[:: -(-len(frames) // LOOKED_AT)])
     first, *rest = (_paint(frame, palette) for frame in frames)
@@ -30,12 +30,12 @@ def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> N
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=lasts, loop=0)
 
 
-def _frame(picture: np.ndarray) -> Frame:
+def _frame(picture: np.ndarray) -> GifFrame:
     colours, which = np.unique(picture[..., :3] @ _BITS, return_inverse=True)
-    return Frame(colours, which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours))))
+    return GifFrame(colours, which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours))))
 
 
-def _palette(frames: list[Frame]) -> np.ndarray:
+def _palette(frames: list[GifFrame]) -> np.ndarray:
     """The colours that most of the pixels have: areas keep theirs, their blurred edges get the nearest."""
     seen = np.concatenate([frame.colours for frame in frames])
     counts = np.concatenate([np.bincount(frame.which.ravel()) for frame in frames])
@@ -44,7 +44,7 @@ def _palette(frames: list[Frame]) -> np.ndarray:
     return _parts(colours[np.argsort(-totals, kind="stable")[:COLOURS]])
 
 
-def _paint(frame: Frame, palette: np.ndarray) -> Image.Image:
+def _paint(frame: GifFrame, palette: np.ndarray) -> Image.Image:
     """A frame in the nearest colours of a palette. (Pillow's own choice turns white into a light grey.)"""
     near = np.asarray(KDTree(palette).query(_parts(frame.colours))[1]).astype(np.uint8)
     painted = Image.fromarray(near[frame.which])

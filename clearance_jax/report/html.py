@@ -1,4 +1,4 @@
-"""Reports of designs and calibrations: one HTML file that needs nothing else, with figures and numbers inside.
+"""Reports of designs and calibrations as one HTML file, with figures and numbers inside.
 
 Everything on it was found before; a template says where it stands.
 """
@@ -41,9 +41,9 @@ FIGURES = (
 )
 
 
-def write_report(found: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:
+def write_report(findings: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:
     """Write the HTML file; `study`: the text of the study file. **Raises** `ClearanceError` where it cannot."""
-    _write(render(found, title, study), Path(path))
+    _write(render(findings, title, study), Path(path))
 
 
 def calibration_report(found: Calibration, path: str | Path, title: str = "Calibration", study: str = "") -> None:
@@ -64,9 +64,9 @@ def _write(page: str, path: Path) -> None:
         raise ClearanceError(f"Cannot write the report `{path}`: {error.strerror}. Choose another path.") from None
 
 
-def render(found: Findings, title: str = "Tolerance design", study: str = "") -> str:
+def render(findings: Findings, title: str = "Tolerance design", study: str = "") -> str:
     """The page of a design's findings."""
-    return _environment().get_template("design.html").render(found=found, title=title, study=study)
+    return _environment().get_template("design.html").render(found=findings, title=title, study=study)
 
 
 def _environment() -> jinja2.Environment:

@@ -1,6 +1,5 @@
-"""A clearance joint as it moves, magnified: sections across it and views from the side, with the play exaggerated by a
-stated factor. Bodies have their true size; how far a pin is from the middle of its sleeve, and how it leans, is so many
-times as much as it is.
+"""Magnified views of a clearance joint as it moves: sections across it and views from the side. Bodies have their true
+size; displacement and tilt of the pin in its sleeve are multiplied by a stated factor.
 """
 
 from typing import Any
@@ -11,39 +10,41 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.bearing import kind
-from clearance_jax.results.play import Play, penetration, pin_travel, play
+from clearance_jax.results.play import JointPlay, penetration, pin_travel, play
 
-# What the play is exaggerated to if nothing is said: this part of the pin's radius, or a little less.
+# Default size of the drawn play over the pin's radius; the factor is rounded down.
 SHOWN = 0.35
-# Of the pin's radius: the sleeve's wall, how far the longer of the two comes out, the collar's thickness, and the
-# radius of what joins it to a shorter pin.
+# Relative to the pin's radius: the sleeve's wall, how far the longer of the two comes out, the collar's thickness, and
+# the radius of what joins it to a shorter pin.
 WALL, OUT, COLLAR, NECK = 0.3, 0.35, 0.25, 0.6
-# Of a touch in a section: half the angle that is marked [rad]; samples of the trail that the pin's centre leaves.
+# Half angle that is marked at a contact [rad]; samples in the trail of the pin's centre.
 HALF_ANGLE, TRAIL = 0.35, 150
 SLEEVE, PIN, EDGE, CONTACT, PATH = "#c3d3e6", "0.82", "0.35", "tab:red", "tab:blue"
 
 
 def round_factor(value: float) -> float:
-    """The largest number of one digit, and zeros, that is not above a value; at least 1."""
+    """The largest number with one significant digit that is at most `value`; at least 1."""
     power = 10.0 ** np.floor(np.log10(max(value, 1.0)))
     return float(power * np.floor(max(value, 1.0) / power))
 
 
-def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Play:
-    """A joint with its play exaggerated, by default so that it is seen. **Raises** `ClearanceError` for a joint of
-    which there is no view.
+def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> JointPlay:
+    """A joint with its play magnified, by default so that it is visible. **Raises** `ClearanceError` for a joint
+    without a view.
     """
-    found = play(dataset, name)
-    if found is None:
+    joint = play(dataset, name)
+    if joint is None:
         raise ClearanceError(
             f"`{name}` cannot be magnified: of what it is ({kind(dataset, name) or 'an older result does not say'}) "
             "there is no view, or not all is known. Choose a joint with a pin, a ball, or a block in the tree."
         )
-    return found._replace(factor=factor or round_factor(SHOWN * found.radius / found.clearance))
+    return joint._replace(factor=factor or round_factor(SHOWN * joint.radius / joint.clearance))
 
 
 def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple[Polygon, Circle]:
-    """A sleeve cut across, with its bore (2, points) and a pin of a radius in it; the bore and the pin, to be moved."""
+    """Draw a section of a sleeve with its bore (2, points) and a pin [m]; returns the patches of bore and pin, to be
+    moved.
+    """
     axis.add_patch(Circle((0, 0), outside, fc=SLEEVE, ec="none", zorder=0))
     wall = axis.add_patch(Polygon(bore.T, closed=True, fc="white", ec=EDGE, lw=1.2, zorder=1))
     pin = axis.add_patch(Circle((0, 0), radius, fc=PIN, ec=EDGE, lw=1.2, alpha=0.9, zorder=2))
@@ -52,13 +53,13 @@ def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple
     return wall, pin
 
 
-class Section:
-    """The joint cut across: the sleeve's circle, the pin's, and the pin's centre's path so far.
+class CrossSection:
+    """A section across the joint: the sleeve, the pin, and the path of the pin's centre so far.
 
     **Arguments:** `station`: at which of its heights; `axes`: which two of the sleeve's axes to look at.
     """
 
-    def __init__(self, axis: Any, joint: Play, station: int = 0, axes: tuple[int, int] = (0, 1)):
+    def __init__(self, axis: Any, joint: JointPlay, station: int = 0, axes: tuple[int, int] = (0, 1)):
         self.joint, self.station, depth = joint, station, joint.wear_depth(station)
         ball = joint.place.shape[1] == 3 and joint.length is None
         across = joint.place[:, list(axes)] if ball else joint.centres(joint.heights)[:, station]
@@ -89,12 +90,12 @@ class Section:
 
 
 class Side:
-    """The joint cut along its axis, which lies level: the sleeve's walls and faces, the pin that leans between them.
+    """A section along the joint's axis, which is horizontal: the sleeve's walls and faces, the pin between them.
 
     **Arguments:** `up`: which of the sleeve's axes across is upright, 0 or 1.
     """
 
-    def __init__(self, axis: Any, joint: Play, up: int):
+    def __init__(self, axis: Any, joint: JointPlay, up: int):
         if joint.block is not None:
             joint = joint._replace(radius=(joint.block[up] or 0.0) / 2)
         self.joint, self.up, half = joint, up, (joint.length or 0.0) / 2
@@ -129,7 +130,7 @@ class Side:
         _bare(axis)
 
     def _pin(self) -> list[np.ndarray]:
-        """Outlines at rest in the middle, in the pin's own axes: along, across."""
+        """Outlines of the pin at rest, (points, 2): along and across its axis."""
         joint, r = self.joint, self.joint.radius
         beyond = self.face + self.reach
         outlines = [_box(-beyond - OUT * r, beyond + OUT * r, r if joint.through else NECK * r)]
@@ -153,7 +154,7 @@ class Side:
         self.faces.set_data(*self._on_faces(i))
 
     def move(self, points: np.ndarray, i: int) -> np.ndarray:
-        """Points of the pin (along, across) where they are at sample `i`, with the motion exaggerated."""
+        """Points of the pin (along, across) at sample `i`, with the motion magnified."""
         along, across = points.T
         k, place, slope = self.joint.factor, self.joint.place[i], self.slopes[i, self.up]
         return np.stack(
@@ -161,11 +162,11 @@ class Side:
         )
 
     def _slid(self, i: int) -> float:
-        """How far along the axis [m]."""
+        """The axial displacement [m]."""
         return float(self.joint.place[i, 2]) if self.joint.place.shape[1] > 2 else 0.0
 
     def _on_faces(self, i: int) -> tuple[np.ndarray, np.ndarray]:
-        """Where on the sleeve's faces the collars bear: the points of the ring that are beyond their play."""
+        """Where the collars touch the sleeve's faces: the points of the ring beyond the axial play."""
         joint = self.joint
         if joint.axial is None:
             return np.zeros(0), np.zeros(0)
@@ -182,7 +183,7 @@ def _box(left: float, right: float, half: float) -> np.ndarray:
 
 
 def _bare(axis: Any) -> None:
-    """Without numbers: play and sizes have two scales."""
+    """Hide ticks and frame: play and sizes have different scales."""
     axis.set_aspect("equal", adjustable="box")
     axis.set(xticks=[], yticks=[])
     for spine in axis.spines.values():

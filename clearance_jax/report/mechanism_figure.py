@@ -11,9 +11,9 @@ from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import round_down
 from clearance_jax.results.places import Outline, bounds
 
-# Heights of the picture, whatever the mechanism's shape [inch].
+# Least and greatest height of the picture [inch].
 LOW, HIGH = 1.5, 4.2
-# Of the size of the mechanism: how close places are one place, and what is left for names all around.
+# Relative to the mechanism's size: distance below which places share a label, and margin for labels.
 SAME, ROOM = 0.02, 0.2
 # Of a label: the height of a line and the width of a character, and how far it stands off [point].
 LINE, CHARACTER, OFF = 11.0, 5.6, 9.0
@@ -23,9 +23,9 @@ MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 
 
 
 @STYLED
-def mechanism(found: Outline) -> Figure:
+def mechanism(outline: Outline) -> Figure:
     """The mechanism at one instant."""
-    low, high = bounds(found.visible)
+    low, high = bounds(outline.visible)
     size = float(max(high - low))
     width, height = high - low + 2 * ROOM * size
     figure, axes = new_figure(float(np.clip(WIDTH * height / width, LOW, HIGH)))
@@ -33,21 +33,21 @@ def mechanism(found: Outline) -> Figure:
     figure.set_layout_engine("none")
     axes.set_position((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
-    Skeleton(axes, found.places, whole=True).show(found.sample)
+    Skeleton(axes, outline.places, whole=True).show(outline.sample)
     # One scale both ways: what is left of the page lies around the mechanism.
     page = float(max(width / WIDTH, height / figure.get_figheight())) * figure.get_size_inches()
     left, bottom = 0.5 * (low + high - page)
     axes.set(xlim=(left, left + page[0]), ylim=(bottom, bottom + page[1]))
-    _names(figure, axes, found, SAME * size)
+    _names(figure, axes, outline, SAME * size)
     _scale(axes, size)
     return figure
 
 
-def _names(figure: Figure, axes: Axes, found: Outline, same: float) -> None:
-    """A name beside each place, those of one place together, where they hide least."""
+def _names(figure: Figure, axes: Axes, outline: Outline, same: float) -> None:
+    """Write names beside their places, those of one place together, where they hide least."""
     groups: list[tuple[np.ndarray, list[str]]] = []
-    places = found.places.at[found.sample]
-    for name, mark in {**found.places.joints, **found.places.points}.items():
+    places = outline.places.at[outline.sample]
+    for name, mark in {**outline.places.joints, **outline.places.points}.items():
         near = next((names for at, names in groups if np.hypot(*(at - places[mark])) < same), None)
         if near is None:
             groups.append((places[mark], [name]))
@@ -58,7 +58,7 @@ def _names(figure: Figure, axes: Axes, found: Outline, same: float) -> None:
     at = [scale * axes.transData.transform(where) for where, _ in groups]
     # Points of the page that names would hide: of joints, bodies, other names.
     taken = [middle + MARK * SPREAD for middle in at]
-    for marks in found.places.bodies.values():
+    for marks in outline.places.bodies.values():
         taken += [a + along * (b - a) for a, b in itertools.pairwise(scale * axes.transData.transform(places[marks]))]
     for middle, (where, names) in zip(at, groups, strict=True):
         half = np.array([CHARACTER * max(map(len, names)), LINE * len(names)]) / 2

@@ -1,4 +1,4 @@
-"""Panels of a motion: coordinates, points, what drives and joints bear. Dataset in, drawn axes out."""
+"""Panels of a motion from a dataset: coordinates, points, efforts of drives, reactions in joints."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,16 +15,16 @@ from clearance_jax.results.places import bounds
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
-# A motion that is over by then is told in ms [s].
+# Motions that end before this are shown in ms [s].
 SHORT = 0.2
 # More curves than this are not told apart by a legend.
 MOST_NAMED = 10
-# Of the size of what is shown in space or in the plane: the room around it, and half the least extent of an axis.
+# Relative to the size of what is shown: the margin, and half the least extent of an axis.
 ROOM, LEAST = 0.12, 0.3
 
 
 class Panel(NamedTuple):
-    """A title, what draws it on axes of a dataset's, and the axes' projection."""
+    """A panel: its title, a function that draws a dataset on axes, and the axes' projection."""
 
     title: str
     draw: Callable[[Any, xr.Dataset], None]
@@ -32,7 +32,7 @@ class Panel(NamedTuple):
 
 
 def time_axis(axis: Axes, last: float) -> float:
-    """A time axis to `last` [s], in ms or s, with few ticks; what seconds are to be multiplied by."""
+    """Format a time axis to `last` [s] in ms or s, with few ticks; returns the factor from seconds."""
     factor, unit = (1e3, "ms") if last < SHORT else (1.0, "s")
     axis.xaxis.set_major_locator(MaxNLocator(nbins=TICKS - 1, steps=[1, 2, 2.5, 5, 10]))
     axis.set_xlabel(f"time, {unit}")
@@ -40,7 +40,7 @@ def time_axis(axis: Axes, last: float) -> float:
 
 
 def curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:
-    """A curve, or where it has far more points than the picture has columns its envelope; its colour."""
+    """Draw a curve, or its envelope if it has far more points than the picture has columns; returns its colour."""
     if len(time) <= 2 * COLUMNS:
         return axis.plot(time, values, lw=0.8, label=label)[0].get_color()
     middles, least, greatest = envelope(time, values, COLUMNS)
@@ -54,8 +54,8 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
     """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; efforts of
     drives and actuators, or where there are none reactions in the joints; the points' paths.
     """
-    found = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
-    found += of_points(dataset)
+    motions = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
+    motions += of_points(dataset)
     efforts = _of_each_unit(dataset, "drive_force", "drive", {"N m": "torques of drives", "N": "forces of drives"})
     titles = {"N m": "torques of actuators", "N": "forces of actuators"}
     efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
@@ -63,9 +63,9 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
         names = [str(name) for name in dataset["any_joint"].values]
         efforts = [Panel("reactions in joints", partial(_curves, "joint_reaction", "any_joint", names, "force, N"))]
     if "position" not in dataset:
-        return found + efforts
+        return motions + efforts
     projection = "3d" if dataset.sizes["axis"] == 3 else None
-    return [*found, *efforts, Panel(f"path of {_list(dataset)}", _path, projection)]
+    return [*motions, *efforts, Panel(f"path of {_list(dataset)}", _path, projection)]
 
 
 def of_points(dataset: xr.Dataset) -> list[Panel]:
@@ -88,16 +88,16 @@ def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str
     """A panel for the entries of each unit."""
     if variable not in dataset:
         return []
-    units, names, found = dataset[f"{dim}_unit"].values, dataset[dim].values, []
+    units, names, parts = dataset[f"{dim}_unit"].values, dataset[dim].values, []
     for unit, title in titles.items():
-        own = [str(name) for name in names[units == unit]]
-        if own:
-            found.append(Panel(title, partial(_curves, variable, dim, own, unit)))
-    return found
+        members = [str(name) for name in names[units == unit]]
+        if members:
+            parts.append(Panel(title, partial(_curves, variable, dim, members, unit)))
+    return parts
 
 
 def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
-    """Over time, of vectors their lengths, with a legend where it tells several apart."""
+    """Draw a variable over time, of vectors the lengths, with a legend for several names."""
     factor = time_axis(axis, float(dataset["time"][-1]))
     for name in names:
         values = dataset[variable].sel({dim: name}).values
@@ -109,7 +109,7 @@ def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, da
 
 
 def _path(axis: Any, dataset: xr.Dataset) -> None:
-    """From where a dot is."""
+    """Draw the paths of points, each with a dot at its start."""
     for name in dataset["point"].values:
         places = dataset["position"].sel(point=name).values.T
         colour = axis.plot(*places, lw=0.8, label=str(name))[0].get_color()
@@ -120,7 +120,7 @@ def _path(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
-    """Axes of one scale around places (..., 2 or 3) [m]; their lowest corner."""
+    """Give axes one scale around places (..., 2 or 3) [m]; returns their lowest corner."""
     low, high = bounds(places)
     # What stands still has axes too, of a size that needs no powers of ten beside its numbers.
     size = max(float(np.max(high - low)), 0.02 * float(np.max(np.abs([low, high]))), 1e-9)

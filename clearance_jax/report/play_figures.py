@@ -1,6 +1,4 @@
-"""Figures of play: when a pin bears how, and where its centre goes at every station of its sleeve. Dataset in, Figure
-out.
-"""
+"""Figures of play from a dataset: contact patterns over time, and paths of pin centres at the stations of sleeves."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,10 +12,10 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.report.curves import flights
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.style import STYLED
-from clearance_jax.results.bearing import FACE, PLANE, SLEEVE, Spans, kind, spans
+from clearance_jax.results.bearing import FACE, PLANE, SLEEVE, BearingSpans, kind, spans
 from clearance_jax.results.play import PinPath, station_paths
 
-# Of contact patterns, faces apart: words and colour. Where a joint has no edges, the first two.
+# Words and colours of contact patterns, faces apart. A joint without edges has only the first and `TOUCHING`.
 PATTERNS = (
     ("apart", "0.88"),
     ("at one edge", "tab:orange"),
@@ -28,17 +26,17 @@ TOUCHING = ("in contact", "tab:red")
 FACES = ("on a face", "tab:purple")
 # Of the height of a joint's row: its bar, and the one of its faces below.
 BAR, FACE_BAR = 0.55, 0.16
-# Orbits in a row at most; the least share of the time that is said in a number.
+# Most orbits in a row; the least share of the time that is shown as a number.
 ROW, TOLD = 4, 0.005
-# Of more joints than these figures show the paths of those that bear most, and say so.
+# Most joints whose paths are shown: those with the largest forces.
 MOST = 6
 BEARING = {0: ("apart", "tab:blue"), 1: ("bears here", "tab:red")}
 
 
 @STYLED
 def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
-    """When each clearance joint bears how, and below it the orbits of its pin at every station of its sleeve (of many
-    joints, of those that bear most).
+    """The contact patterns of clearance joints over time, and below them the orbits of pins at every station of their
+    sleeves (of the joints with the largest forces).
 
     **Arguments:** `edges`: the orbits at the sleeve's edges only.
 
@@ -73,17 +71,17 @@ def bearing_most(dataset: xr.Dataset) -> list[str]:
 
 
 def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) -> None:
-    """A bar for each clearance joint, coloured by how it bears; below it another one while a face bears."""
+    """Draw a bar for each clearance joint, coloured by its contact pattern; below it another one while a face bears."""
     joints = [str(name) for name in dataset["joint"].values] if joints is None else joints
     factor = time_axis(axis, float(dataset["time"][-1]))
     labelled: set[str] = set()
     for row, joint in enumerate(joints):
-        found = spans(dataset, joint)
-        for words, colour, chosen in _tell(dataset, joint, found):
+        bearing = spans(dataset, joint)
+        for words, colour, chosen in _tell(dataset, joint, bearing):
             # One joint's shares of the time stand in the legend; of several they would not be the same.
-            label = words if len(joints) > 1 else with_share(words, found.share(chosen))
+            label = words if len(joints) > 1 else with_share(words, bearing.share(chosen))
             where = (row + BAR / 2, FACE_BAR) if words == FACES[0] else (row - BAR / 2, BAR)
-            bars = factor * np.stack([found.begin, found.end - found.begin], axis=1)[chosen]
+            bars = factor * np.stack([bearing.begin, bearing.end - bearing.begin], axis=1)[chosen]
             axis.broken_barh(bars, where, facecolors=colour, lw=0, label=None if label in labelled else label)
             labelled.add(label)
     axis.set(ylim=(len(joints) - 0.4, -0.6), yticks=range(len(joints)), yticklabels=joints)
@@ -92,52 +90,52 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(PATTERNS) + 1, frameon=False, borderpad=0)
 
 
-def _tell(dataset: xr.Dataset, joint: str, found: Spans) -> list[tuple[str, str, np.ndarray]]:
-    """Words, colour and which spans, of every way to bear that there is."""
-    radial = found.pattern % FACE
+def _tell(dataset: xr.Dataset, joint: str, bearing: BearingSpans) -> list[tuple[str, str, np.ndarray]]:
+    """Words, colour and spans of every contact pattern that occurs."""
+    radial = bearing.pattern % FACE
     names = PATTERNS if kind(dataset, joint) == SLEEVE else (PATTERNS[0], TOUCHING)
     told = [(words, colour, radial == code) for code, (words, colour) in enumerate(names)]
-    told.append((*FACES, found.pattern >= FACE))
+    told.append((*FACES, bearing.pattern >= FACE))
     return [entry for entry in told if np.any(entry[2])]
 
 
 def with_share(words: str, share: float) -> str:
-    """Words, and in which part of the time it is so."""
+    """Words, and the fraction of the time."""
     return f"{words} ({share:.0%})" if share >= TOLD else f"{words} (< 1%)"
 
 
 def _paths(dataset: xr.Dataset, joint: str, edges: bool) -> list[PinPath]:
-    found = station_paths(dataset, joint)
-    return [found[0], found[-1]] if edges and len(found) > 1 else found
+    paths = station_paths(dataset, joint)
+    return [paths[0], paths[-1]] if edges and len(paths) > 1 else paths
 
 
-def _draw(figure: Any, found: list[PinPath]) -> None:
-    """One beside another; those of one joint on one scale."""
-    columns, one = min(ROW, len(found)), len({path.joint for path in found}) == 1
-    rows = -(-len(found) // columns)
-    axes = figure.subplots(rows, columns, sharex=one, sharey=one, squeeze=False)
-    for path, axis in zip(found, axes.flat, strict=False):
+def _draw(figure: Any, paths: list[PinPath]) -> None:
+    """Draw paths beside each other; those of one joint have one scale."""
+    columns, same_joint = min(ROW, len(paths)), len({path.joint for path in paths}) == 1
+    rows = -(-len(paths) // columns)
+    axes = figure.subplots(rows, columns, sharex=same_joint, sharey=same_joint, squeeze=False)
+    for path, axis in zip(paths, axes.flat, strict=False):
         draw_path(axis, path, BEARING)
         named = path.joint
-        if one and len(found) > 1:
-            edge = ", edge" if path.height in (found[0].height, found[-1].height) else ""
+        if same_joint and len(paths) > 1:
+            edge = ", edge" if path.height in (paths[0].height, paths[-1].height) else ""
             named = f"z = {1e3 * path.height:+.3g} mm{edge}".replace("-", "−")
         axis.set_title(f"{named}: bears {path.share(1):.0%}", fontsize=9)
-    for axis in axes.flat[len(found) :]:
+    for axis in axes.flat[len(paths) :]:
         axis.set_axis_off()
     for axis in axes[:, 0]:
         axis.set_ylabel("e_y, µm")
     for axis in axes[-1]:
         axis.set_xlabel("e_x, µm")
-    of = f" of {found[0].joint}" if one and len(found) > 1 else ""
+    of = f" of {paths[0].joint}" if same_joint and len(paths) > 1 else ""
     figure.suptitle(f"path of the pin's centre{of} in the sleeve's axes, and how long it bears there", fontsize=10)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
 
 
 def draw_path(axis: Any, path: PinPath, states: Mapping[int, tuple[str, str]]) -> None:
-    """The path of a pin's centre: flights as curves, contacts as dots, and how far it can go; `states`: of the contact
-    states that are drawn label and colour.
+    """Draw the path of a pin's centre: flights as curves, contacts as dots, and the limit of its travel; `states`:
+    label and colour by contact state.
     """
     for code, (label, colour) in states.items():
         chosen = path.state == code

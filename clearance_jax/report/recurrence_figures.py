@@ -1,6 +1,4 @@
-"""The field's pictures of a driven mechanism with clearance: bifurcation diagrams, Poincare sections, Lyapunov
-exponents. Dataset of a sweep in, Figure out.
-"""
+"""Figures of a sweep of a driven mechanism: bifurcation diagrams, Poincare sections, Lyapunov exponents."""
 
 from typing import Any
 
@@ -33,7 +31,7 @@ from clearance_jax.report.sweep_axes import (
 MANY, LARGE, SMALL = 20_000, 4.0, 0.5
 # Sections drawn at most; of how few points one is drawn with larger ones; how much a panel shows of all there is.
 MOST_SECTIONS, FEW, CLOSE = 6, 200, 0.1
-# As many lanes as a picture has columns.
+# Columns of a picture: with more lanes a line would hide the points.
 COLUMNS = 500
 # By the sign of the exponent: colours, and words where its uncertainty is known and where it is not.
 COLOURS = {-1: "tab:blue", 0: "0.55", 1: "tab:red"}
@@ -42,24 +40,23 @@ SIGNS = {-1: "exponent negative", 0: "exponent zero", 1: "exponent positive"}
 
 
 def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
-    """The quantities of a Poincare section, each with its name and unit; beside the lanes' dimensions each has one, of
-    its instants.
+    """The quantities of a Poincare section, each with its name and unit, over the lanes and the instants.
 
     **Raises:** `ClearanceError` for a result that is none.
     """
-    one = result(dataset, name)
-    own = [str(dim) for dim in one.dims if dim not in lanes_of(dataset)]
-    if len(own) == 1:
-        return [one]
-    if len(own) != 2:
+    points = result(dataset, name)
+    dims = [str(dim) for dim in points.dims if dim not in lanes_of(dataset)]
+    if len(dims) == 1:
+        return [points]
+    if len(dims) != 2:
         raise ClearanceError(
-            f"`{name}` is no Poincare section: beside those of samples it has {len(own)} dimensions, not 1 or 2."
+            f"`{name}` is no Poincare section: beside those of samples it has {len(dims)} dimensions, not 1 or 2."
         )
-    units = str(one.attrs.get("units", "")).split(", ")
-    units = units if len(units) == one.sizes[own[1]] else units[:1] * one.sizes[own[1]]
-    labels = one[own[1]].values  # where there are no labels, whole numbers
+    units = str(points.attrs.get("units", "")).split(", ")
+    units = units if len(units) == points.sizes[dims[1]] else units[:1] * points.sizes[dims[1]]
+    labels = points[dims[1]].values  # where there are no labels, whole numbers
     return [
-        one.isel({own[1]: k}).rename(str(label)).assign_attrs(units=units[k], long_name=words(str(label)))
+        points.isel({dims[1]: k}).rename(str(label)).assign_attrs(units=units[k], long_name=words(str(label)))
         for k, label in enumerate(labels)
     ]
 
@@ -106,7 +103,7 @@ def draw_bifurcation(
     kinds = [(np.ones(len(x), bool), "black", None)]
     if exponent is not None:
         rate = exponent_of(dataset, exponent)
-        kinds = [(rate.sign == k, COLOURS[k], said) for k, said in _words(rate).items()]
+        kinds = [(rate.sign == k, COLOURS[k], label) for k, label in _words(rate).items()]
     for chosen, colour, label in kinds:
         where = np.broadcast_to(x[chosen, None], y[chosen].shape)
         axes.scatter(where, y[chosen], s=size, lw=0, color=colour, label=label, rasterized=True)
@@ -118,7 +115,7 @@ def draw_bifurcation(
 
 
 def _words(rate: Exponent) -> dict[int, str]:
-    """What there is to be told apart by an exponent's sign."""
+    """Legend texts by sign, for the signs of the exponent that occur."""
     there = np.unique(rate.sign[np.isfinite(rate.value.values.ravel())])
     return {int(k): (SIGNS if rate.uncertainty is None else KNOWN)[int(k)] for k in there}
 
@@ -179,7 +176,7 @@ def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exp
     panels: Any = figure.subplots(rows, columns, squeeze=False).ravel()
     rate = None if exponent is None else exponent_of(dataset, exponent)
     across, up = (display(part) for part in parts)
-    x, y = (one.factor * of_lanes(dataset, part) for one, part in zip((across, up), parts, strict=True))
+    x, y = (axis.factor * of_lanes(dataset, part) for axis, part in zip((across, up), parts, strict=True))
     for panel, lane in zip(panels, chosen, strict=False):
         colour = "black" if rate is None else COLOURS[int(rate.sign[lane])]
         panel.scatter(x[lane], y[lane], s=LARGE if len(x[lane]) > FEW else 4 * LARGE, lw=0, color=colour)
@@ -193,7 +190,7 @@ def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exp
 
 
 def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Show no less than a part of what all lanes have: the points of a periodic motion are not to be told apart."""
+    """Show at least a part of the range of all lanes, so that the points of a periodic motion coincide."""
     for values, limits, put in ((x, panel.get_xlim(), panel.set_xlim), (y, panel.get_ylim(), panel.set_ylim)):
         least, middle = CLOSE * float(np.ptp(values[np.isfinite(values)])), 0.5 * sum(limits)
         if limits[1] - limits[0] < least:
@@ -204,12 +201,12 @@ def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _tell(dataset: xr.Dataset, lane: int, rate: Exponent | None) -> str:
-    """A lane's numbers, and its exponent."""
+    """The numbers and the exponent of a lane, in words."""
     told = []
     for name in variables(dataset):
-        one = display(number(dataset, name))
-        value = one.factor * of_lanes(dataset, number(dataset, name))[lane]
-        told.append(f"{one.name} {value:.4g} {one.unit}".strip())
+        axis = display(number(dataset, name))
+        value = axis.factor * of_lanes(dataset, number(dataset, name))[lane]
+        told.append(f"{axis.name} {value:.4g} {axis.unit}".strip())
     if rate is not None:
         beside = "" if rate.uncertainty is None else f" ± {rate.uncertainty.values.ravel()[lane]:.2g}"
         told.append(f"exponent {rate.value.values.ravel()[lane]:+.3g}{beside} 1/s")

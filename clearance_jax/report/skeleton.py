@@ -1,4 +1,4 @@
-"""A mechanism on axes, in the plane or in space: bodies, joints, springs, the paths of its points. A film moves it, a
+"""Draws a mechanism on axes, in the plane or in space: bodies, joints, springs, the paths of points. Films move it; a
 still picture shows one sample.
 """
 
@@ -12,8 +12,8 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from clearance_jax.report.panels import same_scale
 from clearance_jax.results.places import Places
 
-# Of the size of the mechanism: how broad a body is that is drawn as a plate; half a slider's length and breadth, half
-# the length of its guide.
+# Relative to the mechanism's size: least breadth of a body that is drawn as a plate; half a slider's length and
+# breadth, half the length of its guide.
 PLATE, SLIDER, BREADTH, GUIDE = 0.02, 0.045, 0.027, 0.13
 # From where space is looked at [degree].
 ELEVATION, AZIMUTH = 22.0, -58.0
@@ -85,7 +85,7 @@ class Skeleton:
         self._lines.append((self._plot(self.places.at[0, marks], **style), marks))
 
     def _support(self, at: np.ndarray, floor: float) -> None:
-        """What the ground carries: a triangle, in space a post on the floor."""
+        """Draw a support on the ground: a triangle, in space a post on the floor."""
         if self.in_space:
             foot = np.array([*at[:2], min(floor, at[2])])
             self._plot(np.stack([foot, at]), color="0.6", lw=5, solid_capstyle="butt")
@@ -94,7 +94,7 @@ class Skeleton:
             self._plot(at[None], marker="^", ms=14, mfc="0.85", mec="0.4", zorder=0.5)
 
     def _body(self, marks: list[int], colour: str) -> None:
-        """A plate that its marks span, or a star: from its own joint to whatever else it carries."""
+        """Draw a body: a plate that its marks span, or lines from its own joint to the others."""
         at = self.places.at[0, marks]
         if not self.in_space and np.linalg.svd(at - at.mean(axis=0), compute_uv=False)[1] > PLATE * self.size:
             plate = Polygon(at, closed=True, fc=colour, ec=colour, alpha=0.4, lw=2, zorder=1)
@@ -103,7 +103,7 @@ class Skeleton:
             self._line([mark for other in marks[1:] for mark in (marks[0], other)], color=colour, **LINK)
 
     def _pair(self, name: str, pair: list[int]) -> None:
-        """A spring, or what slides: with a block between rails where it is."""
+        """Draw a spring, or a slide: a block between rails."""
         self._line(pair, color="0.45", lw=1.2, ls=(0, (4, 2)), zorder=1)
         if name in self.places.slides and self.in_space:
             self._line(pair[1:], marker="s", ms=15, mfc="0.85", mec="0.4", zorder=1.5)
@@ -118,7 +118,7 @@ class Skeleton:
         return self.axis.annotate(joint, self._on_page(self.places.at[0, self.places.joints[joint]]), **style)
 
     def _on_page(self, place: np.ndarray) -> tuple[float, float]:
-        """Where a place is in the axes' own plane."""
+        """A place projected to the axes' plane."""
         if not self.in_space:
             return float(place[0]), float(place[1])
         return proj_transform(place[0], place[1], place[2], self.axis.get_proj())[:2]

@@ -22,9 +22,7 @@ def legend_below(axis: Any, columns: int = 3, **how: Any) -> None:
 
 
 def length_unit(largest: float) -> tuple[float, str]:
-    """What lengths [m] are to be multiplied by so that the largest has one to three digits before the point, and the
-    unit then.
-    """
+    """The factor and the unit in which a largest length [m] has one to three digits before the point."""
     return (1e9, "nm") if largest < 1e-6 else (1e6, "µm") if largest < 1e-3 else (1e3, "mm")
 
 

@@ -1,8 +1,8 @@
-"""What a sweep says of itself: its lanes, the numbers that vary over them, its results; and how these are labelled.
+"""Lanes, varied numbers and results of a sweep's dataset, and their labels in figures.
 
-Lanes lie along the dimensions of their result codes, `code`: axes by the dotted names of numbers, or one that counts
-(`sample`). A coordinate along these is a number that varies; of several that rise or fall together (`tidy`) one stands
-for all. What kind of metric has made a result its attribute `metric` says.
+Lanes lie along the dimensions of the result codes, `code`: names of numbers, or a counter (`sample`). A coordinate of
+floats along these is a number that varies; of several that are all monotone `tidy` keeps one. The attribute `metric` of
+a result is the kind of its metric.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from clearance_jax.errors import ClearanceError, suggest
 CODE = "code"
 # What every lane has beside its results.
 ENDINGS = (CODE, "steps", "rejected", "energy_residual", "validity", "again")
-# The code of a lane that has not been run; of one that reached its end; and how a picture tells others.
+# Codes of a lane that has not been run, and of one that reached its end.
 NOT_RUN, REACHED = -1, 0
 # A motion is chaotic, or stable, where its exponent is away from zero by more than so many times its uncertainty.
 BEYOND = 2.0
@@ -29,8 +29,8 @@ PREFIXES = {
 }
 
 
-class Shown(NamedTuple):
-    """By what numbers are multiplied to be drawn in a unit that suits them, their name, and that unit."""
+class AxisScale(NamedTuple):
+    """How a number is shown: multiplied by `factor`, under a `name`, in a `unit`."""
 
     factor: float
     name: str
@@ -38,13 +38,13 @@ class Shown(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Of an axis."""
+        """The label of an axis: name and unit."""
         return self.name + (f", {self.unit}" if self.unit else "")
 
 
 def tidy(dataset: xr.Dataset) -> xr.Dataset:
-    """A sweep with one number along each dimension whose numbers rise or fall together: the dimension's own, or the
-    first of them, by which it is called then. Numbers that scatter stay as they are.
+    """A sweep with one number along each dimension whose numbers are all monotone: that of the dimension's name, or the
+    first one, which then names the dimension. Numbers that scatter stay.
     """
     for dim in lanes_of(dataset):
         along = [name for name in variables(dataset) if dataset[name].dims == (dim,)]
@@ -74,13 +74,13 @@ def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
 def variables(dataset: xr.Dataset) -> tuple[str, ...]:
     """The numbers that vary over the lanes, in the order of their dimensions."""
     lanes = lanes_of(dataset)
-    found = [
-        (lanes.index(str(one.dims[0])), str(name))
-        for name, one in dataset.coords.items()
+    entries = [
+        (lanes.index(str(coordinate.dims[0])), str(name))
+        for name, coordinate in dataset.coords.items()
         # What only counts its lanes is whole numbers.
-        if np.issubdtype(one.dtype, np.floating) and one.dims and set(one.dims) <= set(lanes)
+        if np.issubdtype(coordinate.dtype, np.floating) and coordinate.dims and set(coordinate.dims) <= set(lanes)
     ]
-    return tuple(name for _, name in sorted(found, key=lambda entry: entry[0]))
+    return tuple(name for _, name in sorted(entries, key=lambda entry: entry[0]))
 
 
 def results(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -88,14 +88,14 @@ def results(dataset: xr.Dataset) -> tuple[str, ...]:
     lanes = set(lanes_of(dataset))
     return tuple(
         str(name)
-        for name, one in dataset.data_vars.items()
-        if name not in ENDINGS and set(one.dims) == lanes and np.issubdtype(one.dtype, np.floating)
+        for name, values in dataset.data_vars.items()
+        if name not in ENDINGS and set(values.dims) == lanes and np.issubdtype(values.dtype, np.floating)
     )
 
 
 def results_of(dataset: xr.Dataset, metric: str) -> tuple[str, ...]:
     """The results of a kind of metric."""
-    return tuple(str(name) for name, one in dataset.data_vars.items() if one.attrs.get("metric") == metric)
+    return tuple(str(name) for name, values in dataset.data_vars.items() if values.attrs.get("metric") == metric)
 
 
 def endings(dataset: xr.Dataset) -> tuple[int, int]:
@@ -122,10 +122,10 @@ class Exponent(NamedTuple):
 
 def exponent_of(dataset: xr.Dataset, name: str) -> Exponent:
     """A largest Lyapunov exponent, lanes in the order of `code`."""
-    one = result(dataset, name).transpose(*dataset[CODE].dims, ...)
-    if "estimate" in one.dims:
-        return Exponent(*(one.sel(estimate=which, drop=True) for which in ("value", "uncertainty")))
-    return Exponent(one, None)
+    exponent = result(dataset, name).transpose(*dataset[CODE].dims, ...)
+    if "estimate" in exponent.dims:
+        return Exponent(*(exponent.sel(estimate=which, drop=True) for which in ("value", "uncertainty")))
+    return Exponent(exponent, None)
 
 
 def result(dataset: xr.Dataset, name: str) -> xr.DataArray:
@@ -142,26 +142,26 @@ def number(dataset: xr.Dataset, name: str) -> xr.DataArray:
     return dataset[name]
 
 
-def of_lanes(dataset: xr.Dataset, one: xr.DataArray) -> np.ndarray:
+def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
     """A number or a result lane by lane: shape (lanes, ...), real."""
     code = dataset[CODE]
-    values = one.broadcast_like(code).transpose(*code.dims, ...).values.astype(float)
+    values = array.broadcast_like(code).transpose(*code.dims, ...).values.astype(float)
     return values.reshape(code.size, *values.shape[code.ndim :])
 
 
-def display(one: xr.DataArray, name: str | None = None) -> Shown:
-    """How a number or a result is shown, by its size."""
-    unit, values = str(one.attrs.get("units", "")), np.abs(one.values.astype(float))
+def display(array: xr.DataArray, name: str | None = None) -> AxisScale:
+    """Factor, name and unit in which a number or a result is shown, by its size."""
+    unit, values = str(array.attrs.get("units", "")), np.abs(array.values.astype(float))
     finite = values[np.isfinite(values)]
     largest, factor = float(finite.max()) if finite.size else 0.0, 1.0
     for bound, times, other in PREFIXES.get(unit, ()):
         if largest < bound:
             factor, unit = times, other
             break
-    # A metric knows what it is, and not what its user calls it.
-    own, said = str(one.name), str(one.attrs.get("long_name", one.name))
-    said = words(own) if "metric" in one.attrs or said == own else said
-    return Shown(factor, said if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
+    # The `long_name` of a metric is that of its kind; the user's own name says more.
+    key, title = str(array.name), str(array.attrs.get("long_name", array.name))
+    title = words(key) if "metric" in array.attrs or title == key else title
+    return AxisScale(factor, title if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
 
 
 def scale(values: np.ndarray) -> str:
@@ -183,19 +183,21 @@ def spread_places(counts: int, most: int) -> list[int]:
 
 
 def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
-    """Where along some of its dimensions a part of a sweep lies, in words."""
+    """The position of a part of a sweep along some dimensions, in words."""
     told = []
     for dim, k in place.items():
         if dim in variables(dataset):
-            one = display(number(dataset, dim))
-            told.append(f"{one.name} {one.factor * float(dataset[dim][k]):.4g} {one.unit}".strip())
+            axis = display(number(dataset, dim))
+            told.append(f"{axis.name} {axis.factor * float(dataset[dim][k]):.4g} {axis.unit}".strip())
         else:
             told.append(str(dataset[dim].values[k]) if dim in dataset.coords else f"{dim} {k}")
     return ", ".join(told)
 
 
 def slice_grid(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
-    """Lanes along one axis of a grid, in the middle of all others, and where that is; of what is no grid all lanes."""
+    """The lanes along one axis of a grid, at the middle of the others, and this position in words; all lanes if there
+    is no grid.
+    """
     if axis not in lanes_of(dataset):
         return dataset, ""
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim != axis}

@@ -1,6 +1,4 @@
-"""Figures of a sweep: heat maps, trend curves with bands, response surfaces, parallel coordinates, sensitivity indices;
-and those that fit a dataset. Dataset in, Figure out.
-"""
+"""Figures of a sweep: heat maps, curves with bands, response surfaces, parallel coordinates, sensitivity indices."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,7 +16,7 @@ from clearance_jax.report.recurrence_figures import bifurcation, exponents, sect
 from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.report.sweep_axes import (
     CODE,
-    Shown,
+    AxisScale,
     display,
     endings,
     lanes_of,
@@ -83,8 +81,8 @@ def figures(
             out[f"{name}: Poincare sections"] = sections(dataset, name, exponent=exponent)
     for name in rates:
         out |= {f"{name} over {axis}": exponents(dataset, name, axis) for axis in numbers}
-    for name, found in (indices or {}).items():
-        out[f"{name}: sensitivity indices"] = sensitivities(found, (local or {}).get(name), words(name))
+    for name, sobol in (indices or {}).items():
+        out[f"{name}: sensitivity indices"] = sensitivities(sobol, (local or {}).get(name), words(name))
     return out
 
 
@@ -112,7 +110,7 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`, `y`: names of the axes, by default the first two.
     """
     dataset = tidy(dataset)
-    x, y, one = _grid(dataset, name, x, y)
+    x, y, values = _grid(dataset, name, x, y)
     others = [dim for dim in lanes_of(dataset) if dim not in (x, y)]
     middle = {dim: dataset.sizes[dim] // 2 for dim in others[1:]}
     places = [{others[0]: k} | middle for k in spread_places(dataset.sizes[others[0]], PANELS)] if others else [{}]
@@ -121,10 +119,10 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     size = (6.4, 4.4) if len(places) == 1 else (3.4 * columns + 0.8, 2.9 * rows + 0.2)
     figure = Figure(figsize=size, layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(one)
-    norm = Normalize(*(of.factor * f(one.values) for f in (np.nanmin, np.nanmax)))
+    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(values)
+    norm = Normalize(*(of.factor * f(values.values) for f in (np.nanmin, np.nanmax)))
     for panel, place in zip(panels.ravel(), places, strict=False):
-        cells = of.factor * one.isel(place).transpose(y, x).values
+        cells = of.factor * values.isel(place).transpose(y, x).values
         panel.set_facecolor(FAILED)
         panel.grid(visible=False)
         edges = across.factor * dataset[x].values, up.factor * dataset[y].values
@@ -139,9 +137,9 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
         panel.set_ylabel(up.label)
     figure.colorbar(ScalarMappable(norm, COLOURS), ax=panels, label=of.label)
     counts = zip(endings(dataset), ("failed", "not run yet"), strict=True)
-    missing = " and ".join(f"{count} {said}" for count, said in counts if count)
+    missing = " and ".join(f"{count} {what}" for count, what in counts if count)
     if missing:
-        figure.suptitle(f"of {one.size} samples {missing} (grey)", fontsize=9)
+        figure.suptitle(f"of {values.size} samples {missing} (grey)", fontsize=9)
     return figure
 
 
@@ -152,10 +150,10 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`, `y`: names of the axes, by default the first two.
     """
     dataset = tidy(dataset)
-    x, y, one = _grid(dataset, name, x, y)
+    x, y, values = _grid(dataset, name, x, y)
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim not in (x, y)}
-    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(one)
-    height = of.factor * one.isel(place).transpose(y, x).values
+    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(values)
+    height = of.factor * values.isel(place).transpose(y, x).values
     where = np.meshgrid(across.factor * dataset[x].values, up.factor * dataset[y].values)
     figure = Figure(figsize=(7, 5.4), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d")
@@ -194,7 +192,7 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
 
 
 def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | None = None) -> None:
-    """`curves`, on axes that are there."""
+    """Draw `curves` on given axes."""
     if by is None:
         few = [dim for dim in lanes_of(dataset) if dim != x and 1 < dataset.sizes[dim] <= CURVES]
         by = few[0] if x in lanes_of(dataset) and few else None
@@ -203,7 +201,7 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
     for i, k in enumerate(places):
         part = dataset if k is None else dataset.isel({by: [k]})
         label = None if k is None else place_words(dataset, {by: k})
-        _band(axes, part, name, x, (across, of), f"C{i}", label, alone=len(places) == 1)
+        _band(axes, part, name, x, across, of, f"C{i}", label, alone=len(places) == 1)
     axes.set(xlabel=across.label, ylabel=of.label)
     axes.set_xscale(scale(dataset[x].values) if x in lanes_of(dataset) else "linear")
     axes.margins(x=0.01)
@@ -212,9 +210,10 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
         legend_below(axes)
 
 
-def _band(axes: Any, part: xr.Dataset, name: str, x: str, how: tuple[Shown, Shown], colour, label, alone: bool) -> None:
-    """A curve with its bands; how many results each place has decides what there is to show."""
-    across, of = how
+def _band(
+    axes: Any, part: xr.Dataset, name: str, x: str, across: AxisScale, of: AxisScale, colour, label, alone: bool
+) -> None:
+    """Draw the medians as a curve, with quantile bands where a place has several results."""
     where, values = of_lanes(part, number(part, x)), of_lanes(part, result(part, name))
     places, groups = _groups(where, values, on_axis=x in part.dims)
     middles = np.array([np.median(group) if group.size else np.nan for group in groups])
@@ -234,14 +233,16 @@ def _band(axes: Any, part: xr.Dataset, name: str, x: str, how: tuple[Shown, Show
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Results that are finite, at every value of an axis, or in equally full bins of a number that is scattered."""
+    """Finite results grouped by the values of an axis, or by equally full bins of a scattered number: values and
+    groups.
+    """
     if on_axis:
         places = np.unique(where)
         return places, [values[(where == place) & np.isfinite(values)] for place in places]
     order = np.argsort(where, kind="stable")
     order = order[np.isfinite(values[order])]
     bins = np.array_split(order, max(1, min(BINS, len(order) // 10)))
-    return np.array([np.mean(where[one]) for one in bins]), [values[one] for one in bins]
+    return np.array([np.mean(where[members]) for members in bins]), [values[members] for members in bins]
 
 
 # Results over all numbers -------------------------------------------------------------------------------------------
@@ -257,7 +258,7 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     dataset = tidy(dataset)
     names = [*variables(dataset), *results(dataset)] if names is None else names
     how = {name: display(dataset[name]) for name in {*names, colour}}
-    columns = {name: one.factor * of_lanes(dataset, dataset[name]) for name, one in how.items()}
+    columns = {name: axis.factor * of_lanes(dataset, dataset[name]) for name, axis in how.items()}
     whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
     if not whole.size:
         raise ClearanceError("There is nothing to draw: no sample has all of these results.")

@@ -1,5 +1,5 @@
-"""Figures of a life of wear: profiles at several ages, how clearance and wear grow, what was watched; and a film of the
-profile. Dataset in (`wear.to_dataset`), Figure out.
+"""Figures of a life of wear from a dataset (`wear.to_dataset`): profiles at several ages, growth of clearance and
+depth, the criterion; and a film of the profile.
 """
 
 from typing import Any
@@ -36,10 +36,8 @@ def overview(dataset: xr.Dataset) -> Figure:
     grid = figure.add_gridspec(2, 5)
     profiles(figure.add_subplot(grid[0, :3]), dataset)
     bore(figure.add_subplot(grid[0, 3:]), dataset)
-    rest: Any = figure.add_subplot(grid[1, :3]), figure.add_subplot(grid[1, 3:])
-    one, other = rest
-    growth(one, dataset)
-    criterion(other, dataset) if "watched" in dataset else volume(other, dataset)
+    growth(figure.add_subplot(grid[1, :3]), dataset)
+    (criterion if "watched" in dataset else volume)(figure.add_subplot(grid[1, 3:]), dataset)
     end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
     figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
     return figure
@@ -47,7 +45,7 @@ def overview(dataset: xr.Dataset) -> Figure:
 
 @STYLED
 def intervals(dataset: xr.Dataset, name: str) -> Figure:
-    """How long parts last against a number of theirs: the maintenance interval (`Lives.to_dataset`)."""
+    """Life over a number that varies, the maintenance interval; `dataset`: of `ServiceLives.to_dataset`."""
     if name not in dataset or "life" not in dataset:
         raise ClearanceError(f"There is no life against `{name}` in this dataset.")
     order = np.argsort(dataset[name].values, kind="stable")
@@ -63,7 +61,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
 
 
 def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str = "") -> None:
-    """Lives over a number; of those that have not ended after `most` cycles, that many."""
+    """Draw lives over a number; lives that have not ended are drawn at `most` cycles."""
     ended = np.isfinite(lives)
     (line,) = axis.plot(x[ended], lives[ended], "o-", ms=4, lw=1, label=name or "until the bound is met")
     if not ended.all():
@@ -85,7 +83,7 @@ def failures(found: Any) -> Figure:
 
 
 def check(dataset: xr.Dataset) -> None:
-    """Raise `ClearanceError` for a dataset that is no life."""
+    """Raise `ClearanceError` for a dataset of another kind."""
     if not is_life(dataset):
         raise ClearanceError("There is nothing to draw: this is no result of a study of wear.")
 
@@ -148,10 +146,10 @@ def criterion(axis: Any, dataset: xr.Dataset) -> None:
 
     **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
     """
-    one = dataset["watched"]
-    told = display(one)
-    axis.plot(dataset["cycle"], told.factor * one, "o-", ms=2.5, lw=1)
-    axis.axhline(told.factor * one.attrs["bound"], color=MARK, lw=1, ls="--", label="bound")
+    watched = dataset["watched"]
+    told = display(watched)
+    axis.plot(dataset["cycle"], told.factor * watched, "o-", ms=2.5, lw=1)
+    axis.axhline(told.factor * watched.attrs["bound"], color=MARK, lw=1, ls="--", label="bound")
     axis.set(title=told.name, ylabel=told.unit)
     _over_life(axis, dataset)
     legend_below(axis, fontsize=7)
@@ -175,7 +173,7 @@ def _over_life(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def _last(dataset: xr.Dataset) -> float:
-    """The age at which it ends: what the last block went beyond it has not been lived."""
+    """The age at which the life ends [cycles]; the last block may go beyond it."""
     return float(dataset.attrs.get("life", dataset["cycle"][-1]))
 
 
@@ -191,7 +189,7 @@ def _depth(dataset: xr.Dataset, age: float) -> np.ndarray:
 
 
 def _factors(dataset: xr.Dataset) -> tuple[float, float]:
-    """How many times clearance and wear are magnified beside the pin: alike, or wear more, so that it is seen."""
+    """Magnifications of clearance and wear: equal, or a larger one for wear so that it is visible."""
     reach = SHOWN * float(dataset.attrs["pin_radius"])
     gap = round_factor(reach / float(dataset.attrs["unworn_clearance"]))
     return gap, max(gap, round_factor(reach / max(float(dataset["deepest"].max()), 1e-12)))

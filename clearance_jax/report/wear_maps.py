@@ -1,4 +1,4 @@
-"""Where a sleeve or a pin has worn: depth over angle and height. What has worn off in, Figure out."""
+"""Wear maps: depth over angle and height of a sleeve or a pin."""
 
 from typing import Any
 

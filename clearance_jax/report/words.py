@@ -1,4 +1,4 @@
-"""How numbers are written on a page: filters of the templates, which add nothing to what they are given."""
+"""Template filters that format numbers and texts."""
 
 import re
 from collections.abc import Mapping
@@ -12,12 +12,12 @@ from clearance_jax.units import format_quantity
 
 
 def quantity(value: float | None, unit: str, digits: int = 6) -> str:
-    """A quantity as it is read in a workshop, nothing where there is none."""
+    """A quantity in a unit of the workshop; empty for `None`."""
     return "" if value is None else format_quantity(value, unit, digits).replace(" um", " µm")
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """A share."""
+    """A share in percent."""
     return f"{100 * share:.{digits}f} %"
 
 

@@ -1,4 +1,4 @@
-"""When pins bear how, from a dataset; and what it says of a clearance joint."""
+"""Contact patterns of clearance joints over time, and properties of these joints, from a dataset."""
 
 from typing import NamedTuple
 
@@ -9,13 +9,13 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import GuideClearance, RevoluteClearance, SleeveClearance
 from clearance_jax.results.episodes import SHORTEST
 
-# Of a contact pattern: what is added where a face bears.
+# Added to a contact pattern while a face bears.
 FACE = 4
 
 
-class Spans(NamedTuple):
-    """Stretches of time [s] throughout which a joint bears in one way, one after another; of each its contact pattern
-    (in a plane 0 apart, 1 in contact).
+class BearingSpans(NamedTuple):
+    """Consecutive time spans [s] with a constant contact pattern of a joint (in the plane 0 apart, 1 in contact), shape
+    (spans,) each.
     """
 
     begin: np.ndarray
@@ -23,7 +23,7 @@ class Spans(NamedTuple):
     pattern: np.ndarray
 
     def share(self, chosen: np.ndarray) -> float:
-        """Of the whole time the part of some of them."""
+        """The fraction of the whole time in the chosen spans."""
         lasts = self.end - self.begin
         return float(np.sum(lasts[chosen]) / np.sum(lasts))
 
@@ -41,23 +41,23 @@ def require_joint(dataset: xr.Dataset, joint: str) -> str:
 
 
 def kind(dataset: xr.Dataset, joint: str) -> str:
-    """The kind of a clearance joint, as its class says it; empty of a user's own."""
+    """The `kind` of a clearance joint's class; empty for a user's own class."""
     return str(dataset.attrs.get(f"clearance.{joint}", ""))
 
 
 def number(dataset: xr.Dataset, joint: str, name: str) -> float | None:
-    """A number of a clearance joint, if it has it."""
-    found = dataset.attrs.get(f"parameter.{joint}.{name}")
-    return None if found is None else float(found)
+    """A number of a clearance joint, or `None`."""
+    attribute = dataset.attrs.get(f"parameter.{joint}.{name}")
+    return None if attribute is None else float(attribute)
 
 
-def spans(dataset: xr.Dataset, joint: str) -> Spans:
-    """When a joint bears how: what is known at a step's end holds until the next one, for every touch and separation is
-    one. Without step ends (of a `Solution`) the samples have to do.
+def spans(dataset: xr.Dataset, joint: str) -> BearingSpans:
+    """The spans of constant contact pattern of a joint. A pattern holds from one step end to the next, since every
+    touch and separation is a step end. Without step ends (a `Solution`) the samples are used.
     """
     name = "contact_pattern" if "contact_pattern" in dataset else "contact_state"
-    time, found = at_steps(dataset, require_joint(dataset, joint), name)
-    codes = found.astype(int)
+    time, patterns = at_steps(dataset, require_joint(dataset, joint), name)
+    codes = patterns.astype(int)
     if "contact_pattern" not in dataset:
         codes = np.minimum(codes, 1)  # an impact is a contact
     if len(time) < 2:
@@ -68,17 +68,15 @@ def spans(dataset: xr.Dataset, joint: str) -> Spans:
     codes, begin = codes[lasting], begin[lasting]
     first = np.flatnonzero(np.concatenate([[True], codes[1:] != codes[:-1]]))
     begin = begin[first]
-    return Spans(begin, np.append(begin[1:], time[-1]), codes[first])
+    return BearingSpans(begin, np.append(begin[1:], time[-1]), codes[first])
 
 
 def at_steps(dataset: xr.Dataset, joint: str, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a variable in a joint: at the step ends where these are known, which no oscillation escapes,
-    else at the samples.
-    """
+    """Times [s] and values of a variable in a joint: at the step ends if the dataset has them, else at the samples."""
     time, known = ("step_time", at_step(name)) if at_step(name) in dataset else ("time", name)
     return dataset[time].values, dataset[known].sel(joint=joint).values
 
 
 def at_step(name: str) -> str:
-    """What a variable is called at the step ends."""
+    """The name of a variable at the step ends."""
     return f"step_{name.removeprefix('contact_').removeprefix('pin_')}"

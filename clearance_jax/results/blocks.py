@@ -1,7 +1,7 @@
-"""What is computed of many states: in blocks of one size, by one program for a mechanism's structure, however many.
+"""Evaluates functions of many states in blocks of one size, so that one compiled program serves any number of states.
 
-A program over exactly as many states as a solve happens to have would be compiled anew for every solve, which takes
-longer than the solve. Between blocks Python is in control: progress, and keyboard interrupts.
+A program for the exact number of states would be compiled again for every solve, which takes longer than the solve.
+Between blocks Python reports progress and handles interrupts.
 """
 
 from collections.abc import Callable
@@ -26,13 +26,12 @@ from clearance_jax.results.marks import mark_positions
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import try_step
 
-# States a call: measured on the robot's joint and the slider-crank, a smaller block costs more in calls than it saves
-# in padding the last one, a larger one leaves the processor's cache (the slider-crank takes thrice as long a state).
+# States per call: smaller blocks cost more calls, larger ones leave the processor's cache.
 BLOCK = 2048
-# Instants inside steps a call: there are few, and each is as much work as a step.
+# Instants inside steps per call: there are few, and each costs an integration step.
 FEW = 64
-# Up to so many samples, those of a trace are observed by the program that its step ends need anyway: it takes thrice as
-# long a state, and a second one takes seconds to compile.
+# Up to so many samples, a trace observes them by the program of its step ends: it is slower per state, but a second
+# program takes seconds to compile.
 SHARED = 20 * BLOCK
 
 Progress = Callable[[float], None]
@@ -72,8 +71,8 @@ def _put(whole: np.ndarray, part: slice, block: Array) -> None:
 
 
 def _batch(function):
-    """A jitted program over blocks, of a function of one state and a prepared mechanism (in space a table, for most of
-    the time goes into compiling).
+    """A jitted program over blocks, from a function of a prepared mechanism and one state. In space the mechanism is a
+    table, which compiles faster.
     """
 
     def block(mechanism, *arrays):
@@ -87,8 +86,8 @@ def _observe(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, 
 
 
 def _observe_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
-    """The same, and the rates of every contact force [N/s] and contact power [W/s] along the motion."""
-    # Behind the state stands the energy balance, on which no contact depends.
+    """As `_observe`, with the rates of all contact forces [N/s] and contact powers [W/s] along the motion."""
+    # The energy balance follows the state in `y`; no contact depends on it.
     rate, size = jnp.zeros_like(y), layout(mechanism).size
     rate = rate.at[:size].set(slope(time, y[:size], mechanism))
     seen, rates = _along(mechanism, time, y, rate)
@@ -98,7 +97,7 @@ def _observe_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) ->
 def _along(
     mechanism: PreparedMechanism, time: Scalar, y: Array, rate: Array
 ) -> tuple[dict[str, Array], tuple[Array, Array]]:
-    """What is observed of a state that moves at the given rate, and the rates of the contact forces and powers."""
+    """What `_observe` gives of a state that changes at a `rate`, and the rates of the contact forces and powers."""
 
     def contact(time, y):
         seen = _observe(mechanism, time, y)
@@ -112,8 +111,8 @@ def _inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: 
     """The contacts, and velocity and acceleration of the points, at a fraction s of the step of size h that starts at a
     step end.
 
-    One step of the eighth order leads there, whatever the solve's own solver: between the ends of its long steps an
-    interpolated penetration would be good for six digits.
+    One step of order eight leads there, whatever the solver: inside long steps an interpolated penetration would be
+    right to six digits only.
     """
     # The end of a step up to a drive's break is recorded just past the break: the step itself is that much shorter.
     part, y = s * jnp.maximum(h - 16 * jnp.finfo(h.dtype).eps * jnp.abs(time), 0.0), y[: layout(mechanism).size]
@@ -132,3 +131,9 @@ RATES = ("force_rate", "power_rate")
 OF_POINTS = ("velocity", "acceleration")
 observed, observed_with_rates = _batch(_observe), _batch(_observe_with_rates)
 inside = _batch(_inside)
+
+
+def inside_steps(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, step: np.ndarray, s: np.ndarray) -> dict:
+    """What `_inside` gives at fractions s of steps, by the indices of their starts; `time` [s], `y`: at step ends."""
+    arrays = time[step], y[step], time[step + 1] - time[step], s
+    return in_blocks(inside, mechanism, *arrays, size=FEW)

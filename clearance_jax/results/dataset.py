@@ -1,4 +1,4 @@
-"""From a solution to a labelled dataset: variables with units, provenance, contact episodes."""
+"""Builds labelled datasets of solutions: variables with units, contact episodes, provenance."""
 
 import dataclasses
 import warnings
@@ -22,9 +22,9 @@ from clearance_jax.results.works import ContactWarning, doubt, works
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.trace import Trace
 
-# Part of the work done once every sample and step end has been looked at: what is left are the peaks inside steps.
+# Fraction of the work for samples and step ends. The rest is that for peaks inside steps.
 _LOOKED_AT = 0.9
-# What is wanted of the step ends: of contacts as `episodes.StepEnds` has it, and where pins are.
+# Variables at the step ends: of contacts, as in `episodes.StepEnds`, and of pins.
 _OF_CONTACTS = ("penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate")
 _OF_PINS = ("eccentricity", "contact_pattern", "pin_tilt")
 
@@ -77,18 +77,18 @@ def to_dataset(
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
     if extremes:
         coords["after"] = ("after", extremes["after"], {"units": "s"})
-    said = _attributes(mechanism, solved, solution.message or "successful")
+    attrs = _attributes(mechanism, solved, solution.message or "successful")
     if mechanism.notes:
-        said["notes"] = "; ".join(mechanism.notes)
+        attrs["notes"] = "; ".join(mechanism.notes)
     if solved.rests:
-        said["start"] = solved.rests
+        attrs["start"] = solved.rests
     if solved.validity is not None:
-        said["validity"] = str(solved.validity)
-    return xr.Dataset(data, coords, said | provenance)
+        attrs["validity"] = str(solved.validity)
+    return xr.Dataset(data, coords, attrs | provenance)
 
 
 def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
-    """What a picture shows of a motion (`marks.picture`, at times [s]), as a dataset of which that can be drawn."""
+    """The variables of pictures (`marks.picture`) at times [s], as a dataset for figures."""
     labelled = labels(mechanism) | marks.labels(mechanism)
     if "penetration" in picture:
         picture = picture | {"contact_state": (picture["penetration"] > 0).astype(int)}
@@ -98,7 +98,7 @@ def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, A
 
 
 def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Times and states that the solve reached."""
+    """Times [s] and states that the solve reached."""
     if solved.time.ndim != 1:
         raise ClearanceError(
             f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one motion: "
@@ -110,18 +110,18 @@ def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> dict[str, np.ndarray]:
-    """What is observed at the step ends."""
+    """Variables at the step ends by name, shape (step ends, ...)."""
     program = blocks.observed_with_rates if mechanism.clearance_joints() else blocks.observed
 
     def some(*given):
-        found = program(*given)  # far more than is wanted of as many states as there are steps
-        return {name: found[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in found}
+        seen = program(*given)  # far more than is wanted of as many states as there are steps
+        return {name: seen[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in seen}
 
     return in_blocks(some, mechanism, np.asarray(trace.time), np.asarray(trace.y), progress=progress)
 
 
 def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]) -> tuple[dict, dict, list]:
-    """The variables of the step ends, the table of episodes, and of each joint when its impacts begin and end."""
+    """The variables of the step ends, the table of episodes, and of each joint the begins and ends of impacts [s]."""
     t, y = np.asarray(trace.time), np.asarray(trace.y)
     tables, impacts = [], []
     for joint in range(seen["penetration"].shape[1]):
@@ -129,10 +129,10 @@ def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]
         spans = episodes.spans(t, ends.penetration)
         inside = _inside(mechanism, y, joint, ends)
         top, work = peaks(ends, spans, inside), works(ends, spans, inside)
-        if said := doubt(mechanism.clearance_joints()[joint].name, work.restitution):
-            warnings.warn(said, ContactWarning, stacklevel=3)
-        own = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
-        tables.append(own | episodes.table(ends, spans) | {"restitution": work.restitution})
+        if message := doubt(mechanism.clearance_joints()[joint].name, work.restitution):
+            warnings.warn(message, ContactWarning, stacklevel=3)
+        columns = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
+        tables.append(columns | episodes.table(ends, spans) | {"restitution": work.restitution})
         impacts.append((t[spans.first], episodes.impact_ends(t, ends.penetration_rate, spans)))
     steps = {
         "step_time": t,
@@ -146,25 +146,22 @@ def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]
 
 
 def _inside(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.StepEnds) -> episodes.Look:
-    """What looks into steps at the contact of one joint (by its place among the clearance joints)."""
+    """A function that evaluates the contact of a joint inside steps; `joint`: its index among the clearance joints."""
 
     def look(step, s):
-        begin = ends.time[step]
-        arrays = begin, y[step], ends.time[step + 1] - begin, s
-        found = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)["contact"]
-        return blocks.Inside(*(values[:, joint] for values in found))
+        contact = blocks.inside_steps(mechanism, ends.time, y, step, s)["contact"]
+        return blocks.Inside(*(values[:, joint] for values in contact))
 
     return look
 
 
 def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndarray:
     """The contact states of every joint (time, joint)."""
-    columns = [episodes.contact_states(time, penetration[:, j], *own) for j, own in enumerate(impacts)]
-    return np.stack(columns, axis=1)
+    return np.stack([episodes.contact_states(time, penetration[:, j], *ends) for j, ends in enumerate(impacts)], axis=1)
 
 
 def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[str, Any]:
-    """What a dataset says of its making: version, result, counts and every number of the mechanism."""
+    """The attributes of a dataset: version, result, counts and all numbers of the mechanism."""
     return {
         "software": f"clearance_jax {__version__}",
         "mechanism": mechanism.name,
@@ -177,17 +174,15 @@ def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[st
 
 
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
-    """Every number of the mechanism, and of every clearance joint its kind, `clearance.NAME`, and what of it is no
-    number but chosen.
-    """
-    found: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
+    """All numbers of the mechanism; of every clearance joint its kind, `clearance.NAME`, and its static options."""
+    numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
-        found[f"clearance.{joint.name}"] = joint.clearance.kind
+        numbers[f"clearance.{joint.name}"] = joint.clearance.kind
         for field in dataclasses.fields(joint.clearance):
             value = getattr(joint.clearance, field.name)
             if field.metadata.get("static", False) and isinstance(value, int | float | str):
-                found[f"clearance.{joint.name}.{field.name}"] = value
-    return found
+                numbers[f"clearance.{joint.name}.{field.name}"] = value
+    return numbers
 
 
 def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:

@@ -1,7 +1,7 @@
-"""Contact episodes of a trace: which step ends belong to one contact, how long it is an impact, the contact states.
+"""Contact episodes of a trace, their impacts, and contact states.
 
-Every touch and separation is a step end, so an episode is a span of step ends. All of this is about one joint; arrays
-have one entry a step end or one an episode, and nothing here is a loop over either.
+Every touch and separation is a step end, so an episode is a span of step ends. Everything here is about one joint.
+Arrays have one entry per step end or per episode, and no function loops over either.
 """
 
 from collections.abc import Callable
@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# A joint that reads as apart, or as touching, for less than this has not let go, or not touched [s]: round-off.
+# A contact or a gap that is shorter than this is round-off [s].
 SHORTEST = 1e-12
 # An impact is over once the penetration rate has stayed below this part of the impact speed for as long as it lasted.
 LIVELY = 0.05
 
 
-# When impacts begin and end, where there are none.
+# Begins and ends of impacts, where there are none.
 NO_IMPACTS = np.zeros(0), np.zeros(0)
 
 
@@ -43,11 +43,13 @@ class Inside(NamedTuple):
 
 
 Look = Callable[[np.ndarray, np.ndarray], Inside]
-"""Of steps (by the index of their start) and how far into each (0 to 1): the contact there."""
+"""A function of steps (indices of their starts) and fractions of them (0 to 1): the contact there."""
 
 
 class Spans(NamedTuple):
-    """Episodes by their step ends: first touch, the last one (the separation), and whether contact goes on there."""
+    """Episodes by indices of step ends: the first touch and the last one, the separation; `lasting`: contact goes on
+    there.
+    """
 
     first: np.ndarray
     last: np.ndarray
@@ -63,7 +65,7 @@ class Members(NamedTuple):
 
 
 def spans(time: np.ndarray, penetration: np.ndarray) -> Spans:
-    """The episodes of a joint; contacts and pauses of a round-off are none."""
+    """The contact episodes of a joint. Contacts and gaps as short as round-off are ignored."""
     touching = np.concatenate([[False], penetration > 0, [False]])
     first = np.flatnonzero(touching[1:] & ~touching[:-1])
     end = np.flatnonzero(~touching[1:] & touching[:-1])
@@ -76,22 +78,22 @@ def spans(time: np.ndarray, penetration: np.ndarray) -> Spans:
     return Spans(first[kept], last[kept], lasting[kept])
 
 
-def members(found: Spans) -> Members:
+def members(spans: Spans) -> Members:
     """The step ends of all spans in one row."""
-    length = found.last - found.first + 1
+    length = spans.last - spans.first + 1
     start = np.cumsum(length) - length
-    index = np.arange(np.sum(length, dtype=int)) + np.repeat(found.first - start, length)
+    index = np.arange(np.sum(length, dtype=int)) + np.repeat(spans.first - start, length)
     return Members(index, np.repeat(np.arange(length.size), length), start)
 
 
-def impact_ends(time: np.ndarray, rate: np.ndarray, found: Spans) -> np.ndarray:
+def impact_ends(time: np.ndarray, rate: np.ndarray, spans: Spans) -> np.ndarray:
     """When each episode stops being an impact: at separation, or, where contact goes on, when the penetration has been
     through one compression and restitution (the second change of sign of its rate), or the rate has died away.
     """
-    ends = time[found.last]
+    ends = time[spans.last]
     if ends.size == 0:
         return ends
-    index, span, start = members(found)
+    index, span, start = members(spans)
     t, r = time[index], rate[index]
     turns = (np.sign(r[1:]) != np.sign(r[:-1])) & (span[1:] == span[:-1])
     count = np.concatenate([[0], np.cumsum(turns)])
@@ -105,7 +107,7 @@ def impact_ends(time: np.ndarray, rate: np.ndarray, found: Spans) -> np.ndarray:
     calmed, first = np.unique(span[calm], return_index=True)
     ends[calmed] = np.minimum(ends[calmed], t[calm[first]])
     # Of a contact that goes on without such a pause, what comes after the last lively step end is one.
-    restless = found.lasting.copy()
+    restless = spans.lasting.copy()
     restless[calmed] = False
     last = lively[np.searchsorted(span[lively], np.flatnonzero(restless), side="right") - 1]
     ends[restless] = np.minimum(ends[restless], t[last])
@@ -122,13 +124,13 @@ def contact_states(time: np.ndarray, penetration: np.ndarray, begins: np.ndarray
     return states
 
 
-def table(seen: StepEnds, found: Spans) -> dict[str, np.ndarray]:
-    """What the step ends themselves tell of every episode. A contact that is there from the start has no impact."""
-    start, end = seen.time[found.first], seen.time[found.last]
-    speed, parting = seen.penetration_rate[found.first], -seen.penetration_rate[found.last]
+def table(seen: StepEnds, spans: Spans) -> dict[str, np.ndarray]:
+    """Start, end and speeds of every episode, from the step ends. A contact at the start has no impact speed."""
+    start, end = seen.time[spans.first], seen.time[spans.last]
+    speed, parting = seen.penetration_rate[spans.first], -seen.penetration_rate[spans.last]
     return {
         "episode_start": start,
-        "episode_end": np.where(found.lasting, np.nan, end),
-        "impact_speed": np.where(found.first > 0, speed, np.nan),
-        "separation_speed": np.where(found.lasting, np.nan, parting),
+        "episode_end": np.where(spans.lasting, np.nan, end),
+        "impact_speed": np.where(spans.first > 0, speed, np.nan),
+        "separation_speed": np.where(spans.lasting, np.nan, parting),
     }

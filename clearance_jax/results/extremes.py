@@ -11,17 +11,16 @@ import numpy as np
 
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.results import blocks
-from clearance_jax.results.blocks import in_blocks
 from clearance_jax.solve.trace import Trace
 
-# Steps that are looked into at most, at so many places each.
+# Most steps that are evaluated inside, and places in each.
 STEPS, PLACES = 64, 8
-# How often the surroundings of the largest value are looked at again, each time 4.5 times closer: a smooth maximum is
-# then missed by 1e-7 of what the quantity changes by in the step.
+# Refinements around the largest value, each 4.5 times closer: a smooth maximum is then missed by 1e-7 of the change in
+# its step.
 CLOSER = 4
 
 Look = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Of steps (by the index of their start) and how far into each (0 to 1): the quantity there."""
+"""A function of steps (indices of their starts) and fractions of them (0 to 1): the quantity there."""
 
 
 class Extreme(NamedTuple):
@@ -32,8 +31,8 @@ class Extreme(NamedTuple):
 
 
 def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], falls_over: float) -> dict[str, Any]:
-    """The variables of a dataset: the largest speed and acceleration of every point, of the whole motion and, where
-    pins fall from their start, of what comes after.
+    """Dataset variables: the largest speed and acceleration of every point, over the whole motion and, if pins fall at
+    the start, after the first falls.
 
     **Arguments:** `seen`: `velocity` and `acceleration` at the step ends; `falls_over`: when the last first fall ends
     [s], minus infinity where no pin falls.
@@ -46,9 +45,7 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
         sizes, rows = np.linalg.norm(seen[name], axis=-1), []
 
         def look(step, s, name=name):
-            arrays = time[step], y[step], time[step + 1] - time[step], s
-            found = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)[name]
-            return np.linalg.norm(found, axis=-1)
+            return np.linalg.norm(blocks.inside_steps(mechanism, time, y, step, s)[name], axis=-1)
 
         for begin in begins:
             for point in range(sizes.shape[1]):
@@ -76,10 +73,10 @@ def largest(time: np.ndarray, values: np.ndarray, look: Look) -> Extreme:
     near = 1.0 / PLACES
     for _ in range(CLOSER):
         closer = np.clip(place + near * np.linspace(-1, 1, PLACES + 2)[1:-1], 0.0, 1.0)
-        found = _best(look, np.full(PLACES, step), closer)
+        candidate = _best(look, np.full(PLACES, step), closer)
         near *= 2 / (PLACES + 1)
-        if found[2] > value:
-            step, place, value = found
+        if candidate[2] > value:
+            step, place, value = candidate
     end = int(np.argmax(values))
     if values[end] >= value:
         return Extreme(float(values[end]), float(time[end]))
@@ -87,8 +84,8 @@ def largest(time: np.ndarray, values: np.ndarray, look: Look) -> Extreme:
 
 
 def _candidates(values: np.ndarray) -> np.ndarray:
-    """Steps inside which the quantity may exceed its largest value at a step end: by no more than what it changes by in
-    the step and beside it.
+    """Steps inside which the quantity may exceed its largest value at a step end. The bound is the change in the step
+    and its neighbours.
     """
     change = np.abs(np.diff(values))
     beside = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
@@ -99,6 +96,6 @@ def _candidates(values: np.ndarray) -> np.ndarray:
 
 def _best(look: Look, steps: np.ndarray, places: np.ndarray) -> tuple[int, float, float]:
     """The step, the place in it and the value that are largest."""
-    found = look(steps, places)
-    k = int(np.argmax(found))
-    return int(steps[k]), float(places[k]), float(found[k])
+    values = look(steps, places)
+    k = int(np.argmax(values))
+    return int(steps[k]), float(places[k]), float(values[k])

@@ -1,7 +1,7 @@
-"""Which of the forces in a dataset belong to the first fall: what a start in mid-air causes, and the machine does not.
+"""Contact forces in a dataset that belong to the first fall, an artefact of a start without contact.
 
-A pin that starts apart from its wall falls. Its first fall ends with the first separation after the first touch; where
-contact goes on instead, as soon as that is no impact any more.
+A pin that starts apart from its wall falls. Its first fall ends at the first separation after the first touch, or, if
+contact goes on, when this is no impact any more.
 """
 
 from typing import NamedTuple
@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 
-class Load(NamedTuple):
+class ForcePeak(NamedTuple):
     """A contact force [N], when it acts [s], and in which joint."""
 
     force: float
@@ -23,10 +23,10 @@ class Loads(NamedTuple):
     whether that pin fell from the sleeve's centre; the largest one `after` the first falls (`None`: there is none).
     """
 
-    largest: Load
+    largest: ForcePeak
     falling: bool
     centred: bool
-    after: Load | None
+    after: ForcePeak | None
 
     def __str__(self) -> str:
         text = f"largest force {_words(self.largest)}"
@@ -37,7 +37,7 @@ class Loads(NamedTuple):
 
 
 def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
-    """When the first fall of each joint's pin is over [s]; minus infinity for one that does not fall.
+    """When the first fall of each joint's pin ends [s]; minus infinity for a pin that does not fall.
 
     **Arguments:** a dataset of a trace.
     """
@@ -45,8 +45,8 @@ def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
 
 
 def first_falls_over(time: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """The same from the times [s] and contact states (steps, joints) of the step ends."""
-    return np.array([_end(time, own) for own in states.T])
+    """As `first_fall_ends`, from the times [s] and contact states (steps, joints) of the step ends."""
+    return np.array([_end(time, column) for column in states.T])
 
 
 def _end(time: np.ndarray, states: np.ndarray) -> float:
@@ -64,15 +64,15 @@ def loads(dataset: xr.Dataset) -> Loads | None:
         return None
     joints = list(dataset["joint"].values)
     largest = max(every)
-    own = joints.index(largest.joint)
+    joint = joints.index(largest.joint)
     later = [load for load in every if load.time > ends[joints.index(load.joint)]]
-    centred = not np.any(dataset["step_eccentricity"].values[0, own])
-    return Loads(largest, largest.time <= ends[own], centred, max(later, default=None))
+    centred = not np.any(dataset["step_eccentricity"].values[0, joint])
+    return Loads(largest, largest.time <= ends[joint], centred, max(later, default=None))
 
 
 def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
-    """The largest "speed" or "acceleration" of a point in words: when, whether pins were still falling for the first
-    time, and the largest one after that. Without a trace it is the largest of the samples, which is said.
+    """The largest "speed" or "acceleration" of a point in words: when, whether pins were in their first fall, and the
+    largest one after it. Without a trace it is the largest of the samples, and the text says so.
     """
     vector = "velocity" if name == "speed" else name
     unit = dataset[vector].attrs["units"]
@@ -92,13 +92,13 @@ def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
     return f"{text}, as pins first fall" + (f"; after it {say(values[1], times[1])}" if len(values) > 1 else "")
 
 
-def _all(dataset: xr.Dataset) -> list[Load]:
-    """The peak of every episode, and of every joint the highest peak at a step's end after its first fall (an episode
-    that goes on after the fall has its largest force in it).
+def _all(dataset: xr.Dataset) -> list[ForcePeak]:
+    """The peak of every episode, and of every joint the highest force at a step end after its first fall (an episode
+    may last from the fall to after it).
     """
     joints, time = dataset["joint"].values, dataset["step_time"].values
     out = [
-        Load(float(force), float(at), str(joints[int(joint)]))
+        ForcePeak(float(force), float(at), str(joints[int(joint)]))
         for joint, at, force in zip(
             *(dataset[name].values for name in ("episode_joint", "peak_time", "peak_force")), strict=True
         )
@@ -107,20 +107,20 @@ def _all(dataset: xr.Dataset) -> list[Load]:
         forces = np.where((time > end) & _peaks(forces), forces, 0.0)
         k = int(np.argmax(forces))
         if np.isfinite(end) and forces[k] > 0:
-            out.append(Load(float(forces[k]), float(time[k]), str(joint)))
+            out.append(ForcePeak(float(forces[k]), float(time[k]), str(joint)))
     return out
 
 
 def _peaks(forces: np.ndarray) -> np.ndarray:
-    """Where a force stops rising: what only dies away after an impact has its largest value in the impact."""
+    """Where a force stops rising: the decay of an impact's force is no peak."""
     rises = np.diff(forces, prepend=forces[0]) > 0
     return rises & (np.diff(forces, append=-np.inf) <= 0)
 
 
-def _words(load: Load) -> str:
+def _words(load: ForcePeak) -> str:
     return f"{load.force:.6g} N at {seconds(load.time)}"
 
 
 def seconds(time: float) -> str:
-    """An instant in words, in ms where it is early."""
+    """A time in words, in ms below 0.1 s."""
     return f"{time * 1e3:.4g} ms" if time < 0.1 else f"{time:.4g} s"

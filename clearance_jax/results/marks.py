@@ -1,4 +1,4 @@
-"""What is drawn of a mechanism: the places on its bodies that its joints, points and springs are at."""
+"""Marks for pictures of a mechanism: the places of joints, points and springs on its bodies."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.spatial import as_array
 
-# What a picture shows of a mechanism beside the places of its marks: variables of a dataset.
+# Dataset variables of a picture beside the positions of marks.
 SHOWN = "q", "eccentricity", "penetration", "pin_tilt"
 
 
@@ -32,23 +32,23 @@ class Mark(NamedTuple):
 
 
 def marks(mechanism: AbstractMechanism) -> Iterator[Mark]:
-    """What the ground carries, and every body; one that carries one thing only has its centre of mass beside it."""
+    """The marks of the ground and of every body. A body with one mark has its centre of mass as a second one."""
     joints, springs = mechanism.all_joints(), mechanism.springs
     for body in (GROUND, *(b.name for b in mechanism.bodies)):
-        found = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
-        found += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
-        found += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
-        found += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
-        found += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
-        if len(found) == 1:
-            found += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
-        yield from found
+        carried = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
+        carried += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
+        carried += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
+        carried += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
+        carried += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
+        if len(carried) == 1:
+            carried += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
+        yield from carried
 
 
 def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
-    """What labels the marks of a dataset: their names, and the bodies that they are on."""
-    found = list(marks(mechanism))
-    return {"mark": ("mark", [m.name for m in found]), "mark_body": ("mark", [m.body for m in found])}
+    """Dataset labels of the marks: their names and their bodies."""
+    drawn = list(marks(mechanism))
+    return {"mark": ("mark", [m.name for m in drawn]), "mark_body": ("mark", [m.body for m in drawn])}
 
 
 def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "marks axes"]:
@@ -60,7 +60,7 @@ def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Floa
 
 
 def picture(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
-    """What a picture shows of one state of a prepared mechanism, by the names of a dataset."""
+    """The variables of a picture at one state of a prepared mechanism, by their names in a dataset."""
     seen = observe(time, y[: layout(mechanism).size], mechanism)
-    found = {name: seen[name] for name in SHOWN if name in seen}
-    return found | {"mark_position": mark_positions(mechanism, time, y)}
+    shown = {name: seen[name] for name in SHOWN if name in seen}
+    return shown | {"mark_position": mark_positions(mechanism, time, y)}

@@ -18,14 +18,14 @@ DOUBT = 0.2
 PLACES = 4
 
 
-class Peaks(NamedTuple):
+class EpisodePeaks(NamedTuple):
     """Time [s] and height [N] of the largest force of every episode."""
 
     time: np.ndarray
     force: np.ndarray
 
 
-class Point(NamedTuple):
+class StepPoint(NamedTuple):
     """A place inside a step: how far into it (0 to 1), the force there [N], its slope per step."""
 
     place: np.ndarray
@@ -46,11 +46,11 @@ def cubic_top(value0, slope0, value1, slope1) -> tuple[np.ndarray, np.ndarray]:
     return np.where(turns, x, np.nan), np.where(turns, top, np.nan)
 
 
-def peaks(seen: StepEnds, found: Spans, look: Look) -> Peaks:
+def peaks(seen: StepEnds, spans: Spans, look: Look) -> EpisodePeaks:
     """The largest force of every episode of one joint."""
-    if found.first.size == 0:
-        return Peaks(np.zeros(0), np.zeros(0))
-    row = members(found)
+    if spans.first.size == 0:
+        return EpisodePeaks(np.zeros(0), np.zeros(0))
+    row = members(spans)
     highest = _first_largest(seen.force[row.index], row)
     time, height = seen.time[row.index[highest]], seen.force[row.index[highest]]
     steps, span = candidates(seen, row, highest)
@@ -60,7 +60,7 @@ def peaks(seen: StepEnds, found: Spans, look: Look) -> Peaks:
     order = order[top[order] > height[span[order]]]
     begin, end = seen.time[steps[order]], seen.time[steps[order] + 1]
     time[span[order]], height[span[order]] = begin + place[order] * (end - begin), top[order]
-    return Peaks(time, height)
+    return EpisodePeaks(time, height)
 
 
 def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,21 +92,21 @@ def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, n
     no such cubic), and becomes the left or right end of what is left.
     """
     h = seen.time[steps + 1] - seen.time[steps]
-    left = Point(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
-    right = Point(np.ones(steps.size), seen.force[steps + 1], seen.force_rate[steps + 1] * h)
+    left = StepPoint(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
+    right = StepPoint(np.ones(steps.size), seen.force[steps + 1], seen.force_rate[steps + 1] * h)
     place, top = left.place, np.full(steps.size, -np.inf)
     for _ in range(PLACES if steps.size else 0):
         width = right.place - left.place
         x, _ = cubic_top(left.force, left.slope * width, right.force, right.slope * width)
         s = left.place + np.where(np.isnan(x), 0.5, x) * width
-        now = Point(s, *look(steps, s)[:2])
+        now = StepPoint(s, *look(steps, s)[:2])
         place, top = np.where(now.force > top, s, place), np.maximum(now.force, top)
         left, right = _choose(now.slope > 0, now, left), _choose(now.slope > 0, right, now)
     return place, top
 
 
-def _choose(where: np.ndarray, a: Point, b: Point) -> Point:
-    return Point(*(np.where(where, x, y) for x, y in zip(a, b, strict=True)))
+def _choose(where: np.ndarray, a: StepPoint, b: StepPoint) -> StepPoint:
+    return StepPoint(*(np.where(where, x, y) for x, y in zip(a, b, strict=True)))
 
 
 def _first_largest(values: np.ndarray, row: Members) -> np.ndarray:

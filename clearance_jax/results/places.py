@@ -1,4 +1,4 @@
-"""What of a mechanism is drawn, found in its dataset: places of bodies, joints, points and springs over time."""
+"""Positions of a mechanism's bodies, joints, points and springs over time, from a dataset, for pictures."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import xarray as xr
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND
 
-# Of the size of the mechanism: two marks of one name that come further apart than this are a spring's, or slide.
+# Relative to the mechanism's size: two marks of one name that come further apart belong to a spring or a slide.
 APART = 0.02
 
 
@@ -40,8 +40,8 @@ class Places(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """A mechanism as a still picture shows it: `places` along two axes, at a `sample`; `seen`: the axis of space that
-    it is looked at along, x, y or z (in the plane nothing).
+    """A mechanism in a still picture: `places` along two axes, at a `sample`; `seen`: the axis of space along which it
+    is viewed, x, y or z (in the plane empty).
     """
 
     places: Places
@@ -50,12 +50,12 @@ class Outline(NamedTuple):
 
     @property
     def time(self) -> float:
-        """When it is there [s]."""
+        """Time of the sample [s]."""
         return float(self.places.time[self.sample])
 
     @property
     def visible(self) -> np.ndarray:
-        """The places that are visible [m], (n, 2): all at the sample, of points all over time."""
+        """The positions in the picture [m], (n, 2): all marks at the sample, and points at all times."""
         at = self.places.at
         return np.concatenate([at[self.sample], *(at[:, mark] for mark in self.places.points.values())])
 
@@ -67,7 +67,7 @@ def bounds(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def places(dataset: xr.Dataset) -> Places:
-    """Of a motion. **Raises** `ClearanceError` for a dataset without marks."""
+    """The positions of a motion's marks. **Raises** `ClearanceError` for a dataset without marks."""
     if "mark_position" not in dataset:
         raise ClearanceError(
             "This result does not say where the mechanism's parts are: it was written by an older version. "
@@ -82,7 +82,7 @@ def places(dataset: xr.Dataset) -> Places:
         bodies.setdefault(owner, []).append(mark)
     ends = {name: [mark for mark, other in enumerate(names) if other == name] for name in names}
     at = dataset["mark_position"].values
-    found = Places(
+    placed = Places(
         dataset["time"].values,
         at,
         bodies.pop(GROUND, []),
@@ -95,8 +95,8 @@ def places(dataset: xr.Dataset) -> Places:
         frozenset(loose),
     )
     apart = {name: np.diff(at[:, pair[:2]], axis=1)[:, 0] for name, pair in ends.items() if len(pair) > 1}
-    apart = {name: between for name, between in apart.items() if np.abs(between).max() > APART * found.size}
-    return found._replace(
+    apart = {name: between for name, between in apart.items() if np.abs(between).max() > APART * placed.size}
+    return placed._replace(
         pairs={name: ends[name][:2] for name in apart},
         slides={
             name: _directions(between, owners[ends[name][0]] == GROUND)
@@ -107,8 +107,8 @@ def places(dataset: xr.Dataset) -> Places:
 
 
 def _directions(between: np.ndarray, fixed: bool) -> np.ndarray:
-    """Directions of vectors (times, axes): of each that of the last one which is not far shorter than the longest, for
-    play turns a short one; of a guide that is fixed that of the longest.
+    """Unit vectors along vectors (times, axes). A short vector, whose direction play disturbs, gets that of the last
+    long one; if `fixed`, all get that of the longest.
     """
     length = np.linalg.norm(between, axis=1)
     long = length >= (1.0 if fixed else 0.1) * length.max()
@@ -117,12 +117,12 @@ def _directions(between: np.ndarray, fixed: bool) -> np.ndarray:
 
 
 def outline(dataset: xr.Dataset) -> Outline:
-    """At the sample at which the mechanism is stretched out least: joints in a line hide each other. Seen along the
-    axis along which it is thinnest. **Raises** `ClearanceError` as `places`.
+    """A still view of a motion along the axis along which it is thinnest, at the sample at which the mechanism is least
+    stretched out: joints in a line hide each other. **Raises** `ClearanceError` as `places`.
     """
-    found, axes, seen = places(dataset), [0, 1], ""
-    if found.at.shape[-1] == 3:
-        low, high = bounds(found.at)
+    placed, axes, seen = places(dataset), [0, 1], ""
+    if placed.at.shape[-1] == 3:
+        low, high = bounds(placed.at)
         along = int(np.argmin(high - low))
         axes, seen = [k for k in range(3) if k != along], "xyz"[along]
     flat = places(dataset.isel(axis=axes))
@@ -130,6 +130,6 @@ def outline(dataset: xr.Dataset) -> Outline:
 
 
 def _thickness(points: np.ndarray) -> np.ndarray:
-    """Of sets of points (n, k, 2): the smaller root of mean squares about the mean along any two normal axes."""
+    """The thickness of sets of points (n, k, 2): their smaller singular value about the mean."""
     away = points - points.mean(axis=1, keepdims=True)
     return np.linalg.svd(away, compute_uv=False)[:, -1]

@@ -1,4 +1,4 @@
-"""A clearance joint as it moves, from a dataset: where its pin is in its sleeve, and how large both are."""
+"""Motion of a clearance joint from a dataset: the position of its pin in its sleeve, and their sizes."""
 
 from typing import NamedTuple
 
@@ -12,17 +12,19 @@ from clearance_jax.joints.presets import PINS
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.results.bearing import GUIDE, SLEEVE, at_step, kind, number, require_joint
 
-# Of the pin's radius: that of a collar whose size is not given.
+# Collar radius over pin radius, if it is not given.
 COLLAR_RADIUS = 1.5
-# The numbers that say how large a joint is, and how much play it has: of a pin, of a ball, of a block.
+# Names of the size and the play of a pin, a ball and a block.
 SIZES = ("pin_radius", "radial_clearance"), ("ball_radius", "radial_clearance"), ("height", "side_clearance")
 
 
-class Play(NamedTuple):
-    """What of a joint is drawn, at every sample: the pin's place in its sleeve [m], (times, 2 or 3), what its axis has
-    across, (times, 2), its turn (times,) [rad] if that is known; its size and its play; of what has a length more
-    sizes [m], the heights at which it may touch, and of a block its height and width; how deep its sleeve is worn off,
-    (1 or heights, sectors). `factor`: how many times as large the play is drawn.
+class JointPlay(NamedTuple):
+    """Motion and sizes of a clearance joint for drawing.
+
+    Over the samples the `place` of the pin in its sleeve [m], (times, 2 or 3), its `tilt`, the components of its axis
+    across the sleeve, (times, 2), and its `turn` [rad], (times,), if known. Sizes [m]: of a pin with a length also the
+    heights at which it may touch, and of a `block` its height and width; `depth` of the sleeve's wear, (1 or heights,
+    sectors). `factor`: by which the play is magnified.
     """
 
     place: np.ndarray
@@ -42,36 +44,36 @@ class Play(NamedTuple):
 
     @property
     def wall(self) -> float:
-        """The radius of the sleeve as it is drawn [m]."""
+        """The radius of the sleeve as drawn [m]."""
         return self.radius + self.factor * self.clearance
 
     def around(self, angle: np.ndarray, station: int = 0) -> np.ndarray:
-        """The wall at angles, at one of its heights, as it is drawn [m], (2, angles)."""
+        """Points of the wall at angles [rad], at one height, as drawn [m], (2, angles)."""
         depth = self.wear_depth(station)
         sectors = 2 * np.pi * np.arange(depth.size) / depth.size
         far = self.wall + self.factor * np.interp(angle, sectors, depth, period=2 * np.pi)
         return far * np.stack([np.cos(angle), np.sin(angle)])
 
     def wear_depth(self, station: int) -> np.ndarray:
-        """How deep its sleeve is worn off at one of its heights [m], (sectors,)."""
+        """Depth of wear at one height [m], (sectors,)."""
         return self.depth[station % len(self.depth)]
 
     def centres(self, heights: np.ndarray) -> np.ndarray:
-        """Where the pin's centre is at heights along the sleeve [m], (times, heights, 2)."""
+        """The pin's centre at heights along the sleeve [m], (times, heights, 2)."""
         if self.length is None:
             return np.repeat(self.place[:, None, :2], len(heights), axis=1)
         return along_sleeve(self.place, self.tilt, heights, self.through)
 
 
 def worn_depth(dataset: xr.Dataset, joint: str) -> np.ndarray:
-    """By how much a sleeve is worn off [m], (1 or stations, places), as its pin meets it; of a round one by nothing."""
+    """Depth of wear of a sleeve as its pin meets it [m], (1 or stations, places); zero for a round sleeve."""
     depth = dataset.attrs.get(f"parameter.{joint}.depth")
     return np.zeros((1, 1)) if depth is None else np.atleast_2d(finer(jnp.asarray(depth, float)))
 
 
 def pin_travel(clearance: float, depth: np.ndarray) -> np.ndarray:
-    """How far a pin's centre can go in its sleeve [m], all around, (2, points): a circle, or what wear makes of it that
-    is so deep (sectors,) [m].
+    """The boundary of what a pin's centre can reach in its sleeve [m], (2, points): a circle, extended by a `depth` of
+    wear [m], (sectors,).
     """
     around = np.linspace(0, 2 * np.pi, max(361, depth.size + 1))
     far = np.full(around.shape, clearance)
@@ -83,8 +85,8 @@ def pin_travel(clearance: float, depth: np.ndarray) -> np.ndarray:
 
 
 def penetration(places: np.ndarray, clearance: float, depth: np.ndarray) -> np.ndarray:
-    """How deep a pin stands in the wall [m] whose centre is at places (..., 2), of a sleeve with so much clearance [m],
-    worn off so deep (..., sectors) [m].
+    """Penetration [m] into the wall of a pin with its centre at `places` [m], (..., 2), for a clearance [m] and a
+    `depth` of wear [m], (..., sectors).
     """
     if not np.any(depth > 0):
         return np.hypot(places[..., 0], places[..., 1]) - clearance
@@ -92,40 +94,41 @@ def penetration(places: np.ndarray, clearance: float, depth: np.ndarray) -> np.n
     return np.max(places @ np.stack([np.cos(angle), np.sin(angle)]) - depth, axis=-1) - clearance
 
 
-def play(dataset: xr.Dataset, joint: str) -> Play | None:
-    """Of a clearance joint; `None` of one of a user's own class, or of which not all is known."""
+def play(dataset: xr.Dataset, joint: str) -> JointPlay | None:
+    """The `JointPlay` of a joint; `None` for a user's own class, or if sizes are unknown."""
     sizes, tilt, length = _sizes(dataset, joint), _tilt(dataset, joint), number(dataset, joint, "length")
     if sizes is None or tilt is None:
         return None
     of, (radius, clearance) = kind(dataset, joint), sizes
     place = dataset["eccentricity"].sel(joint=joint).values
     if of == GUIDE:
-        block, ends = (radius, number(dataset, joint, "width")), np.array([-0.5, 0.5]) * (length or 0.0)
-        return Play(place, tilt, None, radius / 2, clearance, length or 0.0, through=False, heights=ends, block=block)
+        block, length = (radius, number(dataset, joint, "width")), length or 0.0
+        ends = np.array([-0.5, 0.5]) * length
+        return JointPlay(place, tilt, None, radius / 2, clearance, length, through=False, heights=ends, block=block)
     turn = dataset["q"].sel(coordinate=joint).values if joint in dataset["coordinate"].values else None
-    found = Play(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
+    pin = JointPlay(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
     if of != SLEEVE:
-        return found
-    said = f"clearance.{joint}"
-    return found._replace(
+        return pin
+    prefix = f"clearance.{joint}"
+    return pin._replace(
         length=length,
         axial=number(dataset, joint, "axial_clearance"),
         collar=number(dataset, joint, "collar_radius") or COLLAR_RADIUS * radius,
-        ring=int(dataset.attrs[f"{said}.ring"]),
-        through=dataset.attrs[f"{said}.pin"] == "through",
-        heights=0.5 * (length or 0.0) * lobatto(int(dataset.attrs[f"{said}.stations"]))[0],
+        ring=int(dataset.attrs[f"{prefix}.ring"]),
+        through=dataset.attrs[f"{prefix}.pin"] == "through",
+        heights=0.5 * (length or 0.0) * lobatto(int(dataset.attrs[f"{prefix}.stations"]))[0],
     )
 
 
 def _sizes(dataset: xr.Dataset, joint: str) -> tuple[float, float] | None:
-    """How large a joint of a known kind is, and how much play it has [m]."""
+    """Size and play of a joint of a known kind [m]."""
     known = ([number(dataset, joint, name) for name in names] for names in SIZES)
-    found = [(size, play) for size, play in known if size is not None and play is not None]
-    return found[0] if found and kind(dataset, joint) else None
+    complete = [(size, play) for size, play in known if size is not None and play is not None]
+    return complete[0] if complete and kind(dataset, joint) else None
 
 
 def _tilt(dataset: xr.Dataset, joint: str) -> np.ndarray | None:
-    """How a pin leans; of a block in the plane that closes a loop nothing says it."""
+    """Components of the pin's axis across the sleeve, (times, 2); `None` for a plane block that closes a loop."""
     if "pin_tilt" in dataset:
         return dataset["pin_tilt"].sel(joint=joint).values
     tilt, turn = np.zeros((dataset.sizes["time"], 2)), f"{joint}.tilt_y"
@@ -150,14 +153,14 @@ class PinPath(NamedTuple):
     travel: np.ndarray | None
 
     def share(self, state: int) -> float:
-        """The part of the time in a contact state; what is known at an instant holds until the next."""
+        """The fraction of the time in a contact state. A state holds until the next instant."""
         lasts = np.diff(self.time)
         return float(np.sum(lasts[self.state[:-1] == state]) / max(np.sum(lasts), np.finfo(float).tiny))
 
 
 def _series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, ...]:
-    """Times and values of variables in a joint: at the samples and, where these are known, at the step ends (an impact
-    may be shorter than the time between samples, a flight's step longer).
+    """Times [s] and values of variables in a joint, at the samples and at the step ends if these are known (an impact
+    may be shorter than the time between samples).
     """
     here, rows = dataset.sel(joint=joint), [("time", *names)]
     if "step_time" in dataset:
@@ -183,23 +186,22 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
 
     **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
     """
-    found = play(dataset, require_joint(dataset, joint))
-    if found is None or kind(dataset, joint) not in PINS:
+    pin = play(dataset, require_joint(dataset, joint))
+    if pin is None or kind(dataset, joint) not in PINS:
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
-    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if found.length is not None else []))
-    centres = found._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(found.heights)
+    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if pin.length is not None else []))
+    centres = pin._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(pin.heights)
     out = []
-    for k, height in enumerate(found.heights):
-        places, wall = centres[:, k], (found.clearance, found.wear_depth(k))
+    for k, height in enumerate(pin.heights):
+        places, wall = centres[:, k], (pin.clearance, pin.wear_depth(k))
         state = (penetration(places, *wall) > 0).astype(int)
         out.append(PinPath(joint, float(height), time, places, state, pin_travel(*wall)))
     return out
 
 
 def along_sleeve(place: np.ndarray, tilt: np.ndarray, heights: np.ndarray, through: bool) -> np.ndarray:
-    """The pin's centre at heights along the sleeve [m], (times, heights, 2), from its middle's place (times, 3) and the
-    components of its axis across (times, 2): of a longer pin where its axis comes by a height of the sleeve, of a
-    shorter one so far along its own.
+    """The pin's centre at heights [m], (times, heights, 2), from the place of its middle [m], (times, 3), and its
+    `tilt` (times, 2). Heights are along the sleeve if the pin goes `through`, else along the pin.
     """
     if not through:
         return place[:, None, :2] + tilt[:, None] * heights[:, None]

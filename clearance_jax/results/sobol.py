@@ -1,7 +1,7 @@
-"""Which number's scatter makes a result scatter: global sensitivity indices of Sobol, beside local derivatives.
+"""Sobol's global sensitivity indices of a sweep's results, and local derivatives beside them.
 
-The first-order index of a number is the part of the result's variance that goes when that number alone is known, the
-total one the part that stays when all others are known: what the two differ by it does together with others. See
+The first-order index of a number is the part of the result's variance that vanishes when this number is known. The
+total index is the part that remains when all others are known. They differ by interactions with other numbers. See
 Saltelli et al. 2010, doi 10.1016/j.cpc.2009.09.018. The estimates are scipy's (`scipy.stats.sobol_indices`).
 """
 
@@ -15,7 +15,7 @@ from scipy import stats
 
 from clearance_jax.errors import ClearanceError
 
-# How often samples are drawn again for an interval of confidence.
+# Bootstrap samples of a confidence interval.
 DRAWN = 500
 Numbers = Float[np.ndarray, " numbers"]
 Interval = Float[np.ndarray, "2 numbers"]
@@ -65,13 +65,13 @@ def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
         raise ClearanceError(f"The samples of `{name}` are not those of `sobol_samples`: there are no indices of them.")
     count, blocks = len(numbers), np.stack(list(numbers.values()), -1)
     samples = values.size // (count + 2)
-    found = values.values.astype(float).reshape(count + 2, samples)
-    whole = np.flatnonzero(np.all(np.isfinite(found), axis=0))
+    outcomes = values.values.astype(float).reshape(count + 2, samples)
+    whole = np.flatnonzero(np.all(np.isfinite(outcomes), axis=0))
     if not whole.size:
         raise ClearanceError(f"In each draw of `{name}` a motion failed: there are no indices of it.")
     rng = np.random.default_rng(seed)
     kept = np.where(np.isin(np.arange(samples), whole), np.arange(samples), rng.choice(whole, samples))
-    used = found[:, kept]
+    used = outcomes[:, kept]
     first, total = _estimate(used)
     low, high = _confidence(used, rng)
     return Indices(
@@ -83,7 +83,7 @@ def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
         deviation=blocks[: 2 * samples].std(axis=0),
         mean=float(used[:2].mean()),
         variance=float(used[:2].var()),
-        failed=int(np.sum(~np.isfinite(found))),
+        failed=int(np.sum(~np.isfinite(outcomes))),
     )
 
 
@@ -99,34 +99,34 @@ def middle_derivatives(dataset: xr.Dataset, name: str) -> dict[str, float] | Non
     slopes, numbers = dataset.get(f"{name}_derivative"), _numbers(dataset[name])
     if slopes is None or not set(numbers) <= set(map(str, slopes["parameter"].values)):
         return None
-    found = np.stack([slopes.sel(parameter=one).values for one in numbers], -1)
+    gradients = np.stack([slopes.sel(parameter=number).values for number in numbers], -1)
     every = np.stack(list(numbers.values()), -1)
     away = np.sum(((every - every.mean(axis=0)) / every.std(axis=0)) ** 2, axis=1)
-    nearest = np.argmin(np.where(np.all(np.isfinite(found), axis=1), away, np.inf))
-    return {one: float(slope) for one, slope in zip(numbers, found[nearest], strict=True)}
+    nearest = np.argmin(np.where(np.all(np.isfinite(gradients), axis=1), away, np.inf))
+    return {number: float(slope) for number, slope in zip(numbers, gradients[nearest], strict=True)}
 
 
 def _numbers(values: xr.DataArray) -> dict[str, np.ndarray]:
-    """What varies over the lanes of a result."""
+    """The numbers that vary over the lanes of a result, by name, shape (lanes,) each."""
     return {
-        str(key): np.asarray(one.values, float)
-        for key, one in values.coords.items()
-        if one.dims == values.dims and key not in values.dims and np.issubdtype(one.dtype, np.floating)
+        str(key): np.asarray(coordinate.values, float)
+        for key, coordinate in values.coords.items()
+        if coordinate.dims == values.dims and key not in values.dims and np.issubdtype(coordinate.dtype, np.floating)
     }
 
 
 def _design(values: xr.DataArray) -> dict[str, np.ndarray] | None:
-    """What varies over the lanes of a result, in the order in which they were drawn, where these are two samples and
-    the first one with each number from the second in turn. (A store has its coordinates in an order of its own.)
+    """As `_numbers`, in the order of the draw, if the lanes are two samples, and the first one with each number from
+    the second in turn; else `None`. (A store has its coordinates in an order of its own.)
     """
     numbers = _numbers(values)
     count = len(numbers)
     if values.ndim != 1 or not numbers or values.size % (count + 2):
         return None
-    blocks, ordered = {name: one.reshape(count + 2, -1) for name, one in numbers.items()}, {}
+    blocks, ordered = {name: column.reshape(count + 2, -1) for name, column in numbers.items()}, {}
     for i in range(count):
         from_first, from_second = (
-            {name for name, one in blocks.items() if np.array_equal(one[2 + i], one[k])} for k in (0, 1)
+            {name for name, column in blocks.items() if np.array_equal(column[2 + i], column[k])} for k in (0, 1)
         )
         moved = from_second - from_first
         if len(moved) != 1 or moved | from_first != set(numbers):
@@ -138,12 +138,12 @@ def _design(values: xr.DataArray) -> dict[str, np.ndarray] | None:
 def _estimate(used: np.ndarray) -> np.ndarray:
     """First-order and total indices, (2, numbers), of results (numbers + 2, samples)."""
     parts = {"f_A": used[:1], "f_B": used[1:2], "f_AB": used[2:, None]}
-    found: Any = stats.sobol_indices(func=parts, n=used.shape[1])
-    return np.stack([np.atleast_1d(found.first_order), np.atleast_1d(found.total_order)])
+    indices: Any = stats.sobol_indices(func=parts, n=used.shape[1])
+    return np.stack([np.atleast_1d(indices.first_order), np.atleast_1d(indices.total_order)])
 
 
 def _confidence(used: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of 95 % of both kinds of indices, (2, numbers) each, by drawing the samples again."""
+    """Bounds of 95 % of both kinds of indices, (2, numbers) each, by bootstrap."""
     samples = used.shape[1]
     drawn = [_estimate(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
     low, high = np.percentile(drawn, [2.5, 97.5], axis=0)

@@ -39,17 +39,17 @@ def load_dataset(path: str | Path) -> xr.Dataset:
 
 
 def open_sweep(path: str | Path) -> xr.Dataset:
-    """The store of a sweep, read when it is used, and while it is written too: what is not there yet is NaN. **Raises**
-    `ClearanceError` for a folder that is none.
+    """Open the store of a sweep. Data are read when they are used, also while the sweep runs: what is missing is NaN.
+    **Raises** `ClearanceError` for another folder.
     """
     try:
-        found = xr.open_zarr(path, consolidated=True)
+        dataset = xr.open_zarr(path, consolidated=True)
     except ImportError:
         raise missing_extra("The store of a sweep", "zarr", "sweep") from None
     except (OSError, ValueError, KeyError) as error:
         raise ClearanceError(f"Cannot read `{path}` as a store of a sweep: {error}.") from None
-    for name, coordinate in found.coords.items():
+    for name, coordinate in dataset.coords.items():
         if coordinate.dtype.kind == "T":  # numpy's new strings, which few others know
             labels = np.array(coordinate.values.tolist())
-            found = found.assign_coords({name: (coordinate.dims, labels, coordinate.attrs)})
-    return found
+            dataset = dataset.assign_coords({name: (coordinate.dims, labels, coordinate.attrs)})
+    return dataset

@@ -1,4 +1,4 @@
-"""The tables of what can appear in a dataset: dimensions, units, meanings. Plots know nothing else."""
+"""Tables of all variables of a dataset: dimensions, units, meanings."""
 
 from clearance_jax.dynamics.quantities import OBSERVED, Variable
 
@@ -26,9 +26,7 @@ EPISODES = {
     "peak_time": Variable((), "s", "when the largest normal force acts"),
     "separation_speed": Variable((), "m/s", "speed at which the pin leaves (NaN: still in contact)"),
     "restitution": Variable(
-        (),
-        "1",
-        "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)",
+        (), "1", "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)"
     ),
 }
 
@@ -47,6 +45,6 @@ def attributes(variable: Variable, labelled: dict[str, tuple[str, list[str]]]) -
     """A variable's attributes: its unit where that is one for all its entries, and what it means."""
     unit = variable.unit
     if unit.startswith("see "):
-        own = set(labelled[unit.removeprefix("see ")][1])
-        unit = own.pop() if len(own) == 1 else unit
+        units = set(labelled[unit.removeprefix("see ")][1])
+        unit = units.pop() if len(units) == 1 else unit
     return {"units": unit, "long_name": variable.meaning}

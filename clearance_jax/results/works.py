@@ -12,7 +12,7 @@ import numpy as np
 
 from clearance_jax.results.episodes import Look, Spans, StepEnds
 
-# Parts of a step in each of which contact either takes up work or gives it back.
+# Parts of a step, in each of which the contact either takes up work or gives it back.
 PARTS = 32
 # Places that are looked at inside the first and the last step of a contact. At the very ends of a contact the power's
 # rate is not its own: a law may not yet remember this touch, and a pin that has left is apart.
@@ -33,8 +33,8 @@ class Works(NamedTuple):
     restitution: np.ndarray
 
 
-class Powers(NamedTuple):
-    """Of instants: the power taken up [W], its rate [W/s], and whether it is the rate of the contact."""
+class ContactPowers(NamedTuple):
+    """The power taken up [W] at instants [s] and its rate [W/s]; `known`: whether that is the contact's own rate."""
 
     time: np.ndarray
     power: np.ndarray
@@ -42,17 +42,17 @@ class Powers(NamedTuple):
     known: np.ndarray
 
 
-def works(seen: StepEnds, found: Spans, inside: Look) -> Works:
-    """The works of every episode of one joint, of what is seen of it."""
-    powers, place = _powers(seen, found, inside)
+def works(seen: StepEnds, spans: Spans, inside: Look) -> Works:
+    """The works of every episode of one joint; `inside` evaluates its contact inside steps."""
+    powers, place = _powers(seen, spans, inside)
     until = [np.append(0.0, np.cumsum(part)) for part in _exchange(powers)]
-    taken, given = (work[place[found.last]] - work[place[found.first]] for work in until)
-    whole = (found.first > 0) & ~found.lasting & (taken > 0)
+    taken, given = (work[place[spans.last]] - work[place[spans.first]] for work in until)
+    whole = (spans.first > 0) & ~spans.lasting & (taken > 0)
     return Works(taken, given, np.where(whole, np.sqrt(given / np.where(whole, taken, 1.0)), np.nan))
 
 
 def doubt(joint: str, restitution: np.ndarray) -> str:
-    """What is to be said of a joint's restitutions, if anything is."""
+    """A warning of restitutions above 1; empty if there are none."""
     largest = np.nanmax(restitution, initial=0.0)
     if largest <= ADDS:
         return ""
@@ -62,12 +62,12 @@ def doubt(joint: str, restitution: np.ndarray) -> str:
     )
 
 
-def _powers(seen: StepEnds, found: Spans, inside: Look) -> tuple[Powers, np.ndarray]:
+def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[ContactPowers, np.ndarray]:
     """The powers at the step ends and inside the first and last steps, and the places of the step ends among them."""
-    first, last = found.first[found.first > 0], found.last[~found.lasting]
+    first, last = spans.first[spans.first > 0], spans.last[~spans.lasting]
     known, here = np.ones(seen.time.size, bool), np.arange(seen.time.size)
     known[first] = known[last] = False
-    whole = Powers(seen.time, seen.power, seen.power_rate, known)
+    whole = ContactPowers(seen.time, seen.power, seen.power_rate, known)
     first = first[first + 1 < seen.time.size]
     asked = [(step, s) for some, places in ((first, FIRST), (last - 1, LAST)) for step in some for s in places]
     if not asked:
@@ -76,12 +76,12 @@ def _powers(seen: StepEnds, found: Spans, inside: Look) -> tuple[Powers, np.ndar
     steps = steps.astype(int)
     h = seen.time[steps + 1] - seen.time[steps]
     looked = inside(steps, places)
-    more = Powers(seen.time[steps] + places * h, looked.power, looked.power_slope / h, np.ones(steps.size, bool))
-    joined = Powers(*(np.insert(a, steps + 1, b) for a, b in zip(whole, more, strict=True)))
+    more = ContactPowers(seen.time[steps] + places * h, looked.power, looked.power_slope / h, np.ones(steps.size, bool))
+    joined = ContactPowers(*(np.insert(a, steps + 1, b) for a, b in zip(whole, more, strict=True)))
     return joined, here + np.searchsorted(steps + 1, here, side="right")
 
 
-def _exchange(powers: Powers) -> tuple[np.ndarray, np.ndarray]:
+def _exchange(powers: ContactPowers) -> tuple[np.ndarray, np.ndarray]:
     """The work taken up and given back between instants: of the cubic through powers and rates at both; of a parabola,
     where one of the rates is not known.
     """

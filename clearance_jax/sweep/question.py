@@ -9,7 +9,7 @@ from clearance_jax.ask.question import OPTIONS, Question, shapes_of
 from clearance_jax.dynamics.quantities import OBSERVED, labels, quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.measure import AbstractMetric, Form, Function, as_metric
+from clearance_jax.metrics.measure import AbstractMetric, Function, MetricForm, as_metric
 from clearance_jax.parameters import find, parameters
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.sweep.axes import Dimension, dimensions, models_of, units_of_columns
@@ -163,7 +163,7 @@ def _kinds(
     return kinds, coordinates
 
 
-def _axes(name: str, form: Form, shape: tuple[int, ...], along: dict[str, Any]) -> tuple[str, ...]:
+def _axes(name: str, form: MetricForm, shape: tuple[int, ...], along: dict[str, Any]) -> tuple[str, ...]:
     """The dimensions of an output beside the lanes', as its metric calls them; with the output's name in front where
     something else is called so. `along`: what stands along each dimension, size and labels, to which they are added.
     """

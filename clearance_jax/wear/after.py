@@ -1,4 +1,4 @@
-"""A metric of a mechanism once a joint has worn for so long: what a tolerance is to hold over a life."""
+"""Metrics of a mechanism after wear of a joint, for limits that hold over its life."""
 
 import abc
 import dataclasses
@@ -35,28 +35,28 @@ class AbstractAged(AbstractMeasure):
     @property
     @abc.abstractmethod
     def last(self) -> int:
-        """The cycles after which it is oldest."""
+        """The cycles at its greatest age."""
 
     @abc.abstractmethod
     def of(
         self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, by: Sequence[str] = (), **options: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The metric of the motion to `t1` [s] at each age, one after the other, shape (values,), and its derivatives
-        by numbers, (values, by).
+        """The metric of the motion to `t1` [s] at all ages, shape (values,), and its derivatives by numbers, (values,
+        by).
 
         **Arguments:** `values`: of the numbers of its `model`, by name; `by`: names; `options` as `simulate`'s, without
         `save_at`.
 
-        **Raises:** `WornThrough` for parts that do not come to such an age, `WearFailure` for those whose numbers are
-        out of bounds or whose wear cannot be followed.
+        **Raises:** `WornThrough` for parts that do not reach such an age, `WearFailure` for numbers out of bounds, and
+        for wear that cannot be followed.
         """
 
     @abc.abstractmethod
     def lives(
         self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, bound: float, most: int, **options: Any
     ) -> ServiceLives:
-        """After how many cycles, of at most so many, the metric of the motion to `t1` [s] has come to the bound, of
-        each of the `values` by name, (n,).
+        """The cycles, at most `most`, after which the metric of the motion to `t1` [s] reaches `bound`, for `values` by
+        name, (n,) each.
         """
 
 
@@ -118,11 +118,11 @@ class AfterWear(AbstractAged):
         return dataclasses.replace(self, tolerance=self.tolerance / factor)
 
     def model(self, mechanism: Mechanism) -> WearModel:
-        """The joint that wears, whose numbers have names: "wear.coefficient" of the law, "pressure.stiffness"."""
+        """The wear model, whose numbers have names: "wear.coefficient" of the law, "pressure.stiffness"."""
         return WearModel(mechanism, self.joint, self.wear, self.pressure, self.cycle)
 
     def _sectors(self, mechanism: Mechanism, options: Mapping[str, Any]) -> int:
-        """The number for all values of the mechanism's numbers: by those that it has itself."""
+        """The number of sectors for all designs, from the mechanism's own numbers."""
         return self.sectors or self.model(mechanism).sectors(dict(options))
 
     def of(self, mechanism, values, t1, by=(), **options):
@@ -134,7 +134,7 @@ class AfterWear(AbstractAged):
         names, begin = tuple(by), model.begin(self._sectors(mechanism, options))
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         solve, now = settings_of(model.mechanism, t1, options), list(values_of(model, names).values())
-        found, done = [], 0
+        rows, done = [], 0
         for cycles in self.cycles:
             if cycles > done:
 
@@ -145,10 +145,12 @@ class AfterWear(AbstractAged):
                 assert leg.slopes is not None
                 stack, done = np.concatenate([leg.depth[-1:], leg.slopes[-1]]), cycles
             worn = Worn(names, jnp.asarray(stack), jnp.asarray(now, float), model)
-            one = answer(Question(worn, {"": self.metric}, t1, solve, names))
-            value = np.ravel(one.values[""])
-            found.append((value, np.reshape(one.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0))))
-        values_, slopes = zip(*found, strict=True)
+            outcome = answer(Question(worn, {"": self.metric}, t1, solve, names))
+            value = np.ravel(outcome.values[""])
+            rows.append(
+                (value, np.reshape(outcome.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0)))
+            )
+        values_, slopes = zip(*rows, strict=True)
         return np.concatenate(values_), np.concatenate(slopes)
 
     def lives(self, mechanism, values, t1, bound, most, **options):
@@ -158,8 +160,8 @@ class AfterWear(AbstractAged):
 
 
 class Worn(Module):
-    """A joint that wears, after so many cycles: a model of the numbers of `model`, of which those in `names` move the
-    profile too. `stack`: the profile where these have the values `at`, and below it its derivatives by each.
+    """A joint that has worn for some cycles: a model with the numbers of `model`. `stack`: the profile [m] where the
+    numbers `names` have the values `at`, and below it its derivatives by them, (1 + names, sectors).
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -169,7 +171,7 @@ class Worn(Module):
 
     @property
     def mechanism(self) -> Mechanism:
-        """With its joint worn."""
+        """The mechanism with its joint worn."""
         if not self.names:
             return self.model.at(self.stack[0])
         sizes = jnp.where(self.at == 0, 1.0, jnp.abs(self.at))

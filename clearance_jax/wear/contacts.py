@@ -1,9 +1,8 @@
 """Where and how hard a pin rubs on its sleeve along a solved motion, at the nodes of a quadrature over time.
 
-Every touch and separation is the end of a step, so within a step all is smooth, but for the size of a slip that changes
-its sign: there the step is cut. Each part has three Gauss nodes, the states at which are those of the quintic through
-both ends' places, rates and accelerations. Where a patch moves on faster than nodes follow each other, steps are looked
-at in more parts.
+Every touch and separation is a step end, so within a step all is smooth but the size of a slip that changes its sign:
+there the step is cut. Each part has three Gauss nodes, with states on the quintic through both ends' places, rates and
+accelerations. If a patch moves faster than nodes follow each other, steps have more parts.
 """
 
 from typing import NamedTuple
@@ -26,9 +25,9 @@ from clearance_jax.solve.interpolate import between
 from clearance_jax.solve.step import latch
 from clearance_jax.solve.trace import Trace
 
-# Halvings by which a change of a slip's sign is found within a step.
+# Bisections that find a change of a slip's sign within a step.
 HALVINGS = 40
-# Steps that are looked at in one call of the compiled program.
+# Steps in one call of the compiled program.
 CHUNK = 64
 
 
@@ -88,19 +87,21 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
     pin_of(mechanism, joint)
     size, count = layout(mechanism).size, trace.time.size - 1
     time, y = np.asarray(trace.time), np.asarray(trace.y)[:, :size]
-    found = []
+    chunks = []
     for first in range(0, count, CHUNK):
         # The last chunk is filled up with steps of no length.
         taken = np.minimum(np.arange(first, first + CHUNK + 1), count)
         seen = _look(mechanism, joint, jnp.asarray(time[taken]), jnp.asarray(y[taken]), parts)
         kept = A_STEP * parts * (min(first + CHUNK, count) - first)
-        found.append(jax.tree.map(lambda x, kept=kept: np.asarray(x)[:kept], seen))
-    whole = Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*found, strict=True)))
+        chunks.append(jax.tree.map(lambda x, kept=kept: np.asarray(x)[:kept], seen))
+    whole = Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*chunks, strict=True)))
     return whole._replace(time=whole.time - time[0])
 
 
 def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
-    """The same of ends of steps, a multiple of `CHUNK` of them, with derivatives by mechanism and states."""
+    """As `contacts`, from `times` [s] and `states` of step ends, a multiple of `CHUNK` of them. It has derivatives by
+    the mechanism and the states.
+    """
     count = times.shape[0] // CHUNK
     follow = [jnp.concatenate([x[1:], x[-1:]]).reshape(count, CHUNK, *x.shape[1:]) for x in (times, states)]
     # A chunk begins where the one before it ends.
@@ -112,8 +113,8 @@ def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Conta
 
 
 def largest_swing(seen: Contacts, angle: Array, allowed: Array, parts: int) -> Array:
-    """By how much, at most, a patch at an angle moves from one node to the next of its step, over what is allowed at
-    the one or the other; shape (times, sections) each.
+    """The largest motion of a patch from one node to the next of its step, over what is allowed at the two nodes.
+    `angle` of the patch and `allowed` [rad] have the shape (times, sections).
     """
 
     def by_step(values):
@@ -134,7 +135,7 @@ WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 
 @eqx.filter_jit
 def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: int) -> Contacts:
-    """The contacts of steps between times, in one row."""
+    """The contacts in the steps between times [s], one after another."""
     nodes = ((np.arange(parts)[:, None] + NODES) / parts).ravel()
     shares = np.tile(WEIGHTS / parts, parts)
     ready = mechanism.prepare()
@@ -195,7 +196,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
 
 
 def _turn(here: Relative) -> Array:
-    """By how much the pin is turned about the sleeve's axis, tilt aside (the twist of its rotation)."""
+    """The rotation of the pin about the sleeve's axis, without tilt (the twist of its rotation) [rad]."""
     if here.rows is None:
         return jnp.asarray(here.angle, float)
     (xx, xy, _), (yx, yy, _), _ = here.rows

@@ -1,4 +1,4 @@
-"""What ends a life: a number of the joint as it is worn that reaches its bound."""
+"""Criteria that end a life: a number of the worn joint reaches its bound."""
 
 import abc
 from typing import Any
@@ -25,18 +25,18 @@ from clearance_jax.wear.model import WearModel
 
 
 class AbstractCriterion(Module):
-    """What ends the life of a joint: a number of the worn joint, and its bound."""
+    """A criterion that ends the life of a joint: a number of the worn joint, and its bound."""
 
     bound: eqx.AbstractVar[Scalar]
 
     @property
     @abc.abstractmethod
     def unit(self) -> str:
-        """Of the number and its bound."""
+        """The unit of the number and its bound."""
 
     @property
     def label(self) -> str:
-        """What a dataset calls the number."""
+        """The name of the number in a dataset."""
         return type(self).__name__
 
     @property
@@ -46,10 +46,10 @@ class AbstractCriterion(Module):
 
     @abc.abstractmethod
     def value(self, mechanism: Mechanism, joint: str) -> Any:
-        """The number, of the mechanism with its joint worn."""
+        """The number, for the mechanism with its joint worn."""
 
     def beyond(self, mechanism: Mechanism, joint: str) -> Any:
-        """How far beyond its bound the number is; below 0 until life ends."""
+        """The number minus its bound; below 0 until life ends."""
         return self.value(mechanism, joint) - self.bound
 
 
@@ -113,13 +113,13 @@ class ImpactSpeed(AbstractCriterion):
         motion = trace(mechanism, float(self.t1), **{**self.options, "save_at": None})
         if motion.message:
             raise ClearanceError(f"The motion stopped: {motion.message}")
-        found = to_dataset(mechanism, motion)
-        speeds = found["impact_speed"].values[found["episode_joint"].values == [*found["joint"].values].index(joint)]
-        return float(np.nanmax(speeds, initial=0.0))
+        dataset = to_dataset(mechanism, motion)
+        in_joint = dataset["episode_joint"].values == [*dataset["joint"].values].index(joint)
+        return float(np.nanmax(dataset["impact_speed"].values[in_joint], initial=0.0))
 
 
 class Of(AbstractCriterion):
-    """A function of the profile reaches 0; by `jax.numpy` where it is to have a derivative."""
+    """The life ends when a function of the profile reaches 0. Write it with `jax.numpy` if life needs derivatives."""
 
     function: Any = eqx.field(static=True)
     bound: Scalar = physical("", default=0.0)
@@ -137,7 +137,7 @@ class Of(AbstractCriterion):
 
 
 def criterion_of(until: Any) -> AbstractCriterion | None:
-    """What ends a life, as it may be given: a criterion, a function of the profile, or nothing."""
+    """What ends a life (a criterion, a function of the profile, or `None`) as a criterion."""
     return until if until is None or isinstance(until, AbstractCriterion) else Of(function=until)
 
 

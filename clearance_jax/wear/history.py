@@ -32,9 +32,8 @@ from clearance_jax.wear.model import WearModel
 
 Profile = Float[np.ndarray, "*stack sectors"]
 Rate = Callable[[Profile, int], Profile]
-"""What one cycle wears off a worn profile [m], after so many cycles; of a stack a stack."""
-# A jump grows at most so much from block to block, and shrinks to no less; of the step that the tolerance allows so
-# much is used.
+"""What one cycle wears off a profile [m], after a number of cycles; for a stack a stack."""
+# Largest and least ratio of jumps of successive blocks; the fraction of the allowed jump that is used.
 GROWS, SHRINKS, USED = 4.0, 0.1, 0.8
 
 
@@ -82,10 +81,10 @@ class WearHistory(NamedTuple):
         return "\n".join([head, *slopes])
 
 
-class Block(NamedTuple):
-    """A block that is done: after how many cycles, the jump of the next one, the profile (or stack), and what has been
-    asked; how far `beyond` its bound the criterion is, if there is one; where life ended within the block, when, and
-    the stack then with what a cycle wore off below it.
+class WearBlock(NamedTuple):
+    """A completed block: `cycles` at its end, the next `jump`, the profile or stack `depth`, and `evaluations` so far;
+    `beyond`: the criterion minus its bound; if life ended in the block, its `end` [cycles], and `ending`: the stack
+    then, with the wear of a cycle below it.
     """
 
     cycles: int
@@ -144,19 +143,19 @@ def _lived(cycles: int) -> int:
 
 
 def _journal(path: str | Path | None) -> AbstractContextManager[Journal | None]:
-    """The journal of a life, if it has one: blocks follow from each other."""
+    """The journal of a life, if it has a path. Its blocks are ordered."""
     return nullcontext() if path is None else closing(Journal(path, ordered=True))
 
 
-def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) -> list[Block]:
-    """The blocks, from those that the journal has."""
-    first = Block(0, 1, stack.tolist(), 0)
+def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) -> list[WearBlock]:
+    """The blocks of a life, continued from those in the journal."""
+    first = WearBlock(0, 1, stack.tolist(), 0)
     if until is not None:
         beyond = _beyond(until, stack, 0)
         first = first._replace(beyond=beyond)
         if not beyond < 0:
             return [first._replace(end=0.0)]
-    blocks = [first, *(Block(**record) for record in (() if journal is None else journal.records))]
+    blocks = [first, *(WearBlock(**record) for record in (() if journal is None else journal.records))]
     while blocks[-1].cycles < cycles and blocks[-1].end is None:
         blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
         if journal is not None:
@@ -166,7 +165,7 @@ def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) ->
     return blocks
 
 
-def _history(blocks: list[Block]) -> WearHistory:
+def _history(blocks: list[WearBlock]) -> WearHistory:
     every = np.array([block.depth for block in blocks])
     depth, slopes = (every, None) if every.ndim == 2 else (every[:, 0], every[:, 1:])
     cycles = np.array([block.cycles for block in blocks])
@@ -174,8 +173,8 @@ def _history(blocks: list[Block]) -> WearHistory:
     return WearHistory(cycles, depth, blocks[-1].evaluations, blocks[-1].end, beyond, slopes=slopes)
 
 
-def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int | None, until: Any) -> Block:
-    """One block further."""
+def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: int | None, until: Any) -> WearBlock:
+    """The next block, with jumps that meet the tolerance."""
     h, count, left = np.array(now.depth), now.evaluations + 1, cycles - now.cycles
     jump = max(1, min(now.jump, left // 2))
     first = _check(rate(h, now.cycles), now.cycles)
@@ -186,7 +185,7 @@ def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int |
         count += 1
         error = jump * np.max(np.abs(then - first), axis=-1)
         allowed = tolerance * np.max(np.abs(h + jump * (first + then)), axis=-1)
-        # Of a stack every row by its own size.
+        # Each row of a stack has its own scale.
         worst = np.max(error / np.where(allowed > 0, allowed, np.where(error > 0, 1e-300, 1.0)))
         factor = GROWS if worst == 0 else np.clip(USED / np.sqrt(worst), SHRINKS, GROWS)
         most = cycles if longest is None else longest
@@ -197,12 +196,12 @@ def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int |
 
 
 def _profile(stack: np.ndarray) -> np.ndarray:
-    """Of a stack the profile."""
+    """The profile of a stack, or the profile itself."""
     return stack if stack.ndim == 1 else stack[0]
 
 
-def _end(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> Block:
-    """The block after jumps that are good: where life ends within it, if it does."""
+def _end(now: WearBlock, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> WearBlock:
+    """The block after accepted jumps, with the end of life if it lies within the block."""
     first, then = rates
 
     def profile(n):
@@ -212,21 +211,21 @@ def _end(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, c
 
     whole = round(2 * jump)
     last = profile(whole)
-    done = Block(now.cycles + whole, wanted, last.tolist(), count)
+    done = WearBlock(now.cycles + whole, wanted, last.tolist(), count)
     if until is None:
         return done
     beyond = _beyond(until, last, done.cycles)
     done = done._replace(beyond=beyond)
     if beyond < 0:
         return done
-    found = scipy.optimize.brentq(lambda n: float(until(_profile(profile(n)))), 0.0, float(whole), xtol=1e-12 * whole)
-    n = float(found)  # pyright: ignore[reportArgumentType]
+    root = scipy.optimize.brentq(lambda n: float(until(_profile(profile(n)))), 0.0, float(whole), xtol=1e-12 * whole)
+    n = float(root)  # pyright: ignore[reportArgumentType]
     ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + np.floor(n) / jump * (then - first))[:1]]
     return done._replace(end=now.cycles + n, ending=np.array(ending).tolist())
 
 
 def _beyond(until: Callable[[Profile], float], stack: np.ndarray, cycles: int) -> float:
-    """How far beyond its bound the criterion is: a number, for the root between blocks and for the journal."""
+    """The criterion minus its bound: a number, for the root between blocks and for the journal."""
     beyond = float(until(_profile(stack)))
     if not np.isfinite(beyond):
         raise ClearanceError(
@@ -290,8 +289,8 @@ def simulate_wear(
         )
 
     def rate(depth: Profile, after: int) -> np.ndarray:
-        found = model.cycle_wears(np.atleast_2d(depth), names, after, how_to_solve)
-        return found if names else found[0]
+        worn = model.cycle_wears(np.atleast_2d(depth), names, after, how_to_solve)
+        return worn if names else worn[0]
 
     def beyond(depth: Profile) -> float:
         assert criterion is not None
@@ -305,20 +304,20 @@ def simulate_wear(
         stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         ends = None if criterion is None else beyond
         blocks = _march(rate, stack, cycles, tolerance, longest, ends, kept, progress)
-    found = _history(blocks)._replace(names=names, until=criterion)
+    history = _history(blocks)._replace(names=names, until=criterion)
     if not names or criterion is None or blocks[-1].ending is None:
-        return found
+        return history
     ending = jnp.asarray(blocks[-1].ending)
-    return found._replace(end_slopes=np.asarray(end_slopes(criterion, model, names, ending)))
+    return history._replace(end_slopes=np.asarray(end_slopes(criterion, model, names, ending)))
 
 
 def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> WearHistory | None:
-    """What of an interrupted `simulate_wear` its journal keeps; `None` where no block is done.
+    """The history of an interrupted `simulate_wear` from its journal; `None` if no block is complete.
 
     **Arguments:** `model`, `journal`, `until`: as of `simulate_wear`.
     """
     with closing(Journal(journal, ordered=True)) as kept:
-        blocks = [Block(**record) for record in kept.records]
+        blocks = [WearBlock(**record) for record in kept.records]
     if not blocks:
         return None
     criterion, size = criterion_of(until), np.atleast_2d(blocks[0].depth).shape[-1]
@@ -326,4 +325,4 @@ def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> We
     beyond = None if criterion is None else float(criterion.beyond(model.at(begin), model.joint))
     stack = np.zeros(np.shape(blocks[0].depth))
     stack[... if stack.ndim == 1 else 0] = begin
-    return _history([Block(0, 1, stack.tolist(), 0, beyond), *blocks])._replace(until=criterion)
+    return _history([WearBlock(0, 1, stack.tolist(), 0, beyond), *blocks])._replace(until=criterion)

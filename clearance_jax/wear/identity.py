@@ -1,4 +1,4 @@
-"""What makes one life another, by names (see `clearance_jax.runs.identity`)."""
+"""The identity of a life (see `clearance_jax.runs.identity`)."""
 
 from typing import Any
 
@@ -8,8 +8,9 @@ from clearance_jax.wear.model import WearModel
 
 
 def description(model: WearModel, until: AbstractCriterion | None, **rest: Any) -> dict[str, Any]:
-    """A question by the names of its parts, each a number or a short text; `rest`: its other arguments."""
+    """A question by the names of its parts, each a number or a short text; `rest`: further arguments."""
     parts = {"law of wear": model.wear, "pressure": model.pressure, "until": until}
-    own = [numbers(part, f" ({what})") for what, part in parts.items() if part is not None]
-    rest = {"joint": model.joint, "cycle": float(model.cycle), **rest}
-    return versions() | {k: v for one in (numbers(model.mechanism), *own) for k, v in one.items()} | settings(rest)
+    question = versions() | numbers(model.mechanism)
+    for what, part in parts.items():
+        question |= {} if part is None else numbers(part, f" ({what})")
+    return question | settings({"joint": model.joint, "cycle": float(model.cycle), **rest})

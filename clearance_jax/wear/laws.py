@@ -1,8 +1,7 @@
-"""Wear laws: how fast a surface is worn off where another rubs on it, written for one place of it.
+"""Wear laws: the rate at which a surface wears off where another rubs on it, for one place of it.
 
-A coefficient of wear is quoted in several units; it is given with its own (`archard`, `reye`): as depth by pressure
-and distance [1/Pa], as volume by force and distance [mm^3/(N m)], which is the same, or as Archard's number with a
-hardness.
+A coefficient of wear has several units in use, so it is given with its own (`archard`, `reye`): depth by pressure and
+distance [1/Pa], which equals volume by force and distance [mm^3/(N m)], or Archard's number with a hardness.
 """
 
 import abc

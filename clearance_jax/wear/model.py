@@ -1,11 +1,10 @@
-"""The model of a joint's wear, whose numbers have names: what a cycle wears off, with derivatives by them.
+"""The wear model of a joint, whose numbers have names: what a cycle wears off, with derivatives by these numbers.
 
-A profile has as many numbers as sectors, of which a derivative along a life needs few combinations: those along which
-the profile moves with the numbers asked for. They go to the joint as `Modes`, so that a solve carries as many
-derivatives as were asked for and not one a sector.
+Derivatives go to the joint as `Modes`: changes of the profile with each number asked for. So a solve carries one
+derivative per number, not one per sector.
 
-The nodes in time of what rubs stand still while numbers vary. That is the whole derivative: forces and speeds of
-sliding are continuous, so that moving a touch or the turn of a slip adds nothing to an integral over time.
+The nodes of the quadrature in time are fixed while numbers vary. This gives the whole derivative: forces and sliding
+speeds are continuous, so a touch or a change of a slip's sign that moves adds nothing to an integral over time.
 """
 
 import dataclasses
@@ -36,10 +35,10 @@ from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, surely_fine, wear_round
 from clearance_jax.wear.worn import accumulate, wear_of
 
-# What a trace has and a differentiated solve does not, or the other way round.
+# Options of a trace that the solve with derivatives does not take.
 OWN = ("save_at", "energy_balance", "derivatives")
-# What a cycle wears off a sector that stands higher by u than its neighbours is `relief` u more: beyond two
-# the sector stands too low by more than that after the cycle, the next one the other way round.
+# A sector that stands higher by u than its neighbours wears by `relief` u more in a cycle. Beyond two it then stands
+# too low by more than u: depths alternate and grow.
 MOST_RELIEF = 2.0
 
 
@@ -73,12 +72,12 @@ class WearModel(Module):
         return pin_of(self.mechanism, self.joint)
 
     def begin(self, sectors: int) -> np.ndarray:
-        """The profile at first [m]: what the joint has, or nothing, in so many sectors."""
+        """The profile of the joint at first [m], shape (sectors,): its own, or zeros."""
         profile = self.clearance.profile
         return np.zeros(sectors) if profile is None else np.asarray(profile)
 
     def at(self, depth: Any) -> Mechanism:
-        """The mechanism with its joint worn off by so much [m], shape (sectors,)."""
+        """The mechanism with its joint worn by a depth [m], shape (sectors,)."""
         return self.mechanism.with_clearance(self.joint, self.clearance.worn(depth))
 
     def cycle_wears(self, stack: np.ndarray, names: Sequence[str], after: int, options: dict[str, Any]) -> np.ndarray:
@@ -100,19 +99,19 @@ class WearModel(Module):
         profile = jnp.asarray(stack[0])
         if after == 0:
             self._doubt(seen, stack.shape[-1])
-        found = wear_of(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
-        off = np.asarray(found.depth)
-        self._check(off.max(), float(found.relief), after)
+        worn = wear_of(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
+        off = np.asarray(worn.depth)
+        self._check(off.max(), float(worn.relief), after)
         if not names:
             return off
-        # Filled up, so that motions of about as many steps are one program.
+        # Padded, so that motions of about as many steps share a program.
         ends = np.pad(motion.time, (0, -motion.time.size % CHUNK), mode="edge")
         solve = settings_of(now, float(self.cycle), {k: v for k, v in options.items() if k not in OWN})
         slopes = _cycle_slopes(self, tuple(names), jnp.asarray(stack), jnp.asarray(ends), before, solve)
         return np.concatenate([off, np.asarray(slopes)])
 
     def sectors(self, options: dict[str, Any]) -> int:
-        """How many sectors its sleeve needs for the motion of its first cycle; where it is worn, those it has."""
+        """The number of sectors that its sleeve needs for the motion of its first cycle; of a worn one its own."""
         if self.clearance.depth is not None:
             return self.begin(USUAL).size
         motion = trace(self.at(self.begin(USUAL)), float(self.cycle), **{"save_at": None, **options})
@@ -127,8 +126,8 @@ class WearModel(Module):
         """Warn of sectors that are too wide for the patch."""
         if surely_fine(seen, sections_of(self.mechanism, self.joint), self.pressure, sectors):
             return
-        if said := doubt(self._wear_round(seen), sectors, self.joint):
-            warnings.warn(said, SectorsWarning, stacklevel=4)
+        if message := doubt(self._wear_round(seen), sectors, self.joint):
+            warnings.warn(message, SectorsWarning, stacklevel=4)
 
     def _check(self, deepest: float, relief: float, after: int) -> None:
         """Raise where a cycle wears off too much to be taken at one profile."""
@@ -150,8 +149,8 @@ class WearModel(Module):
             )
 
     def shift(self, names: tuple[str, ...], stack: Array, shares: Array) -> "WearModel":
-        """The same with the named numbers moved by shares of themselves (of one, where they are 0), each with the row
-        of the stack that goes with it; further rows have no number.
+        """The same with the named numbers moved by shares of their scales (`sizes`), each with its row of the stack;
+        further rows have no number.
         """
         sizes = self.sizes(names)
         old = values_of(self, names)
@@ -162,24 +161,24 @@ class WearModel(Module):
         return moved.wear_by(stack[0], stack[1:] * whole[:, None], shares)
 
     def wear_by(self, depth: Array, rows: Array, shares: Array) -> "WearModel":
-        """The same worn off by a depth (sectors,), and by shares of `rows` (shares, sectors) more [m]."""
-        # A solve resolves what a number does beside the number's own size: an amount of 1 is a clearance deep.
+        """The same worn by a depth [m], (sectors,), and by shares of `rows` [m], (shares, sectors), on top."""
+        # A solve resolves effects of a number relative to its size: an amount of 1 is one clearance deep.
         size = jnp.max(jnp.abs(rows), axis=1) / jax.lax.stop_gradient(self.clearance.radial_clearance)
         size = jnp.where(size > 0, size, 1.0)
         worn = dataclasses.replace(self.clearance.worn(depth), modes=Modes(rows / size[:, None], size * shares))
         return dataclasses.replace(self, mechanism=self.mechanism.with_clearance(self.joint, worn))
 
     def sizes(self, names: tuple[str, ...]) -> Array:
-        """By what the named numbers are moved: themselves, or one."""
-        found = jnp.asarray([jnp.abs(value) for value in values_of(self, names).values()], float)
-        return jnp.where(found == 0, 1.0, found)
+        """The scales of the named numbers: their magnitudes, or 1 where they are 0."""
+        sizes = jnp.asarray([jnp.abs(value) for value in values_of(self, names).values()], float)
+        return jnp.where(sizes == 0, 1.0, sizes)
 
 
 @eqx.filter_jit
 def _cycle_slopes(
     model: WearModel, names: tuple[str, ...], stack: Array, ends: Array, before: Array, solve: Settings
 ) -> Float[Array, "names sectors"]:
-    """Derivatives of what a cycle wears off by the named numbers, of a motion with these ends of steps."""
+    """Derivatives of what a cycle wears off by the named numbers, for a motion with these step ends [s]."""
 
     def of(shares):
         now = model.shift(names, stack, shares)

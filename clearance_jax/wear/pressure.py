@@ -1,4 +1,4 @@
-"""How a normal force spreads over the sleeve: mean pressures of its sectors, by which the force is borne.
+"""Pressure models: how a normal force spreads over the sectors of a sleeve, as mean pressures that bear the force.
 
 A sleeve is cut into equal sectors, sector j centred at the angle 2 pi j / N of the sleeve's axes. A pressure is that of
 one section of the joint, where the force is one per length.
@@ -37,12 +37,12 @@ class Section(NamedTuple):
 
     @property
     def sectors(self) -> int:
-        """How many there are."""
+        """The number of sectors."""
         return self.depth.shape[0]
 
     @property
     def angles(self) -> np.ndarray:
-        """Their middles [rad]."""
+        """Middle angles of the sectors [rad], shape (sectors,)."""
         return 2 * np.pi * np.arange(self.sectors) / self.sectors
 
     @property
@@ -73,11 +73,11 @@ class AbstractPressure(Parametrised):
 
     @abc.abstractmethod
     def prepare(self, section: Section) -> Callable[[SectionLoad], PressureField]:
-        """The pressures on a section, as a function of what presses on it."""
+        """The pressures on a section, as a function of its load."""
 
     @abc.abstractmethod
     def half_angle(self, geometry: Geometry, force: Scalar) -> Scalar:
-        """To how far beside its middle a force per length [N/m] spreads on the round sleeve [rad]."""
+        """The half angle of the patch of a force per length [N/m] on the round sleeve [rad]."""
 
     def shape(self, place: Any) -> Any:
         """The pressure at a place from -1 to 1 of the patch on a round sleeve, over the largest: by default a
@@ -87,14 +87,14 @@ class AbstractPressure(Parametrised):
 
     @property
     def rises(self) -> Scalar | float:
-        """By how much a pressure rises where the sleeve stands higher [Pa/m], the pin as it is; 0 where it does not
-        know the worn profile.
+        """By how much a pressure rises where the sleeve stands higher [Pa/m], with a fixed pin; 0 if it does not depend
+        on the worn profile.
         """
         return 0.0
 
     @property
     def is_narrow(self) -> bool:
-        """Whether a patch is taken as flat: pressures, not their components along the force, then add up to it."""
+        """Whether a patch is taken as flat: then pressures, not their components along the force, sum to it."""
         return True
 
 
@@ -118,8 +118,8 @@ def hertz_half_angle(geometry: Geometry, force: Scalar) -> Scalar:
 def _spread(
     section: Section, force: Scalar, angle: Scalar, half: Scalar, part: Callable[[Array], Array]
 ) -> PressureField:
-    """A force spread over a patch: exact for every sector, however narrow the patch. `part`: of the force
-    that which lies below a place from -1 to 1 of it.
+    """Spread a force over a patch, exactly for every sector, however narrow the patch. `part`: the fraction of the
+    force below a place of the patch from -1 to 1.
     """
     beside = jnp.asarray(section.angles) - angle
     beside = beside - 2 * np.pi * jnp.round(beside / (2 * np.pi))

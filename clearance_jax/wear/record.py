@@ -1,4 +1,4 @@
-"""A life as one labelled dataset: profiles, how the clearance grows, what was watched."""
+"""The dataset of a life: profiles, growth of the clearance, the criterion."""
 
 from importlib.metadata import version
 from typing import Any
@@ -54,8 +54,8 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
     until = history.until
     if until is not None and history.beyond is not None:
         words = {"units": until.unit, "bound": float(until.bound)}
-        said = provenance.pop("watched", until.label)
-        data["watched"] = "cycle", history.beyond + float(until.bound), {"long_name": said, **words}
+        long_name = provenance.pop("watched", until.label)
+        data["watched"] = "cycle", history.beyond + float(until.bound), {"long_name": long_name, **words}
     coords = {
         "cycle": ("cycle", history.cycles, {"units": "1", "long_name": "cycles lived"}),
         "angle": ("sector", angle, {"units": "rad", "long_name": "angle around the sleeve"}),
@@ -75,7 +75,7 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
 
 
 def _opposite(pin_travel: np.ndarray) -> np.ndarray:
-    """The travel in the opposite direction, between two sectors where their number is odd."""
+    """The travel in the opposite direction [m], (cycles, sectors), interpolated for an odd number of sectors."""
     half = pin_travel.shape[1] / 2
     low, high = (np.roll(pin_travel, -shift, axis=1) for shift in (int(np.floor(half)), int(np.ceil(half))))
     return 0.5 * (low + high)
@@ -83,7 +83,7 @@ def _opposite(pin_travel: np.ndarray) -> np.ndarray:
 
 @eqx.filter_jit
 def pin_travels(pin: AbstractPin, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
-    """How far the pin of a joint can go from the middle of its sleeve when that is worn so [m], towards each sector."""
+    """How far a pin can go from the middle of its worn sleeve towards each sector [m]."""
     angle = 2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1]
     ahead = jnp.asarray(np.cos(angle)), jnp.asarray(np.sin(angle))
 

@@ -16,15 +16,15 @@ from clearance_jax.wear.contacts import Contacts
 from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure
 
-# By how much, as a part of it, the largest depth that one cycle wears off may be off. A given number is doubted a
-# little beyond: with other sectors the motion has other last digits.
+# Largest relative error of the largest depth that one cycle wears off. A given number of sectors is doubted a little
+# beyond it: with other sectors the motion has other last digits.
 OFF, DOUBTED = 0.01, 0.011
-# Sectors that are taken where fewer would do; steps of their number, so that joints that are alike have one; the most.
+# The least number of sectors; the step between numbers, so that similar joints have the same one; the most.
 USUAL, STEP, MOST = 360, 60, 3600
-# Places around the sleeve at which wear is looked at, and at how many places of a sector its grid is begun.
+# Places around the sleeve at which wear is computed, and offsets of the sectors' grid that are tried.
 PLACES, BEGINS = 7200, 16
 NARROW = 1.5 * 2 * np.pi / PLACES
-# Nodes in time that are looked at together.
+# Nodes in time that are computed together.
 TOGETHER = 64
 
 
@@ -41,42 +41,42 @@ def wear_round(
     turn = 0.0 if of == "sleeve" or seen.turn is None else np.asarray(seen.turn)[:, None]
     loads, halves = _patches(seen, sleeve, pressure)
     angles = np.asarray(seen.angle) - turn
-    place, found = 2 * np.pi * (np.arange(PLACES) + 0.5) / PLACES, np.zeros((loads.shape[1], PLACES))
+    place, worn = 2 * np.pi * (np.arange(PLACES) + 0.5) / PLACES, np.zeros((loads.shape[1], PLACES))
     for section in range(loads.shape[1]):
-        # A patch between two places would be overlooked. Widened to this, it is still too narrow for any sectors.
+        # Patches are widened so that none lies between two places; they are still too narrow for any sectors.
         load, half = loads[:, section], np.maximum(halves[:, section], NARROW)
         rubs = np.flatnonzero(load > 0)
-        # Filled up with the last one at no weight: one shape for all.
+        # Padded with the last node at zero weight, so that all have one shape.
         for first in range(0, len(rubs), TOGETHER):
             some = np.pad(rubs[first : first + TOGETHER], (0, max(0, first + TOGETHER - len(rubs))), mode="edge")
             weight = np.asarray(seen.weight)[some] * (np.arange(TOGETHER) < len(rubs) - first)
             beside = place[None] - angles[some, section, None]
             x = (beside - 2 * np.pi * np.round(beside / (2 * np.pi))) / half[some, None]
             shape = np.where(np.abs(x) < 1, np.asarray(pressure.shape(np.clip(x, -1, 1))), 0.0)
-            # That the pressures bear the force, but for a factor, which a law that is not linear sees.
+            # The pressures bear the force but for a factor, which matters to laws that are not linear.
             high = load[some] / (half[some] * float(sleeve.geometry.sleeve_radius))
             columns = (np.asarray(v)[some, section, None] for v in (seen.speed, seen.traction))
             at = SlidingState(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
-            found[section] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
-    return found
+            worn[section] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
+    return worn
 
 
 def surely_fine(seen: Contacts, sleeve: Sections, pressure: AbstractPressure, sectors: int) -> bool:
-    """Whether so many sectors do even for the narrowest patch that stands still: much sooner known than the rest."""
+    """Whether the sectors suffice even for the narrowest patch at rest: a quick test before the whole one."""
     loads, halves = _patches(seen, sleeve, pressure)
     narrowest = halves[loads > 0].min(initial=np.inf)
     return bool((2 * np.pi / sectors / narrowest) ** 2 / 3 <= OFF) if narrowest > 0 else False
 
 
 def _patches(seen: Contacts, sleeve: Sections, pressure: AbstractPressure) -> tuple[np.ndarray, np.ndarray]:
-    """Forces per length [N/m], and to how far beside its middle each spreads [rad], (times, sections)."""
+    """Forces per length [N/m], and half angles of their patches [rad], (times, sections)."""
     loads = np.asarray(seen.force) / np.asarray(sleeve.lengths)
     halves = jax.vmap(jax.vmap(lambda load: pressure.half_angle(sleeve.geometry, load)))(jnp.asarray(loads))
     return loads, np.asarray(halves)
 
 
 def missed_part(worn: Float[np.ndarray, "sections places"], sectors: int) -> float:
-    """The part of the largest depth that so many sectors do not have, wherever their grid begins."""
+    """The relative error of the largest depth with so many sectors, for the worst offset of their grid."""
     worst, width = 0.0, PLACES / sectors
     for profile in worn:
         if profile.max() > 0:
@@ -91,12 +91,12 @@ def missed_part(worn: Float[np.ndarray, "sections places"], sectors: int) -> flo
 
 
 def fewest(worn: Float[np.ndarray, "sections places"], least: int = USUAL) -> int:
-    """How many sectors, at `least` so many, have the largest depth within `OFF`; or `MOST`."""
+    """The fewest sectors, from `least` on, with an error of the largest depth of at most `OFF`; or `MOST`."""
     return next((n for n in range(least, MOST, STEP) if missed_part(worn, n) <= OFF), MOST)
 
 
 def doubt(worn: Float[np.ndarray, "sections places"], sectors: int, joint: str) -> str:
-    """What is to be said of so many sectors, if anything is."""
+    """A warning of too few sectors; empty if they suffice."""
     off = missed_part(worn, sectors)
     if off <= DOUBTED:
         return ""

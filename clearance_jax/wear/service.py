@@ -1,4 +1,4 @@
-"""Many lives of one joint: over numbers that a designer chooses, or that scatter from part to part."""
+"""Lives of one joint for many values of numbers that a designer chooses, or that scatter from part to part."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -52,7 +52,7 @@ class ServiceLives(NamedTuple):
     units: Mapping[str, str]
 
     def failures(self, confidence: float = 0.95) -> Failures:
-        """The probability of failure over the life, of values that are samples of how numbers scatter."""
+        """The probability of failure over the life, if the values are samples of scattering numbers."""
         if not 0 < confidence < 1:
             raise ClearanceError(f"`confidence` must be between 0 and 1, but it is {confidence}.")
         n = len(self.end)
@@ -65,8 +65,8 @@ class ServiceLives(NamedTuple):
         return Failures(np.concatenate([[0.0], ends]), failed / n, low, high, confidence)
 
     def interval(self, failing: float) -> float:
-        """After how many cycles a joint must be looked after, if at most this share may have failed by then: infinite
-        where fewer fail within `cycles`. The share is that of the samples.
+        """The maintenance interval [cycles] after which at most a share `failing` of the samples has failed; infinite
+        if fewer fail within `cycles`.
         """
         if not 0 <= failing < 1:
             raise ClearanceError(f"The share that may fail must be at least 0 and below 1, but it is {failing}.")
@@ -74,7 +74,7 @@ class ServiceLives(NamedTuple):
         return float(ends[int(np.floor(failing * len(ends) * (1 + 1e-12)))])
 
     def to_dataset(self) -> xr.Dataset:
-        """The values and ends over the `part`s that were made so."""
+        """The values and lives over the dimension `part`."""
         data: dict[str, Any] = {
             name: ("part", values, {"units": self.units[name]}) for name, values in self.values.items()
         }
@@ -85,7 +85,7 @@ class ServiceLives(NamedTuple):
         ended = int(np.isfinite(self.end).sum())
         shortest = f", the first at cycle {self.end.min():.6g}" if ended else ""
         ranges = ", ".join(
-            f"{name} " + " to ".join(format_quantity(float(one), self.units[name]) for one in (v.min(), v.max()))
+            f"{name} " + " to ".join(format_quantity(float(bound), self.units[name]) for bound in (v.min(), v.max()))
             for name, v in self.values.items()
         )
         return f"{len(self.end)} lives over {ranges}: {ended} ended within {self.cycles} cycles{shortest}"
@@ -136,7 +136,7 @@ def service_lives(
     if sectors is None:
         sectors = max(row.sectors(dict(options)) for row in rows)
 
-    def one(i: int):
+    def life(i: int):
         return simulate_wear(
             rows[i],
             cycles,
@@ -148,12 +148,12 @@ def service_lives(
             **options,
         )
 
-    found = []
+    histories = []
     with ThreadPoolExecutor(cores or cores_here()) as pool:
         # The first compiles for all.
-        for ended in chain([one(0)], pool.map(one, range(1, *count))):
-            found.append(ended)
+        for history in chain([life(0)], pool.map(life, range(1, *count))):
+            histories.append(history)
             if progress is not None:
-                progress(len(found) / len(rows))
-    end = np.array([np.inf if one.end is None else one.end for one in found])
-    return ServiceLives(columns, end, cycles, sum(one.evaluations for one in found), units)
+                progress(len(histories) / len(rows))
+    end = np.array([np.inf if history.end is None else history.end for history in histories])
+    return ServiceLives(columns, end, cycles, sum(history.evaluations for history in histories), units)

@@ -20,13 +20,13 @@ from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
 from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, wear_round
 
-# Of the force: what the pressures of the sectors may miss, which round-off and a search that ends leave.
+# The part of the force that the pressures of the sectors may miss: round-off and the tolerance of a search.
 MISSED = 1e-6
-# Into how many parts a half of a step is cut at most, so that from node to node a patch moves on by no more than this
-# part of a sector and its own half width.
+# Most parts of half a step. Steps are cut until a patch moves from node to node by at most this part of a sector and
+# its own half width.
 PARTS, JUMPED = 64, 0.25
 SURFACES = ("sleeve", "pin")
-# Half angle of a patch beyond which Hertz's flat one is none any more [rad].
+# Largest half angle of a patch that counts as flat [rad].
 WIDEST = 0.5 * np.pi
 
 
@@ -96,17 +96,17 @@ def wear(
     wide for a flat one, and if pressures do not add up to the force.
     """
     mechanism = trace.solution.mechanism
-    sleeve, own = sections_of(mechanism, joint), pin_of(mechanism, joint).profile
-    if pressure is None and (depth is not None or own is not None):
+    sleeve, profile = sections_of(mechanism, joint), pin_of(mechanism, joint).profile
+    if pressure is None and (depth is not None or profile is not None):
         raise ClearanceError(f"`{joint}` is worn: say how a force spreads, by a `Foundation` on the worn profile.")
     if depth is None:
-        depth = own
+        depth = profile
     pressure, fixed = pressure or HertzLine(), sectors if depth is None else jnp.asarray(depth).shape[-1]
     seen = _follow(trace, joint, sleeve, pressure, of, fixed or USUAL)
     whole = wear_round(seen, sleeve, law, pressure, of)
     count = fixed or fewest(whole)
-    if fixed and (said := doubt(whole, count, joint)):
-        warnings.warn(said, SectorsWarning, stacklevel=2)
+    if fixed and (message := doubt(whole, count, joint)):
+        warnings.warn(message, SectorsWarning, stacklevel=2)
     if count > (fixed or USUAL):
         seen = _follow(trace, joint, sleeve, pressure, of, count)
     given = jnp.zeros(count) if depth is None else jnp.asarray(depth, float)
@@ -114,7 +114,7 @@ def wear(
 
 
 def _follow(trace: Trace, joint: str, sleeve: Sections, pressure: AbstractPressure, of: str, sectors: int) -> Contacts:
-    """Contacts so near one another that a patch does not jump over sectors."""
+    """Contacts at nodes so close to one another that a patch does not jump over sectors."""
     parts = 1
     while True:
         seen = contacts(trace, joint, parts)
@@ -137,7 +137,7 @@ def wear_of(
     depth: Array,
     before: Any = 0.0,
 ) -> Wear:
-    """What is worn off by contacts that are known (`contacts`).
+    """What known contacts (`contacts`) wear off.
 
     **Arguments:** `seen`: the contacts; `sleeve`: its sections (`sections_of`); `law`, `pressure`, `of` and `before` as
     of `wear`; `depth`: the earlier wear, (sectors,) or (sections, sectors) [m].
@@ -145,15 +145,15 @@ def wear_of(
     if of not in SURFACES:
         raise ClearanceError(f"`of` must be {' or '.join(SURFACES)}, but it is {quote(of)}.")
     depth = jnp.broadcast_to(jnp.atleast_2d(depth), (sleeve.lengths.shape[0], depth.shape[-1]))
-    found = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
-    _check(jax.tree.map(float, found._replace(depth=0.0)), law, pressure)
+    totals = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
+    _check(jax.tree.map(float, totals._replace(depth=0.0)), law, pressure)
     angle = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1])
-    flat = found.flat_volume if law.is_linear else None
+    flat = totals.flat_volume if law.is_linear else None
     heights = jnp.asarray(sleeve.heights, float)
-    return Wear(angle, heights, found.depth, found.volume, flat, found.sliding, found.half_angle, found.relief)
+    return Wear(angle, heights, totals.depth, totals.volume, flat, totals.sliding, totals.half_angle, totals.relief)
 
 
-class Found(NamedTuple):
+class WearTotals(NamedTuple):
     """See `Wear`; `missed`: the largest part of a force that its pressures do not bear."""
 
     depth: Any
@@ -165,25 +165,25 @@ class Found(NamedTuple):
     missed: Any
 
 
-def _check(found: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
+def _check(totals: WearTotals, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
     """Raise where pressures are not the force's, or the volume not the law's."""
-    if pressure.is_narrow and found.half_angle > WIDEST:
+    if pressure.is_narrow and totals.half_angle > WIDEST:
         raise WearFailure(
-            f"The patch of the largest force spreads {np.degrees(found.half_angle):.0f} deg to either side, further "
+            f"The patch of the largest force spreads {np.degrees(totals.half_angle):.0f} deg to either side, further "
             "than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve survives?"
         )
-    if not found.missed <= MISSED:
+    if not totals.missed <= MISSED:
         raise WearFailure(
-            f"The pressures miss {found.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
+            f"The pressures miss {totals.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
             "through its sleeve: check its `stiffness` [Pa/m]."
         )
     if not law.is_linear:
         return
     # What leans presses with more than its part of the force: only a flat patch has none of it.
-    lacks, beyond = found.flat_volume - found.volume, MISSED * found.flat_volume
+    lacks, beyond = totals.flat_volume - totals.volume, MISSED * totals.flat_volume
     if lacks > beyond or (pressure.is_narrow and -lacks > beyond):
         raise ClearanceError(
-            f"The volume {found.volume:.9g} m^3 worn off is not that of the law, {found.flat_volume:.9g} m^3."
+            f"The volume {totals.volume:.9g} m^3 worn off is not that of the law, {totals.flat_volume:.9g} m^3."
         )
 
 
@@ -196,8 +196,8 @@ def accumulate(
     of: str,
     depth: Array,
     before: Scalar,
-) -> Found:
-    """What wears off."""
+) -> WearTotals:
+    """The sums over a motion of what wears off (see `Wear`)."""
     inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
 
@@ -207,15 +207,15 @@ def accumulate(
         def add(carry, now):
             depth, relief, missed = carry
             weight, time, turn, force, angle, speed, traction, place = now
-            found = spread(SectionLoad(force / length, angle, (place[0], place[1])))
+            field = spread(SectionLoad(force / length, angle, (place[0], place[1])))
             # The pin bears the same force on a little less of surface.
-            means = _turn(found.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else found.means
+            means = _turn(field.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else field.means
 
             def off(pressure):
                 return law.rate(SlidingState(pressure, speed, traction, before + time))
 
             rate, rises = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
-            lacks = jnp.abs(found.borne * length - force)
+            lacks = jnp.abs(field.borne * length - force)
             lacks = jnp.where(force > 0, lacks / jnp.where(force > 0, force, 1.0), 0.0)
             # A law may have no slope at no pressure (p^0.5).
             relief = relief + weight * jnp.where(means > 0, rises, 0.0) * pressure.rises
@@ -225,21 +225,21 @@ def accumulate(
         return jax.lax.scan(add, (jnp.zeros_like(worn), jnp.zeros_like(worn), jnp.zeros(())), nodes)[0]
 
     columns = [jnp.moveaxis(x, 1, 0) for x in (seen.force, seen.angle, seen.speed, seen.traction, seen.place)]
-    new, relief, missed = jax.lax.map(lambda one: section(*one), (depth, sleeve.lengths, *columns))
+    new, relief, missed = jax.lax.map(lambda row: section(*row), (depth, sleeve.lengths, *columns))
     volume = jnp.sum(new * sleeve.lengths[:, None]) * (2 * np.pi / depth.shape[1] * radius)
     shares = sleeve.lengths / jnp.sum(sleeve.lengths)
     sliding = seen.weight @ jnp.where(seen.force > 0, seen.speed, 0.0) @ shares
     time = jnp.broadcast_to((seen.time + before)[:, None], seen.force.shape)
-    # Of a linear law the volume is its rate of the force in the place of a pressure.
+    # The volume by a linear law is its rate with the force in the place of a pressure.
     flat = jnp.sum(seen.weight[:, None] * law.rate(SlidingState(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
     half = pressure.half_angle(sleeve.geometry, largest)
-    return Found(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
+    return WearTotals(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
-    """Mean values of sectors on sectors that lie turned back by an angle: each is shared out between the two that it
-    lies on, so that nothing is lost.
+    """Mean values of sectors on a grid that is turned back by an angle [rad]. Each value is shared between the two
+    sectors that it lies on, so that the sum is kept.
     """
     count = means.shape[0]
     sectors = angle * (count / (2 * np.pi))

@@ -27,7 +27,7 @@ from clearance_jax.io.kinds import Key
 from clearance_jax.io.scene import load_scene
 from clearance_jax.io.schema import schema
 from clearance_jax.io.study import load_study
-from clearance_jax.io.table import Keys, Table
+from clearance_jax.io.table import Keys, TomlTable
 
 READERS = (
     "scene",
@@ -73,8 +73,8 @@ def test_every_declaration_is_in_the_reference(module):
     assert declared
     for table in declared:
         (told,) = [one for one in listed if (one.name, one.title) == (table.name, table.title)]
-        assert {key.name for key in told.keys} >= {key.name for key in table.own}, table
-        assert {key.name for key in table.keys} == {key.name for key in (*table.own, *_shared(table))}
+        assert {key.name for key in told.keys} >= {key.name for key in table.unshared}, table
+        assert {key.name for key in table.keys} == {key.name for key in (*table.unshared, *_shared(table))}
         (shared,) = [kind.shared for kind in told.kinds if kind.help == table.help] or [told.shared]
         assert shared == [one.title for one in table.shared]
         assert set(shared) <= {one.title for one in listed}
@@ -85,13 +85,13 @@ def _shared(table: Keys) -> list[Key]:
 
 
 def test_readers_know_no_key_that_is_not_declared():
-    table = Table({"mass": "1 kg"}, "body.x", scene_keys.BODY)
+    table = TomlTable({"mass": "1 kg"}, "body.x", scene_keys.BODY)
     assert table.get("mass") == 1.0
     for ask in (table.get, table.has, table.need):
         with pytest.raises(KeyError):
             ask("colour")
     with pytest.raises(ClearanceError, match=r"body.x.masss is not a known key. Did you mean `mass`"):
-        Table({"masss": "1 kg"}, "body.x", scene_keys.BODY)
+        TomlTable({"masss": "1 kg"}, "body.x", scene_keys.BODY)
 
 
 @pytest.mark.parametrize("module", READERS)

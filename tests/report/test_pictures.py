@@ -29,7 +29,7 @@ from clearance_jax.joints import Relative
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.report import magnified, play_figures
 from clearance_jax.report.figures import overview
-from clearance_jax.report.magnified import Section, Side
+from clearance_jax.report.magnified import CrossSection, Side
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.results.bearing import FACE, spans
 from clearance_jax.results.places import outline, places
@@ -314,7 +314,7 @@ def views(film, kind) -> list:
 
 def test_a_magnified_pin_is_its_eccentricity_times_the_factor(crank):
     film = cj.animate(crank, "wrist", exaggeration=7.0)
-    ((section,), (skeleton,)) = views(film, Section), views(film, Skeleton)
+    ((section,), (skeleton,)) = views(film, CrossSection), views(film, Skeleton)
     assert (film.exaggeration, section.joint.radius) == (7.0, 0.01)
     assert section.joint.wall == pytest.approx(0.01 + 7 * 5e-4, rel=1e-12)
     touched = 0
@@ -339,7 +339,7 @@ def test_a_magnified_pin_is_its_eccentricity_times_the_factor(crank):
 def test_a_leaning_pin_is_seen_from_the_side_and_at_both_edges(arm):
     film = cj.animate(arm)
     assert film.joint == "hip"
-    sides, sections, found = views(film, Side), views(film, Section), station_paths(arm, "hip")
+    sides, sections, found = views(film, Side), views(film, CrossSection), station_paths(arm, "hip")
     at_samples = np.isin(found[0].time, arm["time"].values)
     places = np.stack([path.places[at_samples] for path in found], 1)
     bearing = np.stack([path.state[at_samples] > 0 for path in found], 1)
