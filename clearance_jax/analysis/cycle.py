@@ -108,7 +108,7 @@ def _eigenvalues(matrix: Array) -> Array:
     return jnp.take_along_axis(values, jnp.argsort(-jnp.abs(values), axis=-1), axis=-1)
 
 
-class Search(NamedTuple):
+class CycleSearch(NamedTuple):
     """What a search depends on: numbers."""
 
     mechanism: Mechanism
@@ -119,7 +119,7 @@ class Search(NamedTuple):
     turns: Array | None
 
 
-class Effort(NamedTuple):
+class CycleOptions(NamedTuple):
     """What a search is compiled for."""
 
     options: Options
@@ -139,8 +139,8 @@ def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
     for coordinate in mechanism.coordinates():
         servos = [actuator.target for actuator in coordinate.motion.actuators if isinstance(actuator, Servo)]
         drive = coordinate.motion.drive
-        for one in servos if drive is None else [drive]:
-            (begin, end), rates = _ends(one, t0, period)
+        for course in servos if drive is None else [drive]:
+            (begin, end), rates = _ends(course, t0, period)
             missed = end - begin
             if coordinate.slides is None:
                 missed -= TURN * jnp.round(missed / TURN)
@@ -160,13 +160,13 @@ def _ends(drive: AbstractDrive, t0: Array, period: Array) -> tuple[tuple[Array, 
 
 
 @eqx.filter_custom_jvp
-def cycle(search: Search, *, effort: Effort) -> PeriodicMotion:
-    """Search; `y` is differentiable by every number of the mechanism and the period."""
+def cycle(search: CycleSearch, *, effort: CycleOptions) -> PeriodicMotion:
+    """CycleSearch; `y` is differentiable by every number of the mechanism and the period."""
     return search_cycle(search, effort)
 
 
 @cycle.def_jvp
-def _cycle_jvp(primals, tangents, *, effort: Effort):
+def _cycle_jvp(primals, tangents, *, effort: CycleOptions):
     (search,), (rates,) = primals, tangents
     if rates.t0 is not None:
         raise ClearanceError("A periodic motion cannot be differentiated by `t0`: shift the drives' times.")
@@ -206,7 +206,7 @@ class _State(NamedTuple):
     code: Array
 
 
-def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
+def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
     """Settle, then damped Newton steps with the error-controlled Jacobian; settle again where these get stuck."""
     plan = layout(search.mechanism)
     n, size = plan.free, plan.size
@@ -260,8 +260,8 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
     s = jax.lax.while_loop(goes_on, iterate, start)
     gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
     converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
-    held = constant_memory(s.jacobian, n)
-    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, held)
+    latched = constant_memory(s.jacobian, n)
+    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, latched)
 
 
 def constant_memory(jacobian: Array, free: int) -> Array:
@@ -270,7 +270,7 @@ def constant_memory(jacobian: Array, free: int) -> Array:
     return (jnp.arange(size) >= 2 * free) & jnp.all(jacobian == jnp.eye(size), axis=1)
 
 
-def advance(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
+def advance(search: CycleSearch, y: Array, effort: CycleOptions) -> tuple[Array, Any]:
     """The state a period later, NaN where the solve fails, and how the solve ended.
 
     The start is projected on ideal closures: so a direction that opens a loop has multiplier 0, and I - dP/dy stays
@@ -284,7 +284,7 @@ def advance(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
     return jnp.where(solution.succeeded, 1.0, jnp.nan) * solution.final, solution.code
 
 
-def scale(search: Search, y: Array) -> Array:
+def scale(search: CycleSearch, y: Array) -> Array:
     """Magnitude of each component of the state, as error control sees it; 1 for memory that is only latched."""
     problem = Problem(search.mechanism.prepare())
     allowed = tolerances(problem, y, search.t0, search.t0 + search.period, search.rtol)
@@ -292,7 +292,7 @@ def scale(search: Search, y: Array) -> Array:
     return jnp.where(jnp.isfinite(unit), unit, 1.0)
 
 
-def free_turns(search: Search) -> Array:
+def free_turns(search: CycleSearch) -> Array:
     """Whole turns a period of each free coordinate, NaN where only the motion can tell.
 
     A slide makes none; nor does a rotation held by a spring, and one held by a servo follows its target. Only a
@@ -314,7 +314,7 @@ def free_turns(search: Search) -> Array:
     return jnp.stack(out)
 
 
-def _inverse(search: Search, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
+def _inverse(search: CycleSearch, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
     """(I - dP/dy)^-1 in the scene's scales; where it is singular to within the Jacobian's error, of least norm.
 
     Memory that is held can have any value: it keeps its own.

@@ -52,12 +52,12 @@ def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
     count = len(stiff)
     roots = np.linalg.eigvals(np.block([[np.zeros((count, count)), np.eye(count)], [stiff, loss]]))
     sizes = np.abs(roots)
-    found = [
+    modes = [
         Mode(float(size / (2 * np.pi)), float(-root.real / size) if size else 0.0)
         for root, size in zip(roots, sizes, strict=True)
         if root.imag >= 0
     ]
-    return tuple(sorted(found))
+    return tuple(sorted(modes))
 
 
 def _linearise(time: Scalar, mechanism: Mechanism) -> tuple[Array, Array, StartErrors]:

@@ -53,7 +53,7 @@ class SamplingPlan(NamedTuple):
         return self.step * self.unit * np.stack(columns, 1)
 
 
-class Samples(NamedTuple):
+class MetricSamples(NamedTuple):
     """The metric and its gradient at the design, a step away from it, within the step, and over the scatter.
 
     `finer`: the gradient at rtol/10 (at 10 rtol, where floats resolve no less); `up`, `down`: changes of the metric
@@ -77,7 +77,7 @@ class Samples(NamedTuple):
     second: tuple[np.floating, np.ndarray] | None
 
 
-def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samples:
+def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> MetricSamples:
     """All solves of the metric, by one program."""
     p, rtol, moves = len(plan.names), plan.rtol, plan.moves()
     other = rtol / 10 if rtol >= 10 * SMALLEST else 10 * rtol
@@ -86,8 +86,8 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samp
     peak = isinstance(metric, Peak) and metric.count == 1
     asked = dataclasses.replace(metric, count=2) if peak else metric
     points = dict(zip(plan.names, (plan.centre + moves).T, strict=True)) | {"rtol": rtols}
-    found = lanes(Question(mechanism, {"": asked}, t1, options, plan.names), points)
-    values, slopes = found.values[""], found.slopes[""]
+    answers = lanes(Question(mechanism, {"": asked}, t1, options, plan.names), points)
+    values, slopes = answers.values[""], answers.slopes[""]
     if values.ndim > (2 if peak else 1):
         raise ClearanceError("`gradient_report` wants a metric that is one number.")
     second = (values[0, 1], slopes[0, 1]) if peak else None
@@ -104,7 +104,9 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samp
     inner, changes = (x[within][fine[within]] for x in (moves, values - values[0]))
     draws, cloud, over = (x[scatter][fine[scatter]] for x in (moves, values, slopes))
     complete = bool(np.all(fine))
-    return Samples(values[0], slopes[0], slopes[1], up, down, inner, changes, draws, cloud, over, complete, second)
+    return MetricSamples(
+        values[0], slopes[0], slopes[1], up, down, inner, changes, draws, cloud, over, complete, second
+    )
 
 
 class Statistics(NamedTuple):
@@ -132,7 +134,7 @@ class Statistics(NamedTuple):
     heavy_tail: np.ndarray
 
 
-def statistics(plan: SamplingPlan, seen: Samples) -> Statistics:
+def statistics(plan: SamplingPlan, seen: MetricSamples) -> Statistics:
     """Statistics of the samples, without a verdict."""
     gradient, slopes, unit = seen.gradient, seen.slopes, plan.unit
     # Zeros over zeros are no finding: a ratio of them is not a number, and no threshold is passed by it.

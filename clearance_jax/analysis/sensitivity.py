@@ -92,8 +92,8 @@ def sensitivities(
         return Sensitivities(value, jacobian, wrt)
     if mode == "screening":
         settings = settings._replace(derivatives="screening")
-    found = answer(Question(mechanism, {"": metric}, t1, settings, wrt))
-    value, jacobian = found.values[""], _by_name(found.slopes[""], values)
+    solved = answer(Question(mechanism, {"": metric}, t1, settings, wrt))
+    value, jacobian = solved.values[""], _by_name(solved.slopes[""], values)
     if not bool(jnp.all(jnp.isfinite(value))):
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)

@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance_jax.ask.cluster import lanes_on
 from clearance_jax.ask.lanes import Columns, answer, lanes
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.ask.question import Answer, Question
 from clearance_jax.solve.batch import side_by_side, usual_cores
 
@@ -16,15 +16,15 @@ from clearance_jax.solve.batch import side_by_side, usual_cores
 FEW = 300
 
 
-def answers(question: Question, points: Columns, place: Place = HERE) -> Answer:
+def answers(question: Question, points: Columns, place: SolvePlace = HERE) -> Answer:
     """The answers at points: one by one where they are few, else, and on a cluster, as lanes."""
     count = len(next(iter(points.values())))
     if as_lanes(count, place):
         if place.client is None:
             return lanes(question, points, cores=place.cores)
         return lanes_on(place.client, question, points, place.cores or 1)
-    found = _side_by_side(question, points, count, place.cores or usual_cores())
-    return jax.tree.map(lambda *one: np.stack([np.asarray(x) for x in one]), *found)
+    each = _side_by_side(question, points, count, place.cores or usual_cores())
+    return jax.tree.map(lambda *parts: np.stack([np.asarray(x) for x in parts]), *each)
 
 
 def _side_by_side(question: Question, points: Columns, count: int, cores: int) -> list[Answer]:
@@ -47,6 +47,6 @@ def _side_by_side(question: Question, points: Columns, count: int, cores: int) -
             raise
 
 
-def as_lanes(count: int, place: Place) -> bool:
+def as_lanes(count: int, place: SolvePlace) -> bool:
     """Whether so many points are answered as lanes."""
     return count > (FEW if place.client is None else 1)

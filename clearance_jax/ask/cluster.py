@@ -37,18 +37,18 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
     # Whole chunks, by copies of the last lane: a chunk of another width would be another program.
     whole = count if count <= LANES else LANES * math.ceil(count / LANES)
     places = np.minimum(np.arange(whole), count - 1)
-    parts = [{name: one[places[at : at + size]] for name, one in points.items()} for at in range(0, whole, size)]
+    parts = [{name: column[places[at : at + size]] for name, column in points.items()} for at in range(0, whole, size)]
     pickled = cloudpickle.dumps(question)
     tasks = client.map(_answers, parts, question=pickled, cores=cores, pure=False)
     try:
-        found = client.gather(tasks)
+        answers = client.gather(tasks)
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
         raise ClearanceError(f"Lanes failed on the cluster: {quote(str(error))}.") from error
     finally:
         client.cancel(tasks, force=True)
-    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *found)
+    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *answers)
 
 
 # On a worker ---------------------------------------------------------------------------------------------------------

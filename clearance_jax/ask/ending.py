@@ -19,6 +19,6 @@ class Ending(AbstractMetric):
 
     def value(self, reply: Reply):
         solution = reply.solution
-        found = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
-        found |= {"energy_residual": solution.energy_residual} if solution.energy_balance else {}
-        return found | ({} if solution.validity is None else {"validity": solution.validity.level})
+        ending = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
+        ending |= {"energy_residual": solution.energy_residual} if solution.energy_balance else {}
+        return ending | ({} if solution.validity is None else {"validity": solution.validity.level})

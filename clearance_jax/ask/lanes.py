@@ -43,10 +43,10 @@ def lanes(
     count = len(next(iter(points.values())))
     filled = {name: np.pad(column, (0, max(0, width - count)), mode="edge") for name, column in points.items()}
 
-    def chunk(places: np.ndarray, found: Answer) -> None:
+    def chunk(places: np.ndarray, part: Answer) -> None:
         wanted = places < count
         if ready is not None:
-            ready(places[wanted], jax.tree.map(lambda x: x[wanted], found))
+            ready(places[wanted], jax.tree.map(lambda x: x[wanted], part))
 
-    found = batch(question, filled, cores=cores, progress=progress, ready=chunk, report=report)
-    return jax.tree.map(lambda x: x[:count], found)
+    whole = batch(question, filled, cores=cores, progress=progress, ready=chunk, report=report)
+    return jax.tree.map(lambda x: x[:count], whole)

@@ -15,14 +15,14 @@ LOCAL = "local"
 PATIENCE = "10s"
 
 
-class Place(NamedTuple):
+class SolvePlace(NamedTuple):
     """Where lanes are solved: here, or by a dask `client`; on so many `cores` (`None`: all here, one a worker)."""
 
     client: Any = None
     cores: int | None = None
 
 
-HERE = Place()
+HERE = SolvePlace()
 
 
 @contextmanager
@@ -48,22 +48,22 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
         try:
             client = made.enter_context(Client(cluster, timeout=PATIENCE))
         except (OSError, TimeoutError, ValueError) as error:
-            said = str(error).split("\n")[0]
+            reason = str(error).split("\n")[0]
             raise ClearanceError(
-                f"No scheduler answers at `{cluster}`: {said}. Start it, or mend the address (`{LOCAL}`: workers on "
+                f"No scheduler answers at `{cluster}`: {reason}. Start it, or mend the address (`{LOCAL}`: workers on "
                 "this machine)."
             ) from None
         yield client
 
 
 @contextmanager
-def place_of(cluster: Any, cores: int | None = None) -> Iterator[Place]:
+def place_of(cluster: Any, cores: int | None = None) -> Iterator[SolvePlace]:
     """The place that is meant by a cluster: a dask client, the address of a scheduler, or "local"; `None`: here."""
     if cluster is None:
-        yield Place(None, cores)
+        yield SolvePlace(None, cores)
         return
     with client_of(cluster, cores or 1) as client:
-        yield Place(client, cores)
+        yield SolvePlace(client, cores)
 
 
 def workers_of(client: Any) -> dict[str, Any]:

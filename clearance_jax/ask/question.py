@@ -58,10 +58,10 @@ class Question(Module):
 
     def at(self, numbers: Mapping[str, Any]) -> "Question":
         """The question at a point: with these numbers of the model, "t1" [s] or "rtol" in the place of its own."""
-        own = {name: value for name, value in numbers.items() if name not in OPTIONS}
+        changes = {name: value for name, value in numbers.items() if name not in OPTIONS}
         t1, rtol = numbers.get("t1", self.t1), numbers.get("rtol", self.settings.rtol)
         settings = self.settings._replace(rtol=rtol)
-        return dataclasses.replace(self, model=replace(self.model, own), t1=t1, settings=settings)
+        return dataclasses.replace(self, model=replace(self.model, changes), t1=t1, settings=settings)
 
     def __call__(self, numbers: Mapping[str, Any] | None = None) -> Answer:
         question = self.at(numbers) if numbers else self
@@ -91,8 +91,8 @@ class Question(Module):
 
     def _measure(self, model: Any, metrics: Mapping[str, AbstractMetric]) -> tuple[dict, dict]:
         mechanism = model if isinstance(model, Mechanism) else model.mechanism
-        found = measure_settings(mechanism, {**metrics, ENDING: Ending()}, self.t1, self.settings)
-        return found, found.pop(ENDING)
+        measured = measure_settings(mechanism, {**metrics, ENDING: Ending()}, self.t1, self.settings)
+        return measured, measured.pop(ENDING)
 
 
 def _mask_unreached(number: Any, reached: Array) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import norm, t
 
-from clearance_jax.calibrate.fit import Fit, Task
+from clearance_jax.calibrate.fit import FitResult, FitTask
 from clearance_jax.calibrate.residuals import residuals_of
 
 LEVEL = 0.95
@@ -60,12 +60,12 @@ class Confidence(NamedTuple):
     bent: tuple[str, ...] = ()
 
 
-def confidence(task: Task, fit: Fit) -> Confidence:
+def confidence(task: FitTask, fit: FitResult) -> Confidence:
     """How well the fitted numbers are known."""
     weighted, variables, x = task.weigh(fit.point, fit.deviations), task.variables, fit.point.x
     count, n = weighted.jacobian.shape
     size = variables.sizes(x)
-    memory = float(np.sqrt(np.mean([one.memory**2 for one in residuals_of(task, fit)])))
+    memory = float(np.sqrt(np.mean([check.memory**2 for check in residuals_of(task, fit)])))
     inflation, factor = _noise(task, fit, count - n, memory)
     _, singular, rows = np.linalg.svd(weighted.jacobian * size, full_matrices=False)
     singular = np.maximum(singular, LEAST * max(singular[0], np.finfo(float).tiny))
@@ -81,7 +81,7 @@ def confidence(task: Task, fit: Fit) -> Confidence:
     )
 
 
-def _noise(task: Task, fit: Fit, freedom: int, memory: float) -> tuple[float, float]:
+def _noise(task: FitTask, fit: FitResult, freedom: int, memory: float) -> tuple[float, float]:
     """By what the noise enlarges the covariance, and how many deviations an interval reaches.
 
     Deviations that are given are believed, unless the residuals are larger than they allow.
@@ -107,7 +107,7 @@ def _unidentified(
     projector = free.T @ free
     _, member = connected_components(np.abs(projector) > JOINED, directed=False)
     for label in np.unique(member):
-        own = np.flatnonzero(member == label)
-        values, vectors = np.linalg.eigh(projector[np.ix_(own, own)])
+        group = np.flatnonzero(member == label)
+        values, vectors = np.linalg.eigh(projector[np.ix_(group, group)])
         if np.any(values > 0.5):
-            yield Unidentified(tuple(names[i] for i in own), vectors[:, values > 0.5].T * size[own])
+            yield Unidentified(tuple(names[i] for i in group), vectors[:, values > 0.5].T * size[group])

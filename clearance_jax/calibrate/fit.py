@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from clearance_jax.calibrate.losses import LOSSES, Loss
 from clearance_jax.calibrate.measurement import Measurement
 from clearance_jax.calibrate.options import FitOptions
-from clearance_jax.calibrate.readings import Instruments, Point
+from clearance_jax.calibrate.readings import FitPoint, Instruments
 
 # A trial step that brings less than this part of the decrease that the derivatives promise is a doubtful one.
 DOUBTFUL = 0.25
@@ -38,12 +38,12 @@ class Variables(NamedTuple):
         """What an interval of each number is compared with: half of its bounds' distance, and for a number that its
         bounds keep away from zero also its own value `x`.
         """
-        half, own = (self.upper - self.lower) / 2, np.where(x != 0, np.abs(x), 1.0)
+        half, magnitude = (self.upper - self.lower) / 2, np.where(x != 0, np.abs(x), 1.0)
         one_sign = (self.lower > 0) | (self.upper < 0)
-        return np.where(one_sign, np.minimum(half, own), np.where(np.isfinite(half), half, own))
+        return np.where(one_sign, np.minimum(half, magnitude), np.where(np.isfinite(half), half, magnitude))
 
 
-class Task(NamedTuple):
+class FitTask(NamedTuple):
     """What is fitted: the `instruments` read what the `variables` would show of what was measured."""
 
     instruments: Instruments
@@ -59,25 +59,25 @@ class Task(NamedTuple):
     @property
     def given(self) -> np.ndarray:
         """Of which series the deviation is given, shape (series,)."""
-        return np.array([one.deviation is not None for one in self.measurement.series])
+        return np.array([series.deviation is not None for series in self.measurement.series])
 
     def floor(self, values: np.ndarray) -> float:
         """Below which differences of such readings are the solves' own errors."""
         return self.instruments.accuracy * (float(np.max(np.abs(values))) or 1.0)
 
-    def until(self, count: int) -> "Task":
+    def until(self, count: int) -> "FitTask":
         """The same of the first `count` measured instants, by motions that end there."""
         if count == len(self.measurement.times):
             return self
         return self._replace(instruments=self.instruments.until(count), measurement=self.measurement.until(count))
 
-    def weigh(self, point: Point, deviations: np.ndarray) -> "Weighted":
+    def weigh(self, point: FitPoint, deviations: np.ndarray) -> "Weighted":
         """The residuals of what is known, model less measurement, over the series' deviations."""
         known = self.measurement.known
         off = (point.values - self.measurement.values) / deviations
         return Weighted(off[known], (point.slopes / deviations[:, None])[known])
 
-    def cost(self, point: Point, deviations: np.ndarray) -> float:
+    def cost(self, point: FitPoint, deviations: np.ndarray) -> float:
         """What the fit minimises."""
         return self.loss.cost(self.weigh(point, deviations).residuals)
 
@@ -89,13 +89,13 @@ class Weighted(NamedTuple):
     jacobian: np.ndarray
 
 
-class Fit(NamedTuple):
+class FitResult(NamedTuple):
     """Where a start has led: the `point`, its `cost`, the `deviations` of the series (series,) by which residuals are
     weighed, whether it has converged, and in words how it ended if it has not; how many trial steps it made, and how
     many of them brought much less than the derivatives had promised.
     """
 
-    point: Point
+    point: FitPoint
     cost: float
     deviations: np.ndarray
     converged: bool
@@ -103,14 +103,14 @@ class Fit(NamedTuple):
     steps: int = 0
     doubtful: int = 0
 
-    def after(self, earlier: "Fit | None") -> "Fit":
+    def after(self, earlier: "FitResult | None") -> "FitResult":
         """The same with the steps of an earlier part of its search."""
         if earlier is None:
             return self
         return self._replace(steps=self.steps + earlier.steps, doubtful=self.doubtful + earlier.doubtful)
 
 
-def descend(task: Task, first: Point, deviations: np.ndarray, least: float = 1e-8) -> Fit:
+def descend(task: FitTask, first: FitPoint, deviations: np.ndarray, least: float = 1e-8) -> FitResult:
     """The minimum to which a start leads, by a trust region that is reflected at the bounds (Branch, Coleman and Li
     1999, doi 10.1137/S1064827595289108). It ends where a step brings less than the part `least` of the cost.
     """
@@ -127,7 +127,7 @@ def descend(task: Task, first: Point, deviations: np.ndarray, least: float = 1e-
 
     # A motion that does not reach its end has no finite residuals, and counts as a step that was too long.
     try:
-        found = least_squares(
+        solution = least_squares(
             residuals,
             first.x / scale,
             jacobian,
@@ -138,15 +138,15 @@ def descend(task: Task, first: Point, deviations: np.ndarray, least: float = 1e-
             max_nfev=task.options.most,
             ftol=least,
         )
-        point, converged, ending = task.instruments(found.x * scale), found.status > 0, SPENT
+        point, converged, ending = task.instruments(solution.x * scale), solution.status > 0, SPENT
     except KeyboardInterrupt:
-        point = min((one for one in trials if one.reached), key=lambda one: task.cost(one, deviations))
+        point = min((trial for trial in trials if trial.reached), key=lambda trial: task.cost(trial, deviations))
         converged, ending = False, INTERRUPTED
     doubts = list(_doubts(task, trials, deviations))
-    return Fit(point, task.cost(point, deviations), deviations, converged, ending, len(doubts), sum(doubts))
+    return FitResult(point, task.cost(point, deviations), deviations, converged, ending, len(doubts), sum(doubts))
 
 
-def _doubts(task: Task, trials: list[Point], deviations: np.ndarray) -> Iterator[bool]:
+def _doubts(task: FitTask, trials: list[FitPoint], deviations: np.ndarray) -> Iterator[bool]:
     """Of each trial step whether it brought much less than the derivatives had promised."""
     base = trials[0]
     for trial in trials[1:]:

@@ -37,7 +37,7 @@ class Measurement(NamedTuple):
     @property
     def values(self) -> np.ndarray:
         """All numbers, shape (times, series)."""
-        return np.stack([one.values for one in self.series], axis=1)
+        return np.stack([series.values for series in self.series], axis=1)
 
     @property
     def known(self) -> np.ndarray:
@@ -47,8 +47,8 @@ class Measurement(NamedTuple):
     def until(self, count: int) -> "Measurement":
         """The same instants, of which only the first `count` were measured."""
         late = np.arange(len(self.times)) >= count
-        series = (one._replace(values=np.where(late, np.nan, one.values)) for one in self.series)
-        return Measurement(self.times, tuple(series))
+        cut = (series._replace(values=np.where(late, np.nan, series.values)) for series in self.series)
+        return Measurement(self.times, tuple(cut))
 
     @property
     def missing(self) -> int:
@@ -68,7 +68,7 @@ def read_measurement(
     """
     if not isinstance(dataset, xr.Dataset):
         raise ClearanceError(f"Measured data must be an xarray Dataset, but this is a {type(dataset).__name__}.")
-    times, found = _times(dataset), []
+    times, series = _times(dataset), []
     deviations = dict(deviations or {})
     readings = _readings(dataset, signals)
     for name in deviations:
@@ -77,8 +77,8 @@ def read_measurement(
     known = _numbers(mechanism, books)
     for name, reading in readings.items():
         deviation = _deviation(name, deviations.get(name))
-        found += _series(name, reading, dataset[name], known, deviation)
-    return Measurement(times, tuple(found))
+        series += _series(name, reading, dataset[name], known, deviation)
+    return Measurement(times, tuple(series))
 
 
 def unit_of(mechanism: Mechanism, name: str, reading: str | AbstractSignal) -> str:
@@ -96,9 +96,9 @@ def unit_of(mechanism: Mechanism, name: str, reading: str | AbstractSignal) -> s
 def _numbers(mechanism: Mechanism, books: bool) -> dict[str, str]:
     """The units of all quantities that are one number."""
     return {
-        name: one.unit
-        for name, one in quantities(mechanism, books).items()
-        if one.place is not None or len(one.index) == len(OBSERVED[one.variable].dims)
+        name: quantity.unit
+        for name, quantity in quantities(mechanism, books).items()
+        if quantity.place is not None or len(quantity.index) == len(OBSERVED[quantity.variable].dims)
     }
 
 
@@ -165,21 +165,19 @@ def _series(
             raise ClearanceError(f"`{name}` must be one number over time, but it has a dimension `{others[0]}` too.")
         named: list[tuple[Any, str, dict]] = [(reading, name, {})]
     elif isinstance(reading, str):
-        named = [
-            (one, one if reading == name else one.replace(reading, name), at) for one, at in _names(reading, array)
-        ]
+        named = [(q, q if reading == name else q.replace(reading, name), at) for q, at in _names(reading, array)]
     else:
         raise ClearanceError(
             f"The signal `{name}` must be the name of a quantity or a signal of `clearance_jax.metrics`, but it is a "
             f"{type(reading).__name__}."
         )
-    for what, own, at in named:
+    for what, label, at in named:
         unit = what.unit if isinstance(what, AbstractSignal) else _unit(name, what, known)
         values = np.asarray(array.isel(at).values, float) * _factor(array, unit, f"The variable `{name}`")
         values = np.where(np.isfinite(values), values, np.nan)
         if np.all(np.isnan(values)):
-            raise ClearanceError(f"Nothing of `{own}` was measured: all its values are NaN. Leave it out.")
-        yield Series(own, what, unit, values, deviation)
+            raise ClearanceError(f"Nothing of `{label}` was measured: all its values are NaN. Leave it out.")
+        yield Series(label, what, unit, values, deviation)
 
 
 def _unit(name: str, quantity: str, known: Mapping[str, str]) -> str:

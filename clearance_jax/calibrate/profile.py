@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from clearance_jax.calibrate.confidence import Confidence
-from clearance_jax.calibrate.fit import Fit, Task
-from clearance_jax.calibrate.readings import Point
+from clearance_jax.calibrate.fit import FitResult, FitTask
+from clearance_jax.calibrate.readings import FitPoint
 
 # Within this factor between what the derivatives predict at the end of an interval and the motion, they are believed;
 # beyond the second one it is said that they are not.
@@ -34,10 +34,10 @@ class Profile(NamedTuple):
     """The confidence of the motion itself, and a `better` point than the fit's where one was seen on the way."""
 
     known: Confidence
-    better: Point | None
+    better: FitPoint | None
 
 
-def profile(task: Task, fit: Fit, known: Confidence) -> Profile:
+def profile(task: FitTask, fit: FitResult, known: Confidence) -> Profile:
     """The intervals of the determined numbers, searched for where the motion is not what the derivatives predict."""
     walk, intervals, bent = _Walk(task, fit, known), known.intervals.copy(), []
     undetermined = {name for group in known.unidentified for name in group.names}
@@ -58,7 +58,7 @@ def profile(task: Task, fit: Fit, known: Confidence) -> Profile:
 class _Walk:
     """Along a number, the others where the fit is best."""
 
-    def __init__(self, task: Task, fit: Fit, known: Confidence):
+    def __init__(self, task: FitTask, fit: FitResult, known: Confidence):
         self.task, self.fit, self.known = task, fit, known
         self.cost = task.cost(fit.point, fit.deviations)
         self.here = task.weigh(fit.point, fit.deviations)
@@ -118,7 +118,7 @@ class _Walk:
             rise = now
         return rise
 
-    def seen(self, place: np.ndarray) -> tuple[float, Point]:
+    def seen(self, place: np.ndarray) -> tuple[float, FitPoint]:
         """By what the cost is larger at a place; the lowest of all places is kept."""
         point = self.task.instruments(place)
         rise = self.task.cost(point, self.fit.deviations) - self.cost if point.reached else np.inf

@@ -40,7 +40,7 @@ class Readings(AbstractMetric):
         return jnp.stack([*named, *others], axis=-1)
 
 
-class Point(NamedTuple):
+class FitPoint(NamedTuple):
     """What a motion would have shown: numbers `x` (parameters,), `values` (times, series) and their derivatives
     `slopes` (times, series, parameters); all NaN where the motion did not reach its end, and then why, in words.
     """
@@ -69,14 +69,14 @@ class Instruments:
         names: Sequence[str],
         t1: float,
         settings: Settings,
-        progress: Callable[[Point], Any] | None = None,
+        progress: Callable[[FitPoint], Any] | None = None,
     ):
-        readings = [one.reading for one in measurement.series]
-        quantities = tuple(one for one in readings if isinstance(one, str))
-        signals = tuple(one for one in readings if isinstance(one, AbstractSignal))
+        readings = [series.reading for series in measurement.series]
+        quantities = tuple(reading for reading in readings if isinstance(reading, str))
+        signals = tuple(reading for reading in readings if isinstance(reading, AbstractSignal))
         # The metric has quantities first.
-        places = [i for i, one in enumerate(readings) if isinstance(one, str)]
-        places += [i for i, one in enumerate(readings) if not isinstance(one, str)]
+        places = [i for i, reading in enumerate(readings) if isinstance(reading, str)]
+        places += [i for i, reading in enumerate(readings) if not isinstance(reading, str)]
         self._order = np.argsort(places)
         self._question = Question(
             mechanism, {"": Readings(quantities, signals, measurement.times)}, t1, settings, names
@@ -84,10 +84,10 @@ class Instruments:
         self._names, self._progress = tuple(names), progress
         self._times, self._count = measurement.times, len(measurement.times)
         self.accuracy = FLOOR * float(settings.rtol)
-        self._seen: dict[tuple[int, bytes], Point] = {}
+        self._seen: dict[tuple[int, bytes], FitPoint] = {}
 
     @property
-    def points(self) -> list[Point]:
+    def points(self) -> list[FitPoint]:
         """Every point that was solved, in order."""
         return list(self._seen.values())
 
@@ -99,13 +99,13 @@ class Instruments:
         other._count = count
         return other
 
-    def __call__(self, x: np.ndarray) -> Point:
+    def __call__(self, x: np.ndarray) -> FitPoint:
         key = self._count, np.asarray(x, float).tobytes()
         if key not in self._seen:
-            found = answer(self._question, dict(zip(self._names, x, strict=True)))
-            values = np.asarray(found.values[""])[:, self._order]
-            slopes = np.asarray(found.slopes[""])[:, self._order]
-            point = Point(np.array(x, float), values, slopes, words(int(found.ending["code"])))
+            solved = answer(self._question, dict(zip(self._names, x, strict=True)))
+            values = np.asarray(solved.values[""])[:, self._order]
+            slopes = np.asarray(solved.slopes[""])[:, self._order]
+            point = FitPoint(np.array(x, float), values, slopes, words(int(solved.ending["code"])))
             # Without derivatives a reading is of no use to the search.
             self._seen[key] = point = point if point.reached else point._replace(values=np.full_like(values, np.nan))
             if self._progress is not None:

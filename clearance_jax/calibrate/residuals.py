@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm
 
-from clearance_jax.calibrate.fit import Fit, Task
+from clearance_jax.calibrate.fit import FitResult, FitTask
 
 # How improbable residuals must be, were they noise, before that is said.
 IMPROBABLE = 1e-3
@@ -16,7 +16,7 @@ FEWEST = 10
 MANY, QUANTILE, SCATTER = 50, 0.86, 1.35
 
 
-class Shown(NamedTuple):
+class ResidualCheck(NamedTuple):
     """What the residuals of one series show.
 
     - `exact`: they are the solves' own errors; the rest is then of no use.
@@ -44,21 +44,21 @@ class Shown(NamedTuple):
         return self.exact or not (self.correlated or self.size > self.high)
 
 
-def residuals_of(task: Task, fit: Fit) -> list[Shown]:
+def residuals_of(task: FitTask, fit: FitResult) -> list[ResidualCheck]:
     """What the residuals of each series show, outliers as the loss counts them."""
     off = (fit.point.values - task.measurement.values) / fit.deviations
     return [_shown(task, fit, k, off[there, k]) for k, there in enumerate(task.measurement.known.T)]
 
 
-def _shown(task: Task, fit: Fit, k: int, residuals: np.ndarray) -> Shown:
-    one, psi = task.measurement.series[k], task.loss.influence(residuals)[0]
-    values, given = one.values[np.isfinite(one.values)], one.deviation is not None
+def _shown(task: FitTask, fit: FitResult, k: int, residuals: np.ndarray) -> ResidualCheck:
+    series, psi = task.measurement.series[k], task.loss.influence(residuals)[0]
+    values, given = series.values[np.isfinite(series.values)], series.deviation is not None
     exact = bool(np.sqrt(np.mean((residuals * fit.deviations[k]) ** 2)) <= task.floor(values))
     share = len(task.variables.names) / np.sum(task.measurement.known)
     square, freedom_each = task.loss.normal_squares()
     freedom = freedom_each * len(psi) * (1 - share)
     low, high = chi2.ppf([IMPROBABLE / 2, 1 - IMPROBABLE / 2], freedom) / freedom
-    noise = one.deviation or _roughness(task.measurement.times, one.values)
+    noise = series.deviation or _roughness(task.measurement.times, series.values)
     # Deviations that are estimated are compared with the roughness, which is known less well, and never too small.
     if not given:
         low, high = 0.0, (1 + norm.ppf(1 - IMPROBABLE) * SCATTER / np.sqrt(len(psi))) ** 2
@@ -66,7 +66,7 @@ def _shown(task: Task, fit: Fit, k: int, residuals: np.ndarray) -> Shown:
     follows = _correlation(psi, 1)
     correlated = len(psi) >= FEWEST and follows * np.sqrt(len(psi)) > norm.ppf(1 - IMPROBABLE)
     memory = _memory(psi) if correlated else 1.0
-    return Shown(one.name, exact, given, noise, size, low, high, follows, len(psi), bool(correlated), memory)
+    return ResidualCheck(series.name, exact, given, noise, size, low, high, follows, len(psi), bool(correlated), memory)
 
 
 def _correlation(psi: np.ndarray, lag: int) -> float:

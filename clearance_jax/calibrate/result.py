@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.calibrate.confidence import LEVEL, Confidence
-from clearance_jax.calibrate.fit import Fit, Task
+from clearance_jax.calibrate.fit import FitResult, FitTask
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.units import format_quantity
 
@@ -84,7 +84,7 @@ class Calibration:
 
 
 def result_of(
-    task: Task, mechanism: Mechanism, fits: list[Fit], known: Confidence, notes: tuple[str, ...]
+    task: FitTask, mechanism: Mechanism, fits: list[FitResult], known: Confidence, notes: tuple[str, ...]
 ) -> Calibration:
     """The answer; `mechanism` with the numbers found, `fits` the best first."""
     fit, names, measurement = fits[0], task.variables.names, task.measurement
@@ -100,7 +100,7 @@ def result_of(
         xr.DataArray(known.correlation, {"parameter": list(names), "other": list(names)}, ("parameter", "other")),
         _ellipsoid(task, known),
         _residuals(task, fit),
-        {one.name: float(size) for one, size in zip(measurement.series, fit.deviations, strict=True)},
+        {series.name: float(size) for series, size in zip(measurement.series, fit.deviations, strict=True)},
         float(np.sum(residuals**2) / max(freedom, 1)),
         freedom,
         measurement.missing,
@@ -112,7 +112,7 @@ def result_of(
     )
 
 
-def _ellipsoid(task: Task, known: Confidence) -> xr.Dataset:
+def _ellipsoid(task: FitTask, known: Confidence) -> xr.Dataset:
     """Axes as changes of the numbers over their sizes, these, and half of each axis, the shortest first."""
     return xr.Dataset(
         {
@@ -128,24 +128,24 @@ def _ellipsoid(task: Task, known: Confidence) -> xr.Dataset:
     )
 
 
-def _residuals(task: Task, fit: Fit) -> xr.Dataset:
+def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
     variables = {}
-    for one, model in zip(task.measurement.series, fit.point.values.T, strict=True):
-        about = {"units": one.unit}
-        variables[one.name] = ("time", one.values, about)
-        variables[f"{one.name}_model"] = ("time", model, about)
-        variables[f"{one.name}_residual"] = ("time", model - one.values, about)
+    for series, model in zip(task.measurement.series, fit.point.values.T, strict=True):
+        about = {"units": series.unit}
+        variables[series.name] = ("time", series.values, about)
+        variables[f"{series.name}_model"] = ("time", model, about)
+        variables[f"{series.name}_residual"] = ("time", model - series.values, about)
     return xr.Dataset(variables, {"time": ("time", task.measurement.times, {"units": "s"})})
 
 
-def _others(task: Task, fits: list[Fit], known: Confidence):
+def _others(task: FitTask, fits: list[FitResult], known: Confidence):
     """Minima that are farther from the best, and from each other, than the intervals reach."""
     size = known.factor * known.deviations
     undetermined = [name in {n for group in known.unidentified for n in group.names} for name in task.variables.names]
     seen, best = [fits[0]], task.cost(fits[0].point, fits[0].deviations)
     for fit in fits[1:]:
         apart = [np.abs(fit.point.x - other.point.x) / np.maximum(size, 1e-3 * np.abs(other.point.x)) for other in seen]
-        if fit.converged and all(np.any(np.where(undetermined, 0.0, one) > 1) for one in apart):
+        if fit.converged and all(np.any(np.where(undetermined, 0.0, distances) > 1) for distances in apart):
             seen.append(fit)
             ratio = task.cost(fit.point, fits[0].deviations) / max(best, np.finfo(float).tiny)
             yield Minimum(dict(zip(task.variables.names, fit.point.x.tolist(), strict=True)), float(ratio))

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import qmc
 
-from clearance_jax.calibrate.fit import INTERRUPTED, Fit, Task, Variables, descend
+from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend
 from clearance_jax.calibrate.measurement import Series
 from clearance_jax.calibrate.options import FitOptions
-from clearance_jax.calibrate.readings import Point
+from clearance_jax.calibrate.readings import FitPoint
 from clearance_jax.calibrate.residuals import residuals_of
 from clearance_jax.errors import ClearanceError
 
@@ -24,13 +24,13 @@ ENOUGH, COARSE = 4, 1e-3
 MOST_AUTOMATIC, SAME = 8, 1.01
 
 
-def search(task: Task) -> list[Fit]:
+def search(task: FitTask) -> list[FitResult]:
     """Where every start led, the best first, its deviations estimated where none are given.
 
     **Raises:** `ClearanceError` where no motion of a start reaches its end.
     """
-    spread = np.array([_first_deviation(task, one) for one in task.measurement.series])
-    fits: list[Fit] = []
+    spread = np.array([_first_deviation(task, series) for series in task.measurement.series])
+    fits: list[FitResult] = []
     try:
         for start in starts_of(task.variables, task.options):
             fits += grow(task, start, spread)
@@ -52,7 +52,7 @@ def search(task: Task) -> list[Fit]:
     return [refine(task, fits[0]), *fits[1:]]
 
 
-def _enough(task: Task, fits: list[Fit]) -> bool:
+def _enough(task: FitTask, fits: list[FitResult]) -> bool:
     """Where nobody has said how many starts: whether the best fit looks like noise, or two starts agree on it."""
     if task.options.starts is not None:
         return False
@@ -60,10 +60,10 @@ def _enough(task: Task, fits: list[Fit]) -> bool:
     agreed = len(costs) > 1 and costs[1] <= SAME * costs[0]
     best = min(fits, key=lambda fit: fit.cost)
     best = best._replace(deviations=np.where(task.given, best.deviations, _shown_deviations(task, best.point)))
-    return agreed or all(one.like_noise for one in residuals_of(task, best))
+    return agreed or all(check.like_noise for check in residuals_of(task, best))
 
 
-def _first_deviation(task: Task, series: Series) -> float:
+def _first_deviation(task: FitTask, series: Series) -> float:
     """By what residuals are weighed at first: the noise, or how far the signal moves, or how large it is."""
     values = series.values[np.isfinite(series.values)]
     spread = float(np.std(values))
@@ -85,7 +85,7 @@ def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]
         yield np.where(by_log, np.exp(np.where(by_log, between, 0.0)), between)
 
 
-def grow(task: Task, start: np.ndarray, deviations: np.ndarray) -> Iterator[Fit]:
+def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[FitResult]:
     """The minimum to which a start leads, none where its motion does not reach its end: fitted to a first part of the
     measured time, and from there to longer ones.
     """
@@ -111,7 +111,7 @@ def grow(task: Task, start: np.ndarray, deviations: np.ndarray) -> Iterator[Fit]
         yield from (best._replace(point=point, cost=task.cost(point, deviations)),) if point.reached else ()
 
 
-def _counts(task: Task) -> list[int]:
+def _counts(task: FitTask) -> list[int]:
     """How many of the measured instants are fitted, in turn; at last all."""
     times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
     ends = np.searchsorted(times, times[0] + np.array(PARTS) * (times[-1] - times[0]), side="right")
@@ -119,7 +119,7 @@ def _counts(task: Task) -> list[int]:
     return sorted(enough | {len(times)})
 
 
-def refine(task: Task, fit: Fit) -> Fit:
+def refine(task: FitTask, fit: FitResult) -> FitResult:
     """The fit with deviations that its own residuals show, of the series for which none are given."""
     given = task.given
     # A common factor moves no minimum of a sum of squares.
@@ -134,15 +134,15 @@ def refine(task: Task, fit: Fit) -> Fit:
     return fit
 
 
-def _shown_deviations(task: Task, point: Point) -> np.ndarray:
+def _shown_deviations(task: FitTask, point: FitPoint) -> np.ndarray:
     """The deviation of each series that its residuals show, shape (series,): their root mean square, or with a robust
     loss their median, over the share of the numbers that the fit has not used up.
     """
     measurement, known = task.measurement, task.measurement.known
-    left, found = 1 - len(task.variables.names) / np.sum(known), []
+    left, deviations = 1 - len(task.variables.names) / np.sum(known), []
     for off, values, there in zip((point.values - measurement.values).T, measurement.values.T, known.T, strict=True):
         size = np.abs(off[there])
         # Of normal noise the median is 0.6745 deviations.
         size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745
-        found.append(max(size / np.sqrt(left), task.floor(values[there])))
-    return np.array(found)
+        deviations.append(max(size / np.sqrt(left), task.floor(values[there])))
+    return np.array(deviations)

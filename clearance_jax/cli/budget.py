@@ -25,13 +25,13 @@ def say_budget(
     check_writable(plot, FIGURES)
     if point is not None and is_robot(scene_file):
         scene = scene._replace(mechanism=_with_point(scene.mechanism, scene_file, point))
-    driven, lead, held = driven_by(scene, scene_file, trajectory)
+    driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, False, clearance)
     name = _point(mechanism, point)
-    options = usual_end(lead, held) | scene.solve
+    options = usual_end(lead, idle) | scene.solve
     end = _end(scene_file, options, t1)
     check_covered(lead, {**options, "t1": end})
-    say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
+    say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
     from clearance_jax.design.budget import error_budget
     from clearance_jax.design.specification import KNOWN
 

@@ -28,19 +28,19 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
             asked.check()
 
         try:
-            found = calibrate(**given, progress=progress)
+            calibration = calibrate(**given, progress=progress)
         except KeyboardInterrupt:
             say("Interrupted before the first motion was compared: there is nothing to keep.")
             raise typer.Exit(130) from None
     console.print(f"[bold]{escape(study.name)}[/bold]")
-    say(found.message)
+    say(calibration.message)
     if output is not None:
-        save(found.residuals, output)
+        save(calibration.residuals, output)
         say_written("dataset", output)
     if report is not None:
-        calibration_report(found, report, study.name, study.text)
+        calibration_report(calibration, report, study.name, study.text)
         say_written("report", report)
     if asked.heard:
         raise typer.Exit(130)
-    if not found.converged:
+    if not calibration.converged:
         raise typer.Exit(1)

@@ -44,19 +44,19 @@ def run_design(
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
         trade = {} if tradeoff and study.design.tradeoff is None else study.design.tradeoff
-        found = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
-    for text in found.notes:
+        findings = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
+    for text in findings.notes:
         say(text)
-    if found.fits is not None:
-        say(str(found.fits))
-    if found.tradeoff is not None:
-        say(str(found.tradeoff))
+    if findings.fits is not None:
+        say(str(findings.fits))
+    if findings.tradeoff is not None:
+        say(str(findings.tradeoff))
     if report is not None:
-        write_report(found, report, study.name, study.text)
+        write_report(findings, report, study.name, study.text)
         say_written("report", report)
-    if _interruption(design) or CUT_SHORT in found.notes:
+    if _interruption(design) or CUT_SHORT in findings.notes:
         raise typer.Exit(130)
-    if not found.good:
+    if not findings.good:
         raise typer.Exit(1)
 
 
@@ -107,8 +107,9 @@ def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
         screened = point.fidelity == QUASI_STATIC and auto
         pace.check() if screened else pace.tick()
         judged = [p for p in points if not auto or p.fidelity != QUASI_STATIC]
-        held = [p.objective for p in judged if p.feasible]
-        best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
+        objectives = [p.objective for p in judged if p.feasible]
+        least = min(objectives, default=0.0)
+        best = f"best {-least if common else least:.6g}" if objectives else "none holds every limit yet"
         poses = f" and {len(points) - len(judged)} by poses" * auto
         shown.update(f"search: {len(judged)} designs{poses}, {best}")
 
@@ -169,8 +170,8 @@ def _explain(
                 say(str(design))
             say(str(certificate))
     except KeyboardInterrupt:
-        found = known_findings(design)
-        return found._replace(notes=(*found.notes, CUT_SHORT))
+        partial = known_findings(design)
+        return partial._replace(notes=(*partial.notes, CUT_SHORT))
     if not report:
         return with_tradeoff(known_findings(design, certificate), progress, client, trade)
     return findings(design, certificate, progress, client, trade)

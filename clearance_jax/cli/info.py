@@ -119,9 +119,9 @@ def _acting_words(mechanism) -> Iterator[str]:
     """What commands it, what pushes it, what it picks up."""
     from clearance_jax.mechanism.state import effort_sources
 
-    for one in effort_sources(mechanism):
-        sampled = "" if one.period is None else f", sampled every {one.period:g} s"
-        yield f"{type(one.part).__name__} on {', '.join(one.coordinates)}{sampled}"
+    for source in effort_sources(mechanism):
+        sampled = "" if source.period is None else f", sampled every {source.period:g} s"
+        yield f"{type(source.part).__name__} on {', '.join(source.coordinates)}{sampled}"
     for wrench in mechanism.wrenches:
         yield f"load {wrench.name} on {wrench.body}"
     for body in mechanism.bodies:

@@ -13,13 +13,13 @@ def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[An
     """
     lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
     driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
-    held = undriven(driven) if is_robot(scene_file) else ()
-    return with_posture(driven, held) if held else driven, lead, held
+    idle = undriven(driven) if is_robot(scene_file) else ()
+    return with_posture(driven, idle) if idle else driven, lead, idle
 
 
-def usual_end(lead: Any, held: tuple[str, ...]) -> dict[str, float]:
+def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
     """When a motion ends if nobody says so [s], as `t1`; nothing where that is not known."""
-    return {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if held else {}
+    return {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if idle else {}
 
 
 def check_covered(lead: Any, options: dict[str, Any]) -> None:

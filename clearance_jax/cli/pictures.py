@@ -38,8 +38,8 @@ def draw_sweep(dataset: Any, folder: Path) -> None:
         with errors.status("drawing"):
             named = [name for name in results(dataset) if is_sobol(dataset[name])]
             indices = {name: sobol_indices(dataset, name) for name in named}
-            local = {name: middle_derivatives(dataset, name) for name in named}
-            drawn = figures(dataset, indices, {name: one for name, one in local.items() if one is not None})
+            slopes = ((name, middle_derivatives(dataset, name)) for name in named)
+            drawn = figures(dataset, indices, {name: slope for name, slope in slopes if slope is not None})
             folder.mkdir(exist_ok=True)
             for name, figure in drawn.items():
                 save_figure(figure, folder / f"{UNFIT.sub('_', name)}.png")

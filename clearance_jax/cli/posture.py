@@ -51,7 +51,7 @@ def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechani
     )
 
 
-def _loose(mechanism: Any, held: tuple[str, ...]) -> tuple[str, ...]:
+def _loose(mechanism: Any, fixed: tuple[str, ...]) -> tuple[str, ...]:
     """The joints of a robot of which no drive or controller moves some coordinate, and that are not held: floating and
     planar ones.
     """
@@ -60,7 +60,7 @@ def _loose(mechanism: Any, held: tuple[str, ...]) -> tuple[str, ...]:
         joint.name
         for joint in mechanism.joints
         if any(
-            coordinate.play is None and coordinate.motion.is_free and coordinate.name not in {*commanded, *held}
+            coordinate.play is None and coordinate.motion.is_free and coordinate.name not in {*commanded, *fixed}
             for coordinate in joint.own_coordinates()
         )
     )

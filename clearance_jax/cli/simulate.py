@@ -63,7 +63,7 @@ def simulate(
     Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """
     scene = read_scene(scene_file)
-    driven, lead, held = driven_by(scene, scene_file, trajectory)
+    driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, ideal, clearance)
     from clearance_jax.results.store import save
     from clearance_jax.solve.law_validity import invalid, sunk
@@ -75,11 +75,11 @@ def simulate(
     check_film(movie)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
-    usual = usual_end(lead, held)
+    usual = usual_end(lead, idle)
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
     check_covered(lead, options)
     end = options.pop("t1")
-    say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
+    say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
     with ProgressDisplay(errors, parts=True) as shown, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         shown.update("compiling and solving")
@@ -157,7 +157,7 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
         return
     if movie is None:
         raise ClearanceError("`--magnify` is about a film, but there is none. Add `--movie FILE`.")
-    known = [found.name for found in mechanism.clearance_joints()]
+    known = [each.name for each in mechanism.clearance_joints()]
     if joint not in known:
         raise ClearanceError(f"`--magnify`: there is no clearance joint {quote(joint)}. {suggest(joint, known)}")
 
@@ -187,18 +187,17 @@ def _report(mechanism, result, dataset) -> None:
     from clearance_jax.results.first_fall import loads, peak_words
 
     solution = _solution(result)
-    said = f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s"
+    headline = f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s"
     if solution.validity is not None:
-        console.print(f"{said}\nquasi-static: {escape(str(solution.validity))}", soft_wrap=True, highlight=False)
+        console.print(f"{headline}\nquasi-static: {escape(str(solution.validity))}", soft_wrap=True, highlight=False)
     else:
-        said += f", {int(solution.steps)} steps ({int(solution.rejected)} rejected)"
-        console.print(f"{said}, energy residual {float(solution.energy_residual):.1e}")
+        headline += f", {int(solution.steps)} steps ({int(solution.rejected)} rejected)"
+        console.print(f"{headline}, energy residual {float(solution.energy_residual):.1e}")
     if result.rests:
         console.print(f"start: {escape(result.rests)}", soft_wrap=True, highlight=False)
     if "peak_force" in dataset:
-        found = loads(dataset)
-        said = "the surfaces never meet" if found is None else found
-        console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
+        forces = loads(dataset) or "the surfaces never meet"
+        console.print(f"{dataset.sizes['episode']} contact episodes, {forces}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
             for name in ("speed", "acceleration"):

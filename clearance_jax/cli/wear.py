@@ -57,20 +57,20 @@ def _simulate(study: Any, journal: Path, told: "_Told") -> Any:
     from clearance_jax.wear.history import simulate_wear
 
     given = study.wear
-    found = simulate_wear(
+    history = simulate_wear(
         given.model, given.cycles, **given.options, until=given.until, journal=journal, progress=told, **given.solve
     )
     told.say("reading off")
-    return _dataset(study, found)
+    return _dataset(study, history)
 
 
-def _dataset(study: Any, found: Any, **said: Any) -> Any:
+def _dataset(study: Any, history: Any, **attributes: Any) -> Any:
     from clearance_jax.wear.record import to_dataset
 
     given = study.wear
     words = {} if given.until is None else {"watched": given.words}
     texts = {"scene": study.scene_text, "study": study.text}
-    return to_dataset(found, given.model, name=study.name, **words, **texts, **said)
+    return to_dataset(history, given.model, name=study.name, **words, **texts, **attributes)
 
 
 def _keep(study: Any, journal: Path, output: Path) -> None:
@@ -78,9 +78,9 @@ def _keep(study: Any, journal: Path, output: Path) -> None:
     from clearance_jax.results.store import save
     from clearance_jax.wear.history import lived_so_far
 
-    found = lived_so_far(study.wear.model, journal, study.wear.until)
-    if found is not None:
-        save(_dataset(study, found, result=f"interrupted after {int(found.cycles[-1])} cycles"), output)
+    history = lived_so_far(study.wear.model, journal, study.wear.until)
+    if history is not None:
+        save(_dataset(study, history, result=f"interrupted after {int(history.cycles[-1])} cycles"), output)
         say_written("dataset", output)
 
 

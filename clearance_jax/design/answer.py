@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.place import Place, place_of
+from clearance_jax.ask.place import SolvePlace, place_of
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield
@@ -79,9 +79,9 @@ class Design:
     @property
     def deciders(self) -> tuple[str, ...]:
         """What decides the design, in words: limits, or the bounds of the variables."""
-        held = self.evaluation.feasible
-        if self.active or not held or self.classes is not None:
-            return tuple(f"{'decided by' if held else 'not held'}: {name}" for name in self.active)
+        feasible = self.evaluation.feasible
+        if self.active or not feasible or self.classes is not None:
+            return tuple(f"{'decided by' if feasible else 'not held'}: {name}" for name in self.active)
         at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
         who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
         return (f"no limit decides: {who}",)
@@ -130,7 +130,7 @@ class Design:
             design = dataclasses.replace(self, evaluation=point, note=note, method=method)
             return design, design._certificate(place, fresh=fresh, **options)
 
-    def _certificate(self, place: Place, **options: Any) -> Certificate:
+    def _certificate(self, place: SolvePlace, **options: Any) -> Certificate:
         if not self.feasible:
             raise ClearanceError(f"There is no feasible design to verify: {self.lack}.")
         if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
@@ -138,9 +138,9 @@ class Design:
         least = None
         if self.classes is not None:
             least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
-        found = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
+        certificate = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
         optimality = "" if self.classes is None else self.classes.optimality
-        return dataclasses.replace(found, optimality=optimality)
+        return dataclasses.replace(certificate, optimality=optimality)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -159,7 +159,7 @@ class Design:
             lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
         lines += [f"  {text}" for text in self.deciders]
         lines.append(f"  {self.method.name}: {self.counts}")
-        lines += [f"  before, with laws smoothed over {width:g} m: {found.counts}" for width, found in self.before]
+        lines += [f"  before, with laws smoothed over {width:g} m: {design.counts}" for width, design in self.before]
         if self.classes is not None:
             lines += [f"  {text}" for text in self.classes.sentences]
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]

@@ -37,7 +37,7 @@ class Node(NamedTuple):
     tighter: bool = False
 
 
-class Found(NamedTuple):
+class BoundedOptimum(NamedTuple):
     """What a search has found.
 
     - `best`: the best point of the lists that holds every limit, `None`: none; `bound`: what the best one costs at
@@ -81,7 +81,7 @@ class BranchAndBound:
         self.best: Evaluation | None = None
         self._nodes, self._doubts, self._refused = 0, [], set[bytes]()
 
-    def search(self, start: np.ndarray) -> Found:
+    def search(self, start: np.ndarray) -> BoundedOptimum:
         """Search from a point (n,), by default all of it; interrupted, it returns what it has found until then."""
         sizes = tuple(len(values) - 1 for values in self._lists)
         order = itertools.count()
@@ -91,10 +91,10 @@ class BranchAndBound:
             while heap and not self._cut(heap[0][0]):
                 least = heap[0][0]
                 node = heap[0][-1]
-                found, ahead = self._look(node)
+                optimum, ahead = self._look(node)
                 heapq.heappop(heap)
-                relaxed = found if self._nodes == 1 else relaxed
-                reached = -np.inf if found is None else found.objective - self._resolution * abs(found.objective)
+                relaxed = optimum if self._nodes == 1 else relaxed
+                reached = -np.inf if optimum is None else optimum.objective - self._resolution * abs(optimum.objective)
                 if ahead is None or self._cut(reached):
                     continue
                 for child in self._split(node, ahead):
@@ -106,7 +106,7 @@ class BranchAndBound:
         except BudgetSpent:
             stop_reason = SPENT
         bound = min(heap[0][0] if heap else np.inf, np.inf if self.best is None else self.best.objective)
-        return Found(self.best, bound, relaxed, self._nodes, stop_reason, tuple(dict.fromkeys(self._doubts)))
+        return BoundedOptimum(self.best, bound, relaxed, self._nodes, stop_reason, tuple(dict.fromkeys(self._doubts)))
 
     def _cut(self, bound: float) -> bool:
         """Whether a bound leaves nothing to be saved."""
@@ -130,17 +130,17 @@ class BranchAndBound:
         self._nodes += 1
         if node.tighter and self._hopeless(lower, upper):
             return None, None
-        found = self._optimum(lower, upper, np.clip(node.start, lower, upper))
-        ahead = None if found is None else found.x
-        if found is None:
+        optimum = self._optimum(lower, upper, np.clip(node.start, lower, upper))
+        ahead = None if optimum is None else optimum.x
+        if optimum is None:
             self.program.at(lower)
-            held = [point for point in self._known(lower, upper) if point.feasible]
-            if held:
+            feasible = [point for point in self._known(lower, upper) if point.feasible]
+            if feasible:
                 self._doubts.append("found nothing in a box, in which a point holds")
-                ahead = min(held, key=lambda point: point.objective).x
+                ahead = min(feasible, key=lambda point: point.objective).x
         if ahead is not None:
             self._try(self._below(node, ahead))
-        return found, ahead
+        return optimum, ahead
 
     def _box(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = self.program.lower.copy(), self.program.upper.copy()
@@ -173,15 +173,15 @@ class BranchAndBound:
             point = self.program.at(lower)
             return point if point.feasible else None
         box = self.program.within(lower, upper)
-        said = self._relax(box, start[free])
-        if said == INTERRUPTED:
+        stop_reason = self._relax(box, start[free])
+        if stop_reason == INTERRUPTED:
             raise KeyboardInterrupt
-        if said == SPENT:
+        if stop_reason == SPENT:
             raise BudgetSpent
-        if said:
-            self._doubts.append(said)
+        if stop_reason:
+            self._doubts.append(stop_reason)
         # What the search did not ask for is no optimum.
-        if box.best is None or (said and not any(point.feasible for point in box.asked)):
+        if box.best is None or (stop_reason and not any(point.feasible for point in box.asked)):
             return None
         x = lower.copy()
         x[free] = box.best.x

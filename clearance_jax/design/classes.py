@@ -133,16 +133,16 @@ def classes_of(
     sizes = {**diameters_of(specification.mechanism, specification.variables), **(diameters or {})}
     if not candidates:
         raise ClearanceError("`classes` wants at least one variable with classes to choose from.")
-    found = {}
+    classes = {}
     for name, given in candidates.items():
         if name not in specification.variables:
             raise ClearanceError(
                 f"There are classes for `{name}`, which is no variable. " + suggest(name, list(specification.variables))
             )
         costs = given if isinstance(given, Mapping) else {}
-        read = [_class(name, one, costs.get(one), sizes.get(name)) for one in given]
-        found[name] = _within(name, read, specification.variables[name])
-    return {name: found[name] for name in specification.variables if name in found}
+        read = [_class(name, entry, costs.get(entry), sizes.get(name)) for entry in given]
+        classes[name] = _within(name, read, specification.variables[name])
+    return {name: classes[name] for name in specification.variables if name in classes}
 
 
 def _class(variable: str, name: str | ToleranceClass, cost: float | None, diameter: float | None) -> ToleranceClass:
@@ -171,16 +171,16 @@ def _class(variable: str, name: str | ToleranceClass, cost: float | None, diamet
 def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float, float]) -> tuple[ToleranceClass, ...]:
     if not read:
         raise ClearanceError(f"There is no class for `{variable}`. Give at least one, or leave the variable out.")
-    priced = [one.cost is not None for one in read]
+    priced = [entry.cost is not None for entry in read]
     if any(priced) and not all(priced):
         raise ClearanceError(f"Some classes of `{variable}` have a cost and some have none. Give all a cost, or none.")
     low, high = between
     kept: dict[float, ToleranceClass] = {}
-    for one in sorted(read, key=lambda one: (one.greatest, one.cost or 0.0)):
-        if low <= one.greatest <= high:
-            kept.setdefault(one.greatest, one)
+    for entry in sorted(read, key=lambda entry: (entry.greatest, entry.cost or 0.0)):
+        if low <= entry.greatest <= high:
+            kept.setdefault(entry.greatest, entry)
     if not kept:
-        listed = ", ".join(f"{one.name} {format_quantity(one.greatest, 'm')}" for one in read)
+        listed = ", ".join(f"{entry.name} {format_quantity(entry.greatest, 'm')}" for entry in read)
         raise ClearanceError(
             f"No class of `{variable}` has its greatest clearance within the variable's bounds, "
             f"{format_quantity(low, 'm')} to {format_quantity(high, 'm')} ({listed}). Change the one or the other."
@@ -193,24 +193,24 @@ def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceCl
 
     **Raises:** `ClearanceError` where a variable then has no cost, and where a looser class costs more.
     """
-    own = dict(zip(specification.variables, specification.costs, strict=False))
-    own |= {name: _curve(listed) for name, listed in classes.items() if listed[0].cost is not None}
+    laws = dict(zip(specification.variables, specification.costs, strict=False))
+    laws |= {name: _curve(listed) for name, listed in classes.items() if listed[0].cost is not None}
     for name in specification.variables:
-        if name not in own:
+        if name not in laws:
             raise ClearanceError(
                 f"Classes are chosen by cost, but `{name}` has none. Give every variable a cost, or its classes costs."
             )
     for name, listed in classes.items():
-        costs = [float(own[name](one.greatest)) for one in listed]
+        costs = [float(laws[name](entry.greatest)) for entry in listed]
         for (tight, less), (loose, more) in itertools.pairwise(zip(listed, costs, strict=True)):
             if more > less * (1 + CHEAPEST):
                 raise ClearanceError(
                     f"The class {loose.name} of `{name}` costs more ({more:g}) than the tighter one {tight.name} "
                     f"({less:g}), but the search wants costs that fall as the clearance grows. Leave {loose.name} out."
                 )
-    return dataclasses.replace(specification, costs=tuple(own[name] for name in specification.variables))
+    return dataclasses.replace(specification, costs=tuple(laws[name] for name in specification.variables))
 
 
 def _curve(listed: Sequence[ToleranceClass]) -> CostTable:
-    x, y = np.array([one.greatest for one in listed]), [one.cost for one in listed]
+    x, y = np.array([entry.greatest for entry in listed]), [entry.cost for entry in listed]
     return CostTable(x, y) if len(x) > 1 else CostTable([0.5 * x[0], x[0]], [y[0], y[0]])

@@ -13,7 +13,7 @@ import numpy as np
 
 from clearance_jax.ask.answers import answers, as_lanes
 from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.ask.question import Question, shapes_of
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
@@ -44,7 +44,7 @@ class Simulations:
         names: Sequence[str],
         t1: float,
         solve: Settings,
-        place: Place = HERE,
+        place: SolvePlace = HERE,
     ):
         self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
         self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
@@ -96,9 +96,8 @@ class Simulations:
             limits, rows = zip(*self._one_by_one(x, scenarios, gradient), strict=True)
             return np.stack(limits), np.stack(rows) if gradient else None
         # Conditions apart: they may set different names.
-        parts = [list(part) for _, part in itertools.groupby(scenarios, lambda one: one.values.keys())]
-        found = [self._alike(x, part, gradient) for part in parts]
-        limits, rows = zip(*found, strict=True)
+        parts = [list(part) for _, part in itertools.groupby(scenarios, lambda scenario: scenario.values.keys())]
+        limits, rows = zip(*(self._alike(x, part, gradient) for part in parts), strict=True)
         return np.concatenate(limits), np.concatenate(rows) if gradient else None
 
     def _one_by_one(self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool) -> Iterator[tuple]:
@@ -115,16 +114,16 @@ class Simulations:
         longer than to compile, are not.
         """
         exact = exact and not self._aged and not as_lanes(len(scenarios), self.place)
-        found = self.together(x, scenarios, exact)[0].max(axis=1)
-        return np.where(np.isfinite(found), found, np.inf)
+        worst = self.together(x, scenarios, exact)[0].max(axis=1)
+        return np.where(np.isfinite(worst), worst, np.inf)
 
     def _question(self, gradient: bool) -> Question:
         """What one motion is asked."""
         return Question(self.mechanism, self._plain, self.t1, self.solve, self.names if gradient else ())
 
-    def _in_order(self, found: Mapping[str, Any]) -> list:
+    def _in_order(self, by_metric: Mapping[str, Any]) -> list:
         """By the metrics of one motion, in their order; nothing of nothing."""
-        return [np.asarray(found[name]) for name in self._plain] if found else []
+        return [np.asarray(by_metric[name]) for name in self._plain] if by_metric else []
 
     def _all(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[list, list]:
         """The metrics' values and, with a gradient, derivatives by the variables as made (else none)."""
@@ -134,8 +133,8 @@ class Simulations:
             given = own(self.mechanism, self.metrics, scenario.values)
             question = self._question(gradient)
             made = dict(zip(self.names, x * scenario.factors, strict=True))
-            found = answer(question.at(given) if given else question, made)
-            values, slopes = self._in_order(found.values), self._in_order(found.slopes)
+            answered = answer(question.at(given) if given else question, made)
+            values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         for i in self._aged:
             value, slope = self._worn_values(i, x, scenario, self.names if gradient else ())
             values.insert(i, value)
@@ -171,9 +170,11 @@ class Simulations:
         numbers = dict(zip(self.names, (x * factors).T, strict=True))
         for name in scenarios[0].values:
             column = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
-            numbers |= {name: column} if column.ndim == 1 else {f"{name}.{i}": one for i, one in enumerate(column.T)}
-        found, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
-        values, slopes = self._in_order(found.values), self._in_order(found.slopes)
+            numbers |= (
+                {name: column} if column.ndim == 1 else {f"{name}.{i}": entry for i, entry in enumerate(column.T)}
+            )
+        answered, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
+        values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         scaled = [v.reshape(count, -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
         rows = [s.reshape(count, -1, len(x)) / bound for s, bound in zip(slopes, self.bounds, strict=gradient)]
         limits = np.concatenate(scaled, axis=1)
@@ -181,7 +182,7 @@ class Simulations:
 
 
 def simulations_of(
-    specification: Specification, rtol: float | None = None, solver: str | None = None, place: Place = HERE
+    specification: Specification, rtol: float | None = None, solver: str | None = None, place: SolvePlace = HERE
 ) -> Simulations:
     """What designs are simulated by, to the given accuracy, which is also that of what goes from age to age."""
     changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
@@ -204,16 +205,16 @@ def yield_of(
     x: np.ndarray,
     sampled: Sequence[Scenario],
     exact: bool = False,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
 ) -> YieldEstimate:
     """In how many scenarios, as many of each condition, a design holds all limits; the worst condition's."""
     worst = simulations_of(specification, place=place).worst(specification.values(x), sampled, exact)
-    held = worst.reshape(len(specification.conditions), -1) <= 0
-    return min((estimate_yield(row) for row in held), key=lambda y: y.share)
+    holds = worst.reshape(len(specification.conditions), -1) <= 0
+    return min((estimate_yield(row) for row in holds), key=lambda y: y.share)
 
 
 def fresh_yield(
-    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: Place = HERE
+    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: SolvePlace = HERE
 ) -> YieldEstimate:
     """The yield of a design (its variables, shape (n,)) on fresh samples (default: as many as its target needs); the
     worst condition's.

@@ -77,8 +77,8 @@ class Findings(NamedTuple):
     def worst(self) -> dict[str, str]:
         """By joint the condition in which its force is largest, first falls left out."""
         rising = sorted(self.loads, key=lambda load: load.largest if load.after is None else load.after)
-        found = {load.joint: load.condition for load in rising}
-        return {load.joint: found[load.joint] for load in self.loads}
+        conditions = {load.joint: load.condition for load in rising}
+        return {load.joint: conditions[load.joint] for load in self.loads}
 
     @property
     def verdict(self) -> str:
@@ -90,8 +90,8 @@ class Findings(NamedTuple):
             return "Every limit is held. Not verified by another solver."
         if self.certificate.holds and not self.certificate.yields:
             return f"The yield is below its target, {self.certificate.target:.4%}. {self.certificate.yield_estimate}"
-        held = "are held" if self.certificate.holds else "are NOT held"
-        return f"The limits {held} in a fresh simulation by another solver ({self.certificate.solver})."
+        verb = "are held" if self.certificate.holds else "are NOT held"
+        return f"The limits {verb} in a fresh simulation by another solver ({self.certificate.solver})."
 
 
 def known_findings(design: Design, certificate: Certificate | None = None) -> Findings:
@@ -125,22 +125,21 @@ def findings(
 
     If you interrupt it, it returns what it has found until then, with the note `CUT_SHORT`.
     """
-    found = known_findings(design, certificate)
-    return _go_on(found, _steps(design, cluster), progress, trade, cluster)
+    return _go_on(known_findings(design, certificate), _steps(design, cluster), progress, trade, cluster)
 
 
 def with_tradeoff(
-    found: Findings,
+    findings: Findings,
     progress: Callable[[str], None] | None = None,
     cluster: Any = None,
     trade: Mapping[str, Any] | None = None,
 ) -> Findings:
     """The same findings and a trade-off, if one is asked for; arguments as of `findings`."""
-    return _go_on(found, (), progress, trade, cluster)
+    return _go_on(findings, (), progress, trade, cluster)
 
 
 def _go_on(
-    found: Findings,
+    findings: Findings,
     steps: Iterable[tuple[str, Callable[[Findings], Findings]]],
     progress: Callable[[str], None] | None,
     trade: Mapping[str, Any] | None,
@@ -151,34 +150,34 @@ def _go_on(
         for name, step in steps:
             if progress is not None:
                 progress(name)
-            found = step(found)
-        if trade is not None and found.design.feasible:
-            found = _trade(found, trade, progress, cluster)
+            findings = step(findings)
+        if trade is not None and findings.design.feasible:
+            findings = _trade(findings, trade, progress, cluster)
     except KeyboardInterrupt:
-        found = _note(found, CUT_SHORT)
-    return found
+        findings = _note(findings, CUT_SHORT)
+    return findings
 
 
 def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
     yield "loads and pictures", _see
     if design.feasible:
         yield "contributions", _explain
-        yield "standard fits", lambda found: _fit(found, cluster)
+        yield "standard fits", lambda findings: _fit(findings, cluster)
         if any(limit.ages for limit in design.specification.limits):
             yield "maintenance intervals", _maintain
 
 
-def _note(found: Findings, note: str) -> Findings:
-    return found._replace(notes=(*found.notes, note))
+def _note(findings: Findings, note: str) -> Findings:
+    return findings._replace(notes=(*findings.notes, note))
 
 
-def _see(found: Findings) -> Findings:
+def _see(findings: Findings) -> Findings:
     """With what the mechanism does at the design."""
-    design = found.design
+    design = findings.design
     specification = design.specification
     parts, times = specification.nominal(), sample_times(specification)
     if specification.fidelity == QUASI_STATIC:
-        found = _note(found, OF_DYNAMICS)
+        findings = _note(findings, OF_DYNAMICS)
     seen: dict[str, Observed] = {}
     loads: list[JointLoad] = []
     motions: dict[str, xr.Dataset] = {}
@@ -195,7 +194,7 @@ def _see(found: Findings) -> Findings:
     def look(scenario: Scenario) -> Observed | None:
         return observe(specification, design.evaluation.x, scenario)
 
-    return found._replace(
+    return findings._replace(
         standings=standings(design, look),
         time_histories=histories_of(specification, times, {name: now.signals for name, now in seen.items()}),
         loads=tuple(loads),
@@ -203,38 +202,38 @@ def _see(found: Findings) -> Findings:
     )
 
 
-def _explain(found: Findings) -> Findings:
+def _explain(findings: Findings) -> Findings:
     try:
-        return found._replace(responses=responses(found.design))
+        return findings._replace(responses=responses(findings.design))
     except ClearanceError as error:
-        return _note(found, str(error))
+        return _note(findings, str(error))
 
 
-def _maintain(found: Findings) -> Findings:
+def _maintain(findings: Findings) -> Findings:
     try:
-        return found._replace(maintenance=maintenances(found.design))
+        return findings._replace(maintenance=maintenances(findings.design))
     except ClearanceError as error:
-        return _note(found, str(error))
+        return _note(findings, str(error))
 
 
 def _trade(
-    found: Findings, options: Mapping[str, Any], progress: Callable[[str], None] | None, cluster: Any
+    findings: Findings, options: Mapping[str, Any], progress: Callable[[str], None] | None, cluster: Any
 ) -> Findings:
-    if found.design.specification.manufacture.among or found.design.classes is not None:
-        return _note(found, NO_TRADE)
-    return found._replace(tradeoff=tradeoff(found.design, **options, progress=progress, cluster=cluster))
+    if findings.design.specification.manufacture.among or findings.design.classes is not None:
+        return _note(findings, NO_TRADE)
+    return findings._replace(tradeoff=tradeoff(findings.design, **options, progress=progress, cluster=cluster))
 
 
-def _fit(found: Findings, cluster: Any) -> Findings:
-    asked, samples = found.design.specification, None
+def _fit(findings: Findings, cluster: Any) -> Findings:
+    asked, samples = findings.design.specification, None
     if any(limit.ages for limit in asked.limits):
         target = getattr(asked.manufacture, "target", None)
         samples = LIVED if target is None else samples_needed(target)
-    choose = nearest_fits if found.design.classes is None else chosen_fits
+    choose = nearest_fits if findings.design.classes is None else chosen_fits
     try:
-        fits = choose(found.design, samples=samples, cluster=cluster)
+        fits = choose(findings.design, samples=samples, cluster=cluster)
     except ClearanceError as error:
-        return _note(found, str(error))
+        return _note(findings, str(error))
     if fits is None:
-        return _note(found, NO_FITS)
-    return found._replace(fits=fits, drawings=joint_drawings(found.design, fits.fits, fits.remarks))
+        return _note(findings, NO_FITS)
+    return findings._replace(fits=fits, drawings=joint_drawings(findings.design, fits.fits, fits.remarks))

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import AsDesigned
@@ -28,7 +28,7 @@ def formulate(
     specification: Specification,
     rtol: float | None = None,
     solver: str | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     **options: Any,
 ) -> Program:
     """The `specification` as a program of numbers, solved with the accuracy `rtol` by a `solver` (by default its own).
@@ -112,7 +112,7 @@ def _titles(
         titles = [of_all + specification.suffix(condition) for condition in specification.conditions]
         return titles, titles
     if of_each := specification.manufacture.among:  # one number for all parts of a condition
-        scenarios = [one._replace(title=one.title + of_each) for one in scenarios if one.designed is None]
+        scenarios = [s._replace(title=s.title + of_each) for s in scenarios if s.designed is None]
     pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
     titles = [label + scenario.title for scenario in scenarios for limit, size in pairs for label in limit.labels(size)]
     return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
@@ -120,19 +120,19 @@ def _titles(
 
 def _identity(specification: Specification, simulations: Simulations) -> dict[str, Any]:
     """What another problem does not have, by names."""
-    found = versions() | numbers(specification.mechanism)
+    described = versions() | numbers(specification.mechanism)
     limits = zip(specification.limits, simulations.metrics, simulations.bounds, strict=True)
     for limit, metric, bound in limits:
-        found |= numbers(metric, f" (limit {limit.title})") | {f"bound ({limit.title})": float(bound)}
+        described |= numbers(metric, f" (limit {limit.title})") | {f"bound ({limit.title})": float(bound)}
     for name, cost in zip(specification.variables, specification.costs, strict=False):
-        found |= numbers(cost, f" (cost of {name})")
-    found |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
-    found |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
+        described |= numbers(cost, f" (cost of {name})")
+    described |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
+    described |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
     asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
     if specification.manufacture.among:  # what a search makes of a problem
         asked["manufacture"] = AsDesigned()
     solving = simulations.solve._asdict() | {"fidelity": specification.fidelity}
-    return found | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
+    return described | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
 
 
 def _evaluate(

@@ -44,22 +44,22 @@ def with_held_ends(specification: Specification) -> Specification:
     moved = {n: specification.move(specification.mechanism, values) for n, values in specification.conditions.items()}
     speeds: dict[str, dict[str, float]] = {}
     for course in courses:
-        found = {}
+        ends = {}
         for name, mechanism in moved.items():
             try:
-                found[name] = _end_speed(follow(mechanism, course.path), course.begin[:-1], t0, t1)
+                ends[name] = _end_speed(follow(mechanism, course.path), course.begin[:-1], t0, t1)
             except ClearanceError as error:
                 raise ClearanceError(f"In `{name}`: {error}") from None
-        if any(rests for _, rests in found.values()):
-            speeds[course.begin] = {name: speed for name, (speed, _) in found.items()}
+        if any(rests for _, rests in ends.values()):
+            speeds[course.begin] = {name: speed for name, (speed, _) in ends.items()}
     if not speeds:
         return specification
     mechanism = specification.mechanism
-    for course in (one for one in courses if one.begin in speeds):
-        # What any condition without an entry of its own has; all of them have one.
-        mechanism = _held(mechanism, course, next(iter(speeds[course.begin].values())))
+    for course in courses:
+        if course.begin in speeds:  # any of the speeds: every condition sets its own
+            mechanism = _held(mechanism, course, next(iter(speeds[course.begin].values())))
     conditions = {
-        name: {**values, **{f"{begin}end_speed": own[name] for begin, own in speeds.items()}}
+        name: {**values, **{f"{begin}end_speed": by_condition[name] for begin, by_condition in speeds.items()}}
         for name, values in specification.conditions.items()
     }
     return dataclasses.replace(specification, mechanism=mechanism, conditions=conditions)
@@ -72,8 +72,7 @@ def _courses(mechanism: Mechanism) -> list[Course]:
 
 
 def _held(mechanism: Mechanism, course: Course, speed: float) -> Mechanism:
-    held = HeldSpline(follow(mechanism, course.path), speed)
-    return eqx.tree_at(lambda m: follow(m, course.path), mechanism, held)
+    return eqx.tree_at(lambda m: follow(m, course.path), mechanism, HeldSpline(follow(mechanism, course.path), speed))
 
 
 def _end_speed(spline: Spline, name: str, t0: float, t1: float) -> tuple[float, bool]:

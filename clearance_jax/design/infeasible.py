@@ -31,9 +31,9 @@ def why_infeasible(specification: Specification, program: Program) -> str:
             "each limit holds at some design that was evaluated, but no design holds all of them: they contradict each "
             f"other. Loosen one of {', '.join(f'`{title}`' for title in least)}, or let the variables go further"
         )
-    title = max(never, key=lambda one: least[one])
-    said = _carried(specification, program, title) or _posed(specification, program, title)
-    return said or _seen(program, finite, title, least[title])
+    title = max(never, key=lambda title: least[title])
+    reason = _carried(specification, program, title) or _posed(specification, program, title)
+    return reason or _seen(program, finite, title, least[title])
 
 
 def _least(program: Program, points: list[Evaluation]) -> dict[str, float]:
@@ -44,29 +44,29 @@ def _least(program: Program, points: list[Evaluation]) -> dict[str, float]:
 
 def _no_motion(specification: Specification, program: Program) -> str:
     """Why there are no numbers: what the solve of the last design says."""
-    said = f"none of {program.solves} designs that were tried has a motion to its end"
+    failure = f"none of {program.solves} designs that were tried has a motion to its end"
     if not program.history:
-        return said
+        return failure
     values, nominal = specification.clearances(program.history[-1].x), specification.nominal()
     for scenario in scenarios_of(nominal):
         why = _ending(nominal, replace(nominal.move(nominal.mechanism, scenario.values), values))
         if why:
-            return f"{said}. At the last one{scenario.title} {why}"
-    return said
+            return f"{failure}. At the last one{scenario.title} {why}"
+    return failure
 
 
 def _ending(specification: Specification, mechanism: Mechanism) -> str:
     """Why a motion has no end, in words; empty where it has one."""
     try:
-        found = simulate(mechanism, specification.t1, throw=False, **specification.solving)
+        solution = simulate(mechanism, specification.t1, throw=False, **specification.solving)
     except ClearanceError as error:
         return f"a solve says: {error}"
-    return "" if bool(found.succeeded) else found.message
+    return "" if bool(solution.succeeded) else solution.message
 
 
 def _carried(specification: Specification, program: Program, title: str) -> str:
     """What the ideal mechanism says of a limit on a force or an acceleration, at the smallest clearances."""
-    limit = next((one for one in specification.limits if one.title == title), None)
+    limit = next((limit for limit in specification.limits if limit.title == title), None)
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
     plain = all(name.endswith(CLEARANCE) for name in specification.variables) and not specification.manufacture.title
     if not isinstance(signal, CARRIED) or not plain:
@@ -77,7 +77,7 @@ def _carried(specification: Specification, program: Program, title: str) -> str:
 
 def _posed(specification: Specification, program: Program, title: str) -> str:
     """What poses say of the smallest clearances, if the limit is an error of a point that they can give."""
-    limit = next((one for one in specification.limits if one.title == title), None)
+    limit = next((limit for limit in specification.limits if limit.title == title), None)
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
     if not isinstance(signal, PositionError) or specification.solving.get("fidelity") != DYNAMICS:
         return ""
@@ -107,35 +107,35 @@ def _posed(specification: Specification, program: Program, title: str) -> str:
 
 def _singular(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
     """Why there are no poses at the smallest clearances, although the dynamics have a motion."""
-    said = f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.4g} times its bound"
+    excess = f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.4g} times its bound"
     posed = specification.nominal().judged_by(QUASI_STATIC)
     values = specification.clearances(solved.x)
     for scenario in scenarios_of(posed):
         why = _ending(posed, replace(posed.move(posed.mechanism, scenario.values), values))
         if why:
             return (
-                f"{said}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a "
+                f"{excess}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a "
                 "dead centre, a stretched arm) any play makes large errors: keep the motion away from it, or loosen "
                 "the bound"
             )
-    return said
+    return excess
 
 
 def _seen(program: Program, points: list[Evaluation], title: str, least: float) -> str:
     """What the evaluated designs say of a limit that none of them holds."""
     rows = np.flatnonzero(np.array(program.groups) == title)
-    said = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
+    excess = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
     near = min(points, key=lambda p: float(p.limits[rows].max()))
     parts = _by_values(points, rows)
     if parts is None and near.jacobian is not None:
         parts = near.jacobian[int(rows[np.argmax(near.limits[rows])])] * near.x
     if parts is None:
-        return f"{said}. Loosen it, or widen the bounds of the variables"
+        return f"{excess}. Loosen it, or widen the bounds of the variables"
     if np.abs(parts) @ np.log(program.upper / program.lower) < np.log(1 + least):
-        return f"{said}, and by what they change no variables will: loads, drives or other numbers decide it"
+        return f"{excess}, and by what they change no variables will: loads, drives or other numbers decide it"
     i = int(np.argmax(np.abs(parts)))
     way = "smaller" if parts[i] > 0 else "larger"
-    return f"{said}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"
+    return f"{excess}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"
 
 
 def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
@@ -144,5 +144,5 @@ def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
     """
     logs = np.log([p.x for p in points])
     values = np.log([max(1 + float(p.limits[rows].max()), 1e-300) for p in points])
-    found, _, rank, _ = np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=1e-6)
-    return found if rank == logs.shape[1] and len(points) > rank + 1 else None
+    exponents, _, rank, _ = np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=1e-6)
+    return exponents if rank == logs.shape[1] and len(points) > rank + 1 else None

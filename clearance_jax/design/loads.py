@@ -52,9 +52,9 @@ class JointLoad(NamedTuple):
 
 def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: Observed) -> tuple[JointLoad, ...]:
     """Of every clearance joint of the mechanism that was observed, at sample `times` [s] as to its components."""
-    found = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
+    rows = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
     out = []
-    for joint, force, over, work, impacts in found:
+    for joint, force, over, work, impacts in rows:
         turned, k = _of_fall(force, float(over)), int(np.argmin(np.abs(times - float(force.times[0]))))
         if not mechanism.is_plane:
             exerted, moment = seen.wrenches[joint.name]

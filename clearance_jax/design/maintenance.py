@@ -52,8 +52,8 @@ def _of(design: Design, limit: Limit, metric: AbstractAged) -> Maintenance:
         of_wear = given.keys() - own(parts.mechanism, [metric], given).keys()
         columns |= {name: np.full(len(shares), float(given[name])) for name in of_wear}
         now = parts.move(parts.mechanism, given)
-        found = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
-        lives[parts.label(condition)] = found.end
+        life = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
+        lives[parts.label(condition)] = life.end
     return Maintenance(limit.label, asked, LONGEST * asked, shares, lives)
 
 
@@ -74,5 +74,5 @@ def _shares(design: Design, limit: Limit) -> np.ndarray:
         return -float(values[k]) / grows if grows > 0 else np.nan
 
     room = min(map(margin, scenarios_of(parts)))
-    found = 1 + room * (1 - np.array(TIMES))
-    return np.sort(found[found > 0.1]) if room > 0 else SHARES
+    shares = 1 + room * (1 - np.array(TIMES))
+    return np.sort(shares[shares > 0.1]) if room > 0 else SHARES

@@ -264,19 +264,19 @@ class Yield(AbstractManufacture):
         else:
             sequence = scipy.stats.qmc.Sobol(len(self.scatter), rng=seed).random_base2(int(np.ceil(np.log2(count))))
             normal = scipy.stats.norm.ppf(sequence[:count])
-        found = {name: np.ones(count) for name in names}
+        draws = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
             if not isinstance(deviation, int | float):
                 if name in names:
                     raise ClearanceError(
                         f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
                     )
-                found[name] = deviation.ppf(scipy.stats.norm.cdf(column))
+                draws[name] = deviation.ppf(scipy.stats.norm.cdf(column))
                 continue
             # A normal factor that scatters by so much would be negative for some.
             wide = np.sqrt(np.log1p(deviation**2))
-            found[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
-        return found
+            draws[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
+        return draws
 
     def judge(self, values, slopes):
         which = np.argmax(values, axis=1)

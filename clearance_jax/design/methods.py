@@ -72,7 +72,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
         constraints = [scipy.optimize.NonlinearConstraint(limits["fun"], 0.0, np.inf, **jacobian)]
     if not program.limit_names:
         constraints = []
-    found = scipy.optimize.minimize(
+    solution = scipy.optimize.minimize(
         objective,
         scaled.start,
         jac=exact or None,
@@ -81,7 +81,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
         constraints=constraints,
         options=options,
     )
-    return "" if found.success else f"{method} ended with: {found.message}"
+    return "" if solution.success else f"{method} ended with: {solution.message}"
 
 
 def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: int = 1) -> None:

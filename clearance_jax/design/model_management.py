@@ -42,7 +42,7 @@ NEAR = 0.05
 TRIED, SLACK = 8, 0.05
 
 
-class Look(NamedTuple):
+class ModelPoint(NamedTuple):
     """A point `z` (n,) as a model sees it: objective, limits (m,), and their slopes (n,), (m, n)."""
 
     z: np.ndarray
@@ -71,7 +71,7 @@ class Corrected(NamedTuple):
     bend: np.ndarray
     series: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
-    def at(self, z: np.ndarray) -> Look:
+    def at(self, z: np.ndarray) -> ModelPoint:
         """What it says of a point."""
         seen, d = _look(self.cheap, z, self.leaders), z - self.z
         if self.series is not None:
@@ -82,7 +82,7 @@ class Corrected(NamedTuple):
         limits = seen.limits + self.shift + self.tilt @ d + 0.5 * curved @ d
         return seen._replace(limits=limits, jacobian=seen.jacobian + self.tilt + curved)
 
-    def best(self, radius: float, price: float, margin: float) -> Look:
+    def best(self, radius: float, price: float, margin: float) -> ModelPoint:
         """The best point in a trust region; a violation `t` of all limits together is allowed at a price."""
         low, high = (bound.copy() for bound in self.cheap.bounds)
         low, high = np.maximum(low, self.z - radius), np.minimum(high, self.z + radius)
@@ -99,7 +99,7 @@ class Corrected(NamedTuple):
             jacobian = self.at(np.clip(v[:-1], low, high)).jacobian
             return np.column_stack([-jacobian, np.ones(len(jacobian))])
 
-        found = scipy.optimize.minimize(
+        solution = scipy.optimize.minimize(
             objective,
             np.append(first.z, max(float(first.limits.max()) + margin, 0.0)),
             jac=True,
@@ -108,7 +108,7 @@ class Corrected(NamedTuple):
             constraints=[{"type": "ineq", "fun": slack, "jac": slack_slopes}],
             options={"ftol": 1e-13, "maxiter": STEPS},
         )
-        return self.at(np.clip(found.x[:-1], low, high))
+        return self.at(np.clip(solution.x[:-1], low, high))
 
 
 def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
@@ -149,12 +149,12 @@ def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7)
     cheap, dear, z = _begin(program, start, tolerance)
     shift = np.full(len(program.limit_names), -np.inf)
     for _ in range(TRIED):
-        found = dear.values_of(program.at(np.exp(z), True))
-        own = found[1] - _look(cheap, z, program.leaders).limits
-        holds, worst = float(found[1].max()) <= 0, float(found[1].max())
+        values = dear.values_of(program.at(np.exp(z), True))
+        difference = values[1] - _look(cheap, z, program.leaders).limits
+        holds, worst = float(values[1].max()) <= 0, float(values[1].max())
         if holds and (worst > -SLACK or np.allclose(z, cheap.bounds[1])):
             return ""
-        shift = own if holds else np.maximum(shift, own)
+        shift = difference if holds else np.maximum(shift, difference)
         flat = np.zeros((len(shift), len(z)))
         aim = Corrected(cheap, program.leaders, z, shift, flat, np.zeros((*flat.shape, len(z)))).best(
             np.inf, PRICE, 0.0
@@ -183,50 +183,50 @@ def _cheap_best(cheap: Program, start: np.ndarray, tolerance: float) -> Evaluati
         begin = feasible_neighbour(cheap, start, True) or begin
     with suppress(StandsStill):
         slsqp(cheap, begin.x, tolerance)
-    found = nearly_best(cheap)
-    assert found is not None
-    return found
+    best = nearly_best(cheap)
+    assert best is not None
+    return best
 
 
-def _look(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray | None = None) -> Look:
+def _look(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray | None = None) -> ModelPoint:
     return _seen(scaled, z, scaled.program.at(np.exp(z), True), leaders)
 
 
-def _seen(scaled: ScaledProgram, z: np.ndarray, point: Evaluation, leaders: np.ndarray | None = None) -> Look:
+def _seen(scaled: ScaledProgram, z: np.ndarray, point: Evaluation, leaders: np.ndarray | None = None) -> ModelPoint:
     objective, limits, gradient, jacobian = scaled.slopes_of(point)
     rows = slice(None) if leaders is None else leaders
-    return Look(z, objective, limits[rows], gradient, jacobian[rows])
+    return ModelPoint(z, objective, limits[rows], gradient, jacobian[rows])
 
 
-def _dear_look(program: Program, dear: ScaledProgram, z: np.ndarray) -> Look:
+def _dear_look(program: Program, dear: ScaledProgram, z: np.ndarray) -> ModelPoint:
     return _seen(dear, z, followed(program, program.at(np.exp(z), True)))
 
 
-def _matched(program: Program, cheap: ScaledProgram, here: Look, bend, near: bool) -> Corrected:
+def _matched(program: Program, cheap: ScaledProgram, here: ModelPoint, bend, near: bool) -> Corrected:
     """The cheap model with the dear one's values and slopes at a point."""
-    own, n = _look(cheap, here.z, program.leaders), len(here.z)
-    bend = np.broadcast_to(bend, (len(own.limits), n, n))
-    series = _series(cheap, own, program.leaders) if near else None
-    shift, tilt = here.limits - own.limits, here.jacobian - own.jacobian
+    seen, n = _look(cheap, here.z, program.leaders), len(here.z)
+    bend = np.broadcast_to(bend, (len(seen.limits), n, n))
+    series = _series(cheap, seen, program.leaders) if near else None
+    shift, tilt = here.limits - seen.limits, here.jacobian - seen.jacobian
     return Corrected(cheap, program.leaders, here.z, shift, tilt, bend, series)
 
 
-def _series(cheap: ScaledProgram, own: Look, leaders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _series(cheap: ScaledProgram, seen: ModelPoint, leaders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values, slopes and curvatures (m, n, n) of the cheap limits at a point."""
     high, rows = cheap.bounds[1], []
-    for i in range(len(own.z)):
-        h = NEAR if own.z[i] + NEAR <= high[i] else -NEAR
-        moved = _look(cheap, own.z + h * np.eye(len(own.z))[i], leaders)
-        rows.append((moved.jacobian - own.jacobian) / h)
+    for i in range(len(seen.z)):
+        h = NEAR if seen.z[i] + NEAR <= high[i] else -NEAR
+        moved = _look(cheap, seen.z + h * np.eye(len(seen.z))[i], leaders)
+        rows.append((moved.jacobian - seen.jacobian) / h)
     curvature = np.stack(rows, axis=1)
-    return own.limits, own.jacobian, 0.5 * (curvature + curvature.swapaxes(1, 2))
+    return seen.limits, seen.jacobian, 0.5 * (curvature + curvature.swapaxes(1, 2))
 
 
-def _bent(bend, model: Corrected, here: Look, there: Look) -> np.ndarray:
+def _bent(bend, model: Corrected, here: ModelPoint, there: ModelPoint) -> np.ndarray:
     """The curvature of the difference of the models after a step, (m, n, n): rank-one updates, one for each limit."""
-    own = _look(model.cheap, there.z, model.leaders)
+    seen = _look(model.cheap, there.z, model.leaders)
     d = there.z - here.z
-    change = there.jacobian - own.jacobian - model.tilt
+    change = there.jacobian - seen.jacobian - model.tilt
     missed = change - model.bend @ d
     along = missed @ d
     # Where the update would divide by next to nothing it is left out.
@@ -235,7 +235,7 @@ def _bent(bend, model: Corrected, here: Look, there: Look) -> np.ndarray:
     return model.bend + np.where(sound[:, None, None], update, 0.0)
 
 
-def _price(here: Look) -> float:
+def _price(here: ModelPoint) -> float:
     """More than the multiplier of the deciding limit can be."""
     k = int(np.argmax(here.limits))
     return PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(here.jacobian[k])), 1e-2))

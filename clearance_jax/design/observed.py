@@ -53,7 +53,7 @@ class Observed(NamedTuple):
     wrenches: Any = ()
 
 
-class Samples(AbstractMetric):
+class SampledFunction(AbstractMetric):
     """A function of a prepared mechanism, a time [s] and the state then, at given times [s], increasing."""
 
     function: Callable = eqx.field(static=True)
@@ -87,8 +87,8 @@ def observe(specification: Specification, x: np.ndarray, scenario: Scenario) -> 
     settings = specification.judged_by(DYNAMICS).settings()  # poses have no impacts and lose nothing
     question = Question(moved, named, specification.t1, settings)
     values = answer(question, dict(zip(specification.variables, x, strict=True))).values
-    found = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
-    return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.picture)) else None
+    observed = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
+    return observed if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(observed.picture)) else None
 
 
 def _request(specification: Specification) -> Observed:
@@ -104,6 +104,6 @@ def _request(specification: Specification) -> Observed:
         tuple(FirstFall(name) for name in joints),
         tuple(JointWork(name) for name in joints),
         tuple(Impacts(name) for name in joints),
-        Samples(picture, times),
-        () if specification.mechanism.is_plane else Samples(pin_wrenches, times),
+        SampledFunction(picture, times),
+        () if specification.mechanism.is_plane else SampledFunction(pin_wrenches, times),
     )

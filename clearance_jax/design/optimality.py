@@ -27,6 +27,6 @@ def optimality(program: Program, at: Evaluation, within: float = ACTIVE) -> tupl
     multipliers = np.zeros(len(at.limits))
     if not columns:
         return float(np.linalg.norm(gradient)), multipliers
-    found, left = scipy.optimize.nnls(np.stack(columns, 1), -gradient)
-    multipliers[active] = found[: len(active)]
+    prices, left = scipy.optimize.nnls(np.stack(columns, 1), -gradient)
+    multipliers[active] = prices[: len(active)]
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers

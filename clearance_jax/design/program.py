@@ -117,8 +117,8 @@ class Program:
         known = self._known.get(x.tobytes())
         if known is not None:
             return known
-        near = [one for one in self.history if np.all(np.abs(one.x - x) <= ROUND_OFF * x)]
-        return next((one for one in near if one.gradient is not None), near[0] if near else None)
+        near = [point for point in self.history if np.all(np.abs(point.x - x) <= ROUND_OFF * x)]
+        return next((point for point in near if point.gradient is not None), near[0] if near else None)
 
     def at_each(self, points: Sequence[np.ndarray]) -> list[Evaluation]:
         """`at` of each point, without gradients; those not known are evaluated together where there is a way."""
@@ -256,6 +256,6 @@ class Program:
 
 
 def _best(points: Sequence[Evaluation]) -> Evaluation | None:
-    held = [p for p in points if p.feasible]
-    least = min((p.objective for p in held), default=0.0)
-    return next((p for p in reversed(held) if p.objective <= least + TIE * abs(least)), None)
+    feasible = [p for p in points if p.feasible]
+    least = min((p.objective for p in feasible), default=0.0)
+    return next((p for p in reversed(feasible) if p.objective <= least + TIE * abs(least)), None)

@@ -27,24 +27,24 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
     try:
         # Where a motion has no end there is no slope to follow: smaller clearances rattle less.
         if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
-            found = feasible_neighbour(program, start, method.gradients)
-            start = start if found is None else found.x
-        said, still = "", False
+            neighbour = feasible_neighbour(program, start, method.gradients)
+            start = start if neighbour is None else neighbour.x
+        reason, still = "", False
         try:
-            said = method.solve(program, start, **options) or ""
+            reason = method.solve(program, start, **options) or ""
         except UselessSlopes as why:
-            said = f"{USELESS}{why}"
+            reason = f"{USELESS}{why}"
             if program.cheap is not None:
-                return said
+                return reason
         except StandsStill:
             still = True
         _pull_inside(program, method.gradients)
         went_on = not method.is_mean and by_values(program, method)
         if still:
             return _standing(program)
-        if said and went_on:
-            return "" if is_settled(program, method) else f"{said}. {BY_VALUES}"
-        return said
+        if reason and went_on:
+            return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
+        return reason
     except BudgetSpent:
         return SPENT
     except KeyboardInterrupt:

@@ -23,7 +23,7 @@ class Scenario(NamedTuple):
 
 def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
     """What a design is simulated in, condition by condition; of samples so many fresh ones, if they are asked for."""
-    names, manufacture, found = tuple(specification.variables), specification.manufacture, []
+    names, manufacture, scenarios = tuple(specification.variables), specification.manufacture, []
     parts = manufacture.parts(names, fresh, seed)
     for condition, values in specification.conditions.items():
         given = {name: jnp.asarray(value, float) for name, value in values.items()}
@@ -33,5 +33,5 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
             moved |= {n: jnp.asarray(value, float) for n, value in part.values.items()}
             title = specification.suffix(condition) + part.title
             designed = None if part.is_design else given
-            found.append(Scenario(title, {**given, **moved}, part.factors, designed))
-    return found
+            scenarios.append(Scenario(title, {**given, **moved}, part.factors, designed))
+    return scenarios

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.class_search import choose_classes, without_classes
 from clearance_jax.design.classes import NONE_CHOSEN, Candidates, classes_of, priced
@@ -42,7 +42,7 @@ def search(
     record: str | Path | None = None,
     most: int = 1_000_000,
     progress: Callable[[Evaluation], None] | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     classes: Candidates | None = None,
     diameters: Mapping[str, float] | None = None,
 ) -> Design:
@@ -73,7 +73,7 @@ def _continuous(
     record: str | Path | None,
     most: int,
     progress: Callable[[Evaluation], None] | None,
-    place: Place,
+    place: SolvePlace,
 ) -> Design:
     """The best design whose variables take any values."""
     if method != AUTO:
@@ -100,8 +100,8 @@ def _continuous(
     method = method_of(method)
     if method.gradients:
         _check_derivatives(specification, x)
-    if said := _first(specification, program, x, method.gradients):
-        return _design(specification, program, method, said, note)
+    if reason := _first(specification, program, x, method.gradients):
+        return _design(specification, program, method, reason, note)
     stop_reason = _runs(program, method, x, starts, seed, **_options(specification, method))
     return _explained(_design(specification, program, method, stop_reason, note))
 
@@ -143,8 +143,8 @@ def _managed(
 ) -> Design:
     """The design found on poses and judged by the dynamics; where slopes of the dynamics say nothing, by values."""
     tolerance = _options(specification, MATCHED)
-    if said := _first(specification, program, x):
-        return _design(specification, program, MATCHED, said, "")
+    if reason := _first(specification, program, x):
+        return _design(specification, program, MATCHED, reason, "")
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
     if not stop_reason.startswith(USELESS):
         return _explained(_design(specification, program, MATCHED, stop_reason, ""))

@@ -53,8 +53,8 @@ class Limit(Module):
         """The given name, or the metric's."""
         metric = self.metric.base_metric
         signal = getattr(metric, "signal", None)
-        own = metric.called if isinstance(metric, Function) else type(metric).__name__
-        parts = [own] + ([] if signal is None else [type(signal).__name__])
+        title = metric.called if isinstance(metric, Function) else type(metric).__name__
+        parts = [title] + ([] if signal is None else [type(signal).__name__])
         of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
         return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + self.metric.title_suffix
 

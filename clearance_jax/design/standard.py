@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.ask.place import Place, place_of
+from clearance_jax.ask.place import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
@@ -46,7 +46,7 @@ class StandardFits(NamedTuple):
         return 1 + self.worst, 1 + self.least
 
     def __str__(self) -> str:
-        lines = [f"{name}: {found}" + self._remark(name) for name, found in self.fits.items()]
+        lines = [f"{name}: {fit}" + self._remark(name) for name, fit in self.fits.items()]
         greatest, least = self.shares
         lines.append(
             f"The worst limit reaches {greatest:.4f} of its bound with every clearance at its greatest, "
@@ -90,7 +90,7 @@ def nearest_fits(
 
 
 def _nearest(
-    design: Design, diameters: Mapping[str, float], samples: int | None, seed: int, place: Place
+    design: Design, diameters: Mapping[str, float], samples: int | None, seed: int, place: SolvePlace
 ) -> StandardFits | None:
     specification, names = design.specification, list(design.clearances)
     sizes = {**diameters_of(design.mechanism, names), **diameters}
@@ -103,7 +103,7 @@ def _nearest(
     # Where none within the bounds of the study holds the limits, others are given, and remarked on.
     for candidates in (within, every):
         # The tightest first: a chosen fit is a place in its list.
-        lists = {i: sorted(found, key=_greatest) for i, found in candidates.items()}
+        lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
         chosen = _loosest(design, lists, place) if all(lists.values()) else None
         if chosen is not None:
             break
@@ -111,9 +111,9 @@ def _nearest(
         return None
     while True:
         made = {names[i]: _as_class(lists[i][k]) for i, k in chosen.items()}
-        found = _judged(design, made, samples, seed, place)
-        if not found.yield_estimate.against(found.target) or not any(chosen.values()):
-            return found
+        judged = _judged(design, made, samples, seed, place)
+        if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
+            return judged
         chosen = _tighter(chosen)
 
 
@@ -121,7 +121,7 @@ def _tighter(chosen: Mapping[int, int]) -> dict[int, int]:
     return {i: max(place - 1, 0) for i, place in chosen.items()}
 
 
-def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Place) -> dict[int, int] | None:
+def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: SolvePlace) -> dict[int, int] | None:
     """Of each list of fits the place of one, the loosest that hold the limits together; `None`: none do."""
     specification = design.specification.nominal()
     designed, fitted = specification.values(design.evaluation.x), list(lists)
@@ -169,7 +169,7 @@ def _as_class(fit: fits.Fit) -> ToleranceClass:
 
 
 def _judged(
-    design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: Place
+    design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: SolvePlace
 ) -> StandardFits:
     """Limits with classes at their ends, and the yield of parts that are made to them."""
     specification, judge = design.specification, design.specification.as_designed()
@@ -184,18 +184,18 @@ def _judged(
         ends = [max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in zip(names, designed, strict=True)]
         return float(np.max(simulations.worst(np.array(ends), scenarios_of(judge), exact)))
 
-    found = {name: one.fit for name, one in made.items() if one.fit is not None}
+    fitted = {name: entry.fit for name, entry in made.items() if entry.fit is not None}
     sampled = _sampled(design, made, samples, seed)
     estimate = yield_of(specification.nominal(), designed, sampled, exact, place)
-    remarks = {n: text for n, one in made.items() if (text := _beyond(design, n, one))}
-    return StandardFits(found, worst("greatest"), worst("least"), estimate, target, remarks)
+    remarks = {n: text for n, entry in made.items() if (text := _beyond(design, n, entry))}
+    return StandardFits(fitted, worst("greatest"), worst("least"), estimate, target, remarks)
 
 
 def _sampled(design: Design, made: Mapping[str, ToleranceClass], samples: int, seed: int) -> list[Scenario]:
     """Parts made to classes, in every condition; other numbers scatter as the problem says."""
     names, designed = list(design.clearances), design.specification.values(design.evaluation.x)
     rng = np.random.default_rng(seed)
-    drawn = {names.index(name): np.maximum(_draw(one, samples, rng), SMALLEST) for name, one in made.items()}
+    drawn = {names.index(name): np.maximum(_draw(entry, samples, rng), SMALLEST) for name, entry in made.items()}
     if design.specification.manufacture.is_sampled:
         sampled = scenarios_of(design.specification, samples, seed)
     else:
@@ -210,18 +210,18 @@ def _sampled(design: Design, made: Mapping[str, ToleranceClass], samples: int, s
 def _beyond(design: Design, name: str, made: ToleranceClass) -> str:
     """Where a class goes beyond what a variable may be by itself, in words."""
     designed, (least, most) = design.clearances[name], design.specification.variables[name]
-    found = []
+    remarks = []
     if made.least < least * (1 - HAIR):
-        found.append(f"may be below the least of the study, {format_quantity(least, 'm', 4)}")
+        remarks.append(f"may be below the least of the study, {format_quantity(least, 'm', 4)}")
     if made.greatest > most * (1 + HAIR):
-        found.append(f"may be above the greatest of the study, {format_quantity(most, 'm', 4)}")
+        remarks.append(f"may be above the greatest of the study, {format_quantity(most, 'm', 4)}")
     elif made.greatest > designed * (1 + HAIR):
-        found.append(f"may be above the designed {format_quantity(designed, 'm', 4)}, as others are tighter")
-    return "; ".join(found)
+        remarks.append(f"may be above the designed {format_quantity(designed, 'm', 4)}, as others are tighter")
+    return "; ".join(remarks)
 
 
-def _greatest(found: fits.Fit) -> float:
-    return found.radial_clearance[1]
+def _greatest(fit: fits.Fit) -> float:
+    return fit.radial_clearance[1]
 
 
 def _gain(design, lists, chosen, moved) -> float:

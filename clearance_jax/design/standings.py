@@ -71,5 +71,5 @@ def _rows(design: Design, scenarios: int) -> list[tuple[int, int]]:
 
 
 def _instant(seen: Observed | None, limit: int, place: int) -> float | None:
-    found = None if seen is None else seen.limits[limit]
-    return float(found.times[place]) if isinstance(found, Instants) else None
+    instants = None if seen is None else seen.limits[limit]
+    return float(instants.times[place]) if isinstance(instants, Instants) else None

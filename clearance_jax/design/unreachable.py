@@ -40,10 +40,10 @@ def unreachable(specification: Specification, program: Program, start: np.ndarra
     if not all(name.endswith(CLEARANCE) for name in specification.variables):
         return ""
     if program.cheap is not None:
-        said = _by_poses(specification, program)
+        reason = _by_poses(specification, program)
     else:
-        said = _by_dynamics(specification, program, start, gradient)
-    return f"stopped before the search: {said}" if said else ""
+        reason = _by_dynamics(specification, program, start, gradient)
+    return f"stopped before the search: {reason}" if reason else ""
 
 
 def _by_poses(specification: Specification, program: Program) -> str:
@@ -94,7 +94,7 @@ def floor_words(specification: Specification, program: Program, solved: Evaluati
 
 def limit_of(specification: Specification, program: Program, k: int) -> Limit:
     """The designer's limit of a place."""
-    return next(one for one in specification.limits if one.title == program.groups[k])
+    return next(limit for limit in specification.limits if limit.title == program.groups[k])
 
 
 def carried_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:

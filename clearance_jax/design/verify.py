@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.optimize
 
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.certificate import HELD, Certificate
 from clearance_jax.design.evaluate import FEW, fresh_yield, simulations_of
 from clearance_jax.design.evaluation import Evaluation
@@ -43,7 +43,7 @@ def _judging(specification: Specification, solver: str | None) -> tuple[str, flo
 def judge_of(
     specification: Specification,
     solver: str | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     progress: Callable[[Evaluation], None] | None = None,
 ) -> Program:
     """The problem by another solver and a tenfold tighter tolerance; by the dynamics, which have the last word on what
@@ -95,7 +95,7 @@ def certify(
     samples: int | None = None,
     seed: int = 0,
     solver: str | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     progress: Callable[[Evaluation], None] | None = None,
     fresh: Program | None = None,
 ) -> Certificate:
@@ -144,7 +144,7 @@ def certify(
 
 
 def _worst_at(
-    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: Place, exact: bool
+    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: SolvePlace, exact: bool
 ) -> float:
     """The most violated limit of designs, which may lie outside of the bounds of the variables."""
     judge = specification.as_designed().judged_by(DYNAMICS)
@@ -155,7 +155,7 @@ def _worst_at(
 def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     """Weights times clearances, in the condition where they add up to most; of driven mechanisms."""
     designed = replace(specification.mechanism, specification.clearances(x))
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for limit in specification.limits:
         if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
             continue
@@ -165,8 +165,8 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
                 weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:
                 continue
-            found[limit.title] = max(static_error(moved, weights), found.get(limit.title, 0.0))
-    return found
+            errors[limit.title] = max(static_error(moved, weights), errors.get(limit.title, 0.0))
+    return errors
 
 
 def expected_evaluations(
@@ -179,7 +179,7 @@ def expected_evaluations(
 
 
 def _others(
-    specification: Specification, method: Method, starts: int, seed: int, place: Place, progress
+    specification: Specification, method: Method, starts: int, seed: int, place: SolvePlace, progress
 ) -> tuple[float, ...]:
     """Objectives that random starts lead to."""
     objectives, rng = [], np.random.default_rng(seed)
@@ -229,13 +229,13 @@ def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, 
     """Intervals of scalings whose designs hold, to the sweep's spacing."""
     low, high = _ends(program, x)
     s = np.unique(np.append(np.geomspace(max(low, 0.1), max(min(high, 10.0), 1.0), count), 1.0))
-    held = np.array([point.worst <= HELD for point in program.at_each([v * x for v in s])])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
+    holds = np.array([point.worst <= HELD for point in program.at_each([v * x for v in s])])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
 def _price_check(
-    specification: Specification, method: Method, point: Evaluation, name: str, place: Place, progress
+    specification: Specification, method: Method, point: Evaluation, name: str, place: SolvePlace, progress
 ) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
     program, best = formulate(specification, place=place, progress=progress), []

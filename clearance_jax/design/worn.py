@@ -60,10 +60,10 @@ def worth(
 
     models = [as_given(measure.model(mechanism)) for measure in measures]
     having = [model for model in models if lookup(parameters(model), name)[0]] or [as_given(mechanism)]
-    found = [values_of(model, [name])[name] for model in having]
-    if not all(np.array_equal(value, found[0]) for value in found):
+    values = [values_of(model, [name])[name] for model in having]
+    if not all(np.array_equal(value, values[0]) for value in values):
         raise ClearanceError(f"The limits do not agree about `{name}`: give them the same law and pressure.")
-    return found[0]
+    return values[0]
 
 
 def _within(entry: str, array: str) -> bool:

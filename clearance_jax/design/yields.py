@@ -109,8 +109,8 @@ class YieldEstimate(NamedTuple):
         return f"Yield {self.share:.4%} of {self.samples} fresh samples: at least {self.least:.4%} at 95 % confidence."
 
 
-def estimate_yield(held: np.ndarray) -> YieldEstimate:
+def estimate_yield(holds: np.ndarray) -> YieldEstimate:
     """From which samples (n,) held all limits."""
-    n, k = len(held), int(np.sum(held))
+    n, k = len(holds), int(np.sum(holds))
     least = float(scipy.stats.beta.ppf(1 - CONFIDENCE, k, n - k + 1)) if k else 0.0
     return YieldEstimate(k / n, least, n)

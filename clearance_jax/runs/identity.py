@@ -37,9 +37,9 @@ def numbers(model: Any, label: str = "") -> dict[str, Any]:
     known = parameters(model) if isinstance(model, eqx.Module) else {}
     reader = Reader({id(leaf.value) for leaf in known.values()})
     structure = f"{type(model).__qualname__} {reader.of(model)}"
-    found = {f"{name}{label}": np.asarray(leaf.value).tolist() for name, leaf in known.items()}
-    found |= {f"code of {name}{label}": code for name, code in reader.code.items()}
-    return found | {f"{STRUCTURE}{label}": structure}
+    described = {f"{name}{label}": np.asarray(leaf.value).tolist() for name, leaf in known.items()}
+    described |= {f"code of {name}{label}": code for name, code in reader.code.items()}
+    return described | {f"{STRUCTURE}{label}": structure}
 
 
 def settings(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def short(value: Any) -> Any:
     if isinstance(value, jax.Array | np.ndarray | np.generic):
         array = np.asarray(value)
         return array.tolist() if array.size <= 8 else f"{array.shape} {digest(array)}"
-    if isinstance(value, list | tuple) and all(isinstance(one, str | int | float) for one in value):
+    if isinstance(value, list | tuple) and all(isinstance(entry, str | int | float) for entry in value):
         return list(value) if len(value) <= 8 else f"{len(value)} of them, {digest(list(value))}"
     return value if isinstance(value, str | int | float | bool) else f"{type(value).__qualname__} {digest(value)}"
 
@@ -79,18 +79,19 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str
     }
 
 
-def refusal(path: Any, found: Mapping[str, str]) -> str:
+def refusal(path: Any, changes: Mapping[str, str]) -> str:
     """Why a run that is kept at a path is not gone on with, by the `differences` that were found, and what to do."""
-    computes = [name for name in found if name in VERSIONS]
+    computes = [name for name in changes if name in VERSIONS]
     # Another state of the library may be made of other parts.
-    asked = [name for name in found if name not in VERSIONS and not (computes and name.startswith(STRUCTURE))]
-    names = [*asked, *(name for name in found if name not in asked)] if asked else computes or list(found)
-    said = "; ".join(found[name] for name in names[:3]) + (f"; and {len(names) - 3} more" if len(names) > 3 else "")
+    asked = [name for name in changes if name not in VERSIONS and not (computes and name.startswith(STRUCTURE))]
+    names = [*asked, *(name for name in changes if name not in asked)] if asked else computes or list(changes)
+    more = f"; and {len(names) - 3} more" if len(names) > 3 else ""
+    reasons = "; ".join(changes[name] for name in names[:3]) + more
     if asked or not computes:
-        return f"`{path}` belongs to another question: {said}. Choose another path."
+        return f"`{path}` belongs to another question: {reasons}. Choose another path."
     return (
-        f"`{path}` was begun by another version of the library: {said}. The digits of its answers may differ. Choose "
-        "another path, or go on with the version that began it."
+        f"`{path}` was begun by another version of the library: {reasons}. The digits of its answers may differ. "
+        "Choose another path, or go on with the version that began it."
     )
 
 

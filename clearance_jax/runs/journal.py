@@ -51,8 +51,8 @@ class Journal:
             self._read()
         except OSError as error:
             self.close()
-            said = f"Cannot open `{self.path}`: {error.strerror or error}. Choose another path."
-            raise ClearanceError(said) from error
+            message = f"Cannot open `{self.path}`: {error.strerror or error}. Choose another path."
+            raise ClearanceError(message) from error
 
     def _read(self) -> None:
         text = self.path.read_bytes() if self.path.exists() else b""
@@ -87,8 +87,8 @@ class Journal:
             self._check(question)
         if self.damaged:
             first = len(self.records) + 2  # below the question, counted from 1
-            said = f"line {first} is damaged; it and what follows are" if self._ordered else _damage(self.damaged)
-            warnings.warn(f"`{self.path}`: {said} computed again.", RunWarning, stacklevel=2)
+            damage = f"line {first} is damaged; it and what follows are" if self._ordered else _damage(self.damaged)
+            warnings.warn(f"`{self.path}`: {damage} computed again.", RunWarning, stacklevel=2)
         self._own = fingerprint(as_in_file(question))
         if self.question is None:
             self.add(**{QUESTION: as_in_file(question)})
@@ -99,9 +99,9 @@ class Journal:
                 f"`{self.path}` is no journal of a run, one of an earlier form, or damaged at its begin. "
                 "Choose another path, or delete it."
             )
-        found = self.differences(question)
-        if found:
-            raise ClearanceError(refusal(self.path, found))
+        changes = self.differences(question)
+        if changes:
+            raise ClearanceError(refusal(self.path, changes))
 
     def add(self, **record: Any) -> None:
         """Write a record, and see it on the disk before returning. **Raises** `ClearanceError` where the disk refuses

@@ -27,8 +27,8 @@ class Lock:
         try:
             fcntl.flock(self.place, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError:
-            said = b"" if itself else os.read(self.place, 200)
-            holder = said.decode(errors="replace") or "another process"
+            content = b"" if itself else os.read(self.place, 200)
+            holder = content.decode(errors="replace") or "another process"
             os.close(self.place)
             raise ClearanceError(
                 f"`{named}` is being written by {holder}. Wait until that has ended, or stop it."

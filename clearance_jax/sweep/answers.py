@@ -38,7 +38,7 @@ class AbstractAnswers(abc.ABC):
         """Of how many lanes of missing regions something is kept."""
 
     @abc.abstractmethod
-    def write(self, region: int, values: Mapping[str, np.ndarray], **said: Any) -> None:
+    def write(self, region: int, values: Mapping[str, np.ndarray], **fields: Any) -> None:
         """Keep the answers of a whole region; `said` of them in the journal, if there is one."""
 
     @abc.abstractmethod
@@ -71,13 +71,13 @@ class InMemory(AbstractAnswers):
         return self._known
 
     def keep(self, region, places, values):
-        for name, one in values.items():
-            self._known[name][places] = one
+        for name, column in values.items():
+            self._known[name][places] = column
 
     def partial_counts(self):
         return {0: int(np.sum(self._known["code"] != NOT_RUN))} if self._values is None else {}
 
-    def write(self, region, values, **said):
+    def write(self, region, values, **fields):
         self._values = dict(values)
 
     def read(self, region):
@@ -89,5 +89,5 @@ class InMemory(AbstractAnswers):
 
     def dataset(self):
         shape = self.grid.shape
-        values = {name: one.reshape(*shape, *one.shape[1:]) for name, one in self.read(0).items()}
+        values = {name: column.reshape(*shape, *column.shape[1:]) for name, column in self.read(0).items()}
         return dataset_of(self.grid, values, self.provenance)

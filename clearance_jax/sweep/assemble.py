@@ -53,8 +53,8 @@ def _software() -> str:
 
 def ending_counts(codes: np.ndarray) -> dict[str, int]:
     """How many lanes ended in which way, by their codes as texts."""
-    found, sizes = np.unique(codes, return_counts=True)
-    return {str(int(code)): int(size) for code, size in zip(found, sizes, strict=True)}
+    distinct, sizes = np.unique(codes, return_counts=True)
+    return {str(int(code)): int(size) for code, size in zip(distinct, sizes, strict=True)}
 
 
 def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:

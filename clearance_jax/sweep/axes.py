@@ -127,14 +127,14 @@ def dimensions(axes: Mapping[str, Any]) -> tuple[Dimension, ...]:
     """The axes of a sweep as they are given, read. **Raises** `ClearanceError` for what is none, or empty."""
     if not isinstance(axes, Mapping) or not axes:
         raise ClearanceError('`axes` must be values by name, such as `{"wrist.radial_clearance": [1e-4, 2e-4]}`.')
-    found = tuple(_dimension(str(name), given) for name, given in axes.items())
+    dims = tuple(_dimension(str(name), given) for name, given in axes.items())
     seen: dict[str, str] = {}
-    for dimension in found:
+    for dimension in dims:
         for name in dimension.columns:
             if name in seen:
                 raise ClearanceError(f"`{name}` is varied by the axes `{seen[name]}` and `{dimension.name}`. Take one.")
             seen[name] = dimension.name
-    return found
+    return dims
 
 
 def _dimension(name: str, given: Any) -> Dimension:
@@ -175,7 +175,7 @@ def models_of(mechanism: Mechanism, dims: Sequence[Dimension]) -> list[Mechanism
     models = [mechanism]
     for dimension in dims:
         if dimension.models:
-            models = [_model(model, found, dimension, k) for model in models for k, found in dimension.models.items()]
+            models = [_model(model, given, dimension, k) for model in models for k, given in dimension.models.items()]
     return models
 
 

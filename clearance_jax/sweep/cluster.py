@@ -21,7 +21,7 @@ from clearance_jax.solve.lanes import LANES
 from clearance_jax.sweep.assemble import ending_counts
 from clearance_jax.sweep.grid import Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.here import plan_of, rerun, with_options, with_time
-from clearance_jax.sweep.pace import Pace, Tell
+from clearance_jax.sweep.pace import SweepPace, Tell
 from clearance_jax.sweep.pilot import choose, keep, time_lanes
 from clearance_jax.sweep.plan import SweepPlan
 from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, partial_answers
@@ -46,19 +46,19 @@ def run_on(client: Any, store: Store, cores: int, plan: Callable[[SweepPlan], An
     with _hand_out(store, store.grid) as grid:
         if plan is not None:
             plan(with_time(todo, _time_lanes(client, store, grid, missing, cores)))
-        pace = Pace(store.grid, store, progress)
-        for region, (found, endings, new) in _each(client, store, missing, _answer, grid, cores):
-            store.confirm(region, found, endings)
+        pace = SweepPace(store.grid, store, progress)
+        for region, (digest, endings, new) in _each(client, store, missing, _answer, grid, cores):
+            store.confirm(region, digest, endings)
             pace.end_region(region, new, sum(endings.values()) - endings.get("0", 0))
 
 
 def again_on(client: Any, store: Store, options: Mapping[str, Any], cores: int) -> None:
     """Answer lanes that failed by other options of the solves, once; as `run_on`."""
-    grid, said = with_options(store.grid, options)
-    regions = store.regions_to_repeat(said)
+    grid, words = with_options(store.grid, options)
+    regions = store.regions_to_repeat(words)
     with _hand_out(store, grid) as name:
-        for region, (found, endings, _) in _each(client, store, regions, _answer_again, name, cores):
-            store.confirm(region, found, endings, again=said)
+        for region, (digest, endings, _) in _each(client, store, regions, _answer_again, name, cores):
+            store.confirm(region, digest, endings, again=words)
 
 
 def _each(
@@ -94,8 +94,8 @@ def _each(
                         "written before is kept: go on with `resume`."
                     ) from error
                 more = [region]
-            for one in more:
-                ending.add(begin(one))
+            for following in more:
+                ending.add(begin(following))
     finally:
         client.cancel(list(running), force=True)
 
@@ -109,7 +109,7 @@ def _time_lanes(client: Any, store: Store, grid: str, missing: list[int], cores:
         return None
     path = str(store.path.absolute())
     each = functools.partial(client.submit, _try, path, grid, pure=False, allow_other_workers=True)
-    tasks = [each(lanes[i :: len(few)], cores, workers=one) for i, one in enumerate(few)]
+    tasks = [each(lanes[i :: len(few)], cores, workers=worker) for i, worker in enumerate(few)]
     try:
         took = client.gather(tasks)
     except Exception as error:

@@ -36,8 +36,8 @@ class Kind(NamedTuple):
     @property
     def attributes(self) -> dict[str, str]:
         """What the variable says of itself."""
-        said = {"units": self.unit, "long_name": self.meaning}
-        return said | ({"metric": self.metric} if self.metric else {})
+        about = {"units": self.unit, "long_name": self.meaning}
+        return about | ({"metric": self.metric} if self.metric else {})
 
     @property
     def missing(self) -> Any:
@@ -98,11 +98,11 @@ class Grid:
 
     def program(self, lanes: Lanes) -> np.ndarray:
         """Which of the questions each lane is of."""
-        places, found = np.unravel_index(lanes, self.shape), np.zeros(len(lanes), int)
+        places, index = np.unravel_index(lanes, self.shape), np.zeros(len(lanes), int)
         for dimension, place in zip(self.dims, places, strict=True):
             if dimension.models:
-                found = found * dimension.size + place
-        return found
+                index = index * dimension.size + place
+        return index
 
     def blank(self, count: int) -> dict[str, np.ndarray]:
         """Every variable of so many lanes that have not been run."""
@@ -123,20 +123,21 @@ class Grid:
         programs, done = self.program(lanes), 0
 
         for program in np.unique(programs):
-            own = np.flatnonzero(programs == program)
+            members = np.flatnonzero(programs == program)
 
-            def part(share, done=done, size=len(own)):
+            def part(share, done=done, size=len(members)):
                 if progress is not None:
                     progress((done + share * size) / len(lanes))
 
-            def some(places, values, own=own):
+            def some(places, values, members=members):
                 if ready is not None:
-                    ready(own[places], values)
+                    ready(members[places], values)
 
-            found = self._solve(self.questions[program], lanes[own], some, cores=cores, progress=part, report=report)
-            for name, values in found.items():
-                out[name][own] = values
-            done += len(own)
+            question, how = self.questions[program], {"cores": cores, "progress": part, "report": report}
+            solved = self._solve(question, lanes[members], some, **how)
+            for name, values in solved.items():
+                out[name][members] = values
+            done += len(members)
         return out
 
     def complete(
@@ -152,8 +153,8 @@ class Grid:
         rest = np.flatnonzero(values["code"] == NOT_RUN)
         if rest.size:
             answers = self.answer(lanes[rest], ready=lambda places, some: keep(rest[places], some), **how)
-            for name, one in answers.items():
-                values[name][rest] = one
+            for name, column in answers.items():
+                values[name][rest] = column
         return int(rest.size)
 
     def _solve(self, question: Question, lanes: Lanes, ready: Callable, **how: Any) -> dict[str, np.ndarray]:
@@ -170,12 +171,12 @@ class Grid:
 
     def _values(self, answer: Answer) -> dict[str, np.ndarray]:
         """Every variable of the lanes of an answer."""
-        found = {**answer.ending, **answer.values, **{slope_name(k): v for k, v in answer.slopes.items()}}
-        found = {name: np.array(values, self.kinds[name].dtype) for name, values in found.items()}
-        for name, values in found.items():
+        variables = {**answer.ending, **answer.values, **{slope_name(k): v for k, v in answer.slopes.items()}}
+        variables = {name: np.array(values, self.kinds[name].dtype) for name, values in variables.items()}
+        for name, values in variables.items():
             if name not in ENDINGS:
-                values[ran_in_vain(found["code"])] = np.nan
-        return found | {"again": np.zeros(len(found["code"]), "i1")}
+                values[ran_in_vain(variables["code"])] = np.nan
+        return variables | {"again": np.zeros(len(variables["code"]), "i1")}
 
 
 def slope_name(name: str) -> str:

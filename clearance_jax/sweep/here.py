@@ -10,7 +10,7 @@ from clearance_jax.solve.settings import settings_of
 from clearance_jax.sweep.answers import AbstractAnswers, Values
 from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.identity import solve_words
-from clearance_jax.sweep.pace import Pace, Tell
+from clearance_jax.sweep.pace import SweepPace, Tell
 from clearance_jax.sweep.pilot import pilot_time
 from clearance_jax.sweep.plan import SweepPlan
 
@@ -19,10 +19,10 @@ def plan_of(grid: Grid, answers: AbstractAnswers, place: str) -> SweepPlan:
     """What is to be done, without how long that will take."""
     cut, missing = answers.partition, answers.open_regions()
     new = sum(cut.size(region) for region in missing) - sum(answers.partial_counts().values())
-    held = min(grid.count, int(np.prod(cut.chunk))) * grid.bytes_a_lane
+    memory = min(grid.count, int(np.prod(cut.chunk))) * grid.bytes_a_lane
     disk = grid.count * grid.bytes_a_lane if answers.on_disk else 0
     known = grid.count - new
-    return SweepPlan(grid.count, known, cut.count, len(grid.questions), None, held, disk, place)
+    return SweepPlan(grid.count, known, cut.count, len(grid.questions), None, memory, disk, place)
 
 
 def with_time(todo: SweepPlan, seconds: float | None) -> SweepPlan:
@@ -41,7 +41,7 @@ def run_here(
     todo, missing = plan_of(grid, answers, f"{cores} cores"), answers.open_regions()
     if plan is not None:
         plan(with_time(todo, pilot_time(grid, answers, missing, cores)))
-    pace = Pace(grid, answers, progress)
+    pace = SweepPace(grid, answers, progress)
     for region in missing:
         lanes, values = answers.partition.lanes(region), answers.partial_answers(region)
         left = int(np.sum(values["code"] == NOT_RUN))
@@ -58,19 +58,19 @@ def run_here(
 
 def run_again(grid: Grid, answers: AbstractAnswers, options: Mapping[str, Any], cores: int) -> None:
     """Answer lanes that failed by other options of the solves, once."""
-    grid, said = with_options(grid, options)
-    for region in answers.regions_to_repeat(said):
+    grid, words = with_options(grid, options)
+    for region in answers.regions_to_repeat(words):
         values = rerun(grid, answers.partition.lanes(region), answers.read(region), cores)
-        answers.write(region, values, again=said)
+        answers.write(region, values, again=words)
 
 
 def rerun(grid: Grid, lanes: Lanes, values: Values, cores: int) -> Values:
     """The values of lanes with those that failed answered once more."""
-    values = {name: np.array(one) for name, one in values.items()}
+    values = {name: np.array(column) for name, column in values.items()}
     wrong = np.flatnonzero(ran_in_vain(values["code"]))
     times = values["again"][wrong] + 1
-    for name, one in grid.answer(lanes[wrong], cores).items():
-        values[name][wrong] = one
+    for name, column in grid.answer(lanes[wrong], cores).items():
+        values[name][wrong] = column
     values["again"][wrong] = times
     return values
 

@@ -11,7 +11,7 @@ from clearance_jax.sweep.plan import SweepProgress
 Tell = Callable[[SweepProgress], Any] | None
 
 
-class Pace:
+class SweepPace:
     """How far a sweep is, told to whoever listens; its clock starts with the first lanes that are done, and so knows
     nothing of compiling.
     """

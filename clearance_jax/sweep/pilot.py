@@ -50,5 +50,5 @@ def keep(partition: Partition, add: Callable[..., Any], lanes: Lanes, values: di
     """`add` the answers of lanes to each of their regions: with these, the places there, and the values."""
     regions, places = partition.of(lanes)
     for region in np.unique(regions).tolist():
-        own = regions == region
-        add(region, places[own], {name: one[own] for name, one in values.items()})
+        here = regions == region
+        add(region, places[here], {name: column[here] for name, column in values.items()})

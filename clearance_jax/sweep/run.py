@@ -94,14 +94,14 @@ def sweep(
         return answers.dataset()
     if not Path(store).exists():
         check_room(Path(store), needed)
-    with ExitStack() as held:
-        client = None if cluster is None else held.enter_context(client_of(cluster, cores or 1))
+    with ExitStack() as stack:
+        client = None if cluster is None else stack.enter_context(client_of(cluster, cores or 1))
         cores_of_a_region = side_by_side if client is None else cores or 1
         least = max(LEAST, LANES * CHUNKS_A_CORE * cores_of_a_region)
         if client is None:  # what the workers of a cluster have is theirs to know
             least = max(least, chunk_on())
         answers = open_store(store, grid, provenance, resume=resume, least=least)
-        held.callback(answers.close)
+        stack.callback(answers.close)
         if client is None:
             run_here(answers.grid, answers, side_by_side, plan, progress)
             if again is not None:

@@ -75,7 +75,7 @@ def scatter(
 def arguments_of(distribution: str) -> dict[str, bool]:
     """The numbers that a distribution takes, and whether each must be there."""
     taken = inspect.signature(DISTRIBUTIONS[distribution]).parameters.values()
-    return {one.name: one.default is one.empty for one in taken}
+    return {argument.name: argument.default is argument.empty for argument in taken}
 
 
 def check_scatter(name: str, given: Any) -> None:

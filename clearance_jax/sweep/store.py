@@ -68,13 +68,13 @@ def remade(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> bool:
     chunk = next((record["chunk"] for record in journal.records if "chunk" in record), None)
     if chunk is None or journal.differences(description(grid)):
         return False
-    held = Lock(path / LOCK)
+    lock = Lock(path / LOCK)
     try:
         partial = _lay_out(path, grid, provenance, chunk)
         (partial / ROOT).replace(path / ROOT)
         shutil.rmtree(partial)
     finally:
-        held.release()
+        lock.release()
     warnings.warn(f"`{path}`: its `{ROOT}` is damaged; it is mended.", RunWarning, stacklevel=2)
     return True
 
@@ -86,13 +86,13 @@ def _lay_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Seque
 
     partial = path.with_name(path.name + ".partial")
     shutil.rmtree(partial, ignore_errors=True)
-    own = {CHUNK: list(chunk), VARIABLES: list(grid.kinds)}
-    found = list(coordinates(grid))
-    inner = " ".join(name for name, dim, *_ in found if name != dim)
+    layout = {CHUNK: list(chunk), VARIABLES: list(grid.kinds)}
+    columns = list(coordinates(grid))
+    inner = " ".join(name for name, dim, *_ in columns if name != dim)
     root = zarr.create_group(
-        partial, attributes={**attributes(grid), **provenance, **own, **({"coordinates": inner} if inner else {})}
+        partial, attributes={**attributes(grid), **provenance, **layout, **({"coordinates": inner} if inner else {})}
     )
-    for name, dim, values, attrs in found:
+    for name, dim, values, attrs in columns:
         values = _as_stored(values)
         array = root.create_array(
             name,
@@ -173,8 +173,8 @@ class Regions:
                 if np.array_equal(self.coordinate(name), _as_stored(values)):
                     continue
             self.root[name][...] = _as_stored(values)
-            said = f"`{self.path}`: the coordinate `{name}` is damaged; it is mended."
-            warnings.warn(said, RunWarning, stacklevel=2)
+            message = f"`{self.path}`: the coordinate `{name}` is damaged; it is mended."
+            warnings.warn(message, RunWarning, stacklevel=2)
 
     def verify(self) -> None:
         """Forget the regions that are not as they were written, and say so."""
@@ -197,13 +197,13 @@ class Regions:
 
     def _digest(self, region: int) -> str:
         """Of the files of a region's chunks: they are read much sooner than what is in them."""
-        found, place = hashlib.blake2b(digest_size=16), np.unravel_index(region, self.partition.grid)
+        digest, place = hashlib.blake2b(digest_size=16), np.unravel_index(region, self.partition.grid)
         for name, array in self.arrays.items():
             if array.size:
                 chunk = array.metadata.encode_chunk_key((*map(int, place), *[0] * (array.ndim - len(place))))
-                found.update(name.encode())
-                found.update((self.path / name / chunk).read_bytes())
-        return found.hexdigest()
+                digest.update(name.encode())
+                digest.update((self.path / name / chunk).read_bytes())
+        return digest.hexdigest()
 
     def read(self, region: int) -> Values:
         """The variables of a region, shape (lanes, ...)."""
@@ -258,21 +258,21 @@ class Store(AbstractAnswers):
             self._regions.partial.add(region, places, values)
 
     def partial_counts(self):
-        found = self._regions.partial
-        return {region: found.count(region) for region in found.parts()}
+        partial = self._regions.partial
+        return {region: partial.count(region) for region in partial.parts()}
 
     def read(self, region):
         return self._regions.read(region)
 
-    def write(self, region, values, **said):
+    def write(self, region, values, **fields):
         with self._refusal(region):
             old = self.read(region) if region in self._regions.records else None
-            found = self._regions.write(region, values, old)
-        self.confirm(region, found, ending_counts(values["code"]), **said)
+            digest = self._regions.write(region, values, old)
+        self.confirm(region, digest, ending_counts(values["code"]), **fields)
 
-    def confirm(self, region: int, found: str, endings: Mapping[str, int], **said: Any) -> None:
+    def confirm(self, region: int, digest: str, endings: Mapping[str, int], **fields: Any) -> None:
         """Somebody has written a region with this digest, whose lanes ended so."""
-        record = {"region": region, "digest": found, "ended": dict(endings), **said}
+        record = {"region": region, "digest": digest, "ended": dict(endings), **fields}
         with self._refusal(region):
             self._regions.journal.add(**record)
             self._regions.partial.remove(region)
@@ -294,11 +294,11 @@ class Store(AbstractAnswers):
 
     def dataset(self):
         """Lazily, with how lanes ended among its attributes."""
-        found = open_sweep(self.path)
-        shown = {k: v for k, v in found.attrs.items() if k not in (CHUNK, VARIABLES)}
+        dataset = open_sweep(self.path)
+        shown = {k: v for k, v in dataset.attrs.items() if k not in (CHUNK, VARIABLES)}
         endings = [record["ended"] for record in self._regions.records.values()]
-        found.attrs = shown | counts(endings, self.grid.count)
-        return found
+        dataset.attrs = shown | counts(endings, self.grid.count)
+        return dataset
 
     def close(self) -> None:
         """Others may write; what the store was before it grew goes once nothing is missing."""
@@ -319,5 +319,5 @@ def partial_answers(grid: Grid, regions: Regions, before: Any, region: int) -> V
 def put(arrays: Mapping[str, Any], cut: Partition, region: int, values: Mapping[str, np.ndarray]) -> None:
     """Write a region's chunk of each array."""
     where, extent = cut.slices(region), cut.extent(region)
-    for name, one in values.items():
-        arrays[name][where] = one.reshape(*extent, *one.shape[1:])
+    for name, column in values.items():
+        arrays[name][where] = column.reshape(*extent, *column.shape[1:])

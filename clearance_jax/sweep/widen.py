@@ -47,10 +47,10 @@ def open_store(
         if not path.exists():
             create(path, grid, provenance, least)
         elif _differs(path, narrower, grid):
-            held = Lock(path / LOCK)
+            lock = Lock(path / LOCK)
             path.rename(narrower)
             create(path, grid, provenance, least)
-            held.release()
+            lock.release()
         return Store(path, grid, before_of(path, grid))
 
 
@@ -58,7 +58,7 @@ def _check_names(grid: Grid) -> None:
     """Raise for a name that the folder of an array cannot have: the store has a file of that name, or zarr or the disk
     refuses it.
     """
-    for name in (*(found[0] for found in coordinates(grid)), *grid.kinds):
+    for name in (*(coordinate[0] for coordinate in coordinates(grid)), *grid.kinds):
         low = name.casefold()
         if low in OWN_FILES or low.startswith(HANDED_OUT) or low.startswith("__"):
             why = "a store has something of its own of that name"
@@ -84,16 +84,16 @@ def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Region
 def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
     """Whether the store at a path is that of a narrower question. **Raises** `ClearanceError` where it is another's."""
     old = Regions(path)
-    found, described = old.journal.differences(description(grid)), old.journal.question or {}
-    if not found:
+    changes, described = old.journal.differences(description(grid)), old.journal.question or {}
+    if not changes:
         return False
-    grown = {name: words for name, words in found.items() if name.startswith(AXIS) and name in described}
+    grown = {name: words for name, words in changes.items() if name.startswith(AXIS) and name in described}
     # What the store does not know may belong to a model that is new along a `Choice`; all else is another question.
-    own = tuple(label for label in labels(grid) if label)
-    more = {name for name in found if name not in described and name not in VERSIONS and name.endswith(own)}
-    others = {name: words for name, words in found.items() if name not in grown and name not in more}
+    suffixes = tuple(label for label in labels(grid) if label)
+    more = {name for name in changes if name not in described and name not in VERSIONS and name.endswith(suffixes)}
+    others = {name: words for name, words in changes.items() if name not in grown and name not in more}
     if others or _places(old, grid) is None:
-        raise ClearanceError(refusal(path, others or found))
+        raise ClearanceError(refusal(path, others or changes))
     if narrower.exists():
         raise ClearanceError(f"`{path}` is being widened already: finish that with its own axes, and then go on.")
     return True
@@ -127,7 +127,7 @@ def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
     """
     if len(old.partition.shape) != len(grid.dims):
         return None
-    found = []
+    by_axis = []
     for dimension, size in zip(grid.dims, old.partition.shape, strict=True):
         if any(name not in old.root for name in (dimension.name, *dimension.columns)):
             return None
@@ -138,8 +138,8 @@ def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
         places = np.array([known.get(key, -1) for key in now])
         if len(set(places[places >= 0].tolist())) != len(known) or len(known) != size:
             return None
-        found.append(places)
-    return found
+        by_axis.append(places)
+    return by_axis
 
 
 def before_of(path: Path, grid: Grid) -> "Before | None":
@@ -172,9 +172,9 @@ class Before:
         flat = np.ravel_multi_index([at[some] for at in before], old.partition.shape)
         regions, here = old.partition.of(flat)
         for region in np.unique(regions).tolist():
-            own = regions == region
+            members = regions == region
             for name, values in self._region(region).items():
-                out[name][some[own]] = values[here[own]]
+                out[name][some[members]] = values[here[members]]
         return out
 
     def _region(self, region: int) -> dict[str, np.ndarray]:
