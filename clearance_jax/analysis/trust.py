@@ -1,10 +1,9 @@
-"""Whether a derivative is worth believing: an exact derivative of a chaotic motion is useless to an optimiser.
+"""Tests of whether an optimiser can trust a derivative: an exact derivative of a chaotic motion is useless to it.
 
-`gradient_report` measures, at the present design, what an optimiser would rely on: that the derivative does not change
-with the tolerance, that the metric follows it over the intended step and within it, that it stays the same over the
-scatter with which parts are made, and that the slope of the metric over that scatter is the derivative's (jumps and
-kinks show there); how fast neighbouring motions part, and so for how long a derivative can mean anything. It compiles
-two programs, the metric's and the motion's, and again only for another structure: numbers and `t1` are arguments.
+`gradient_report` checks at a design that the derivative does not change with the tolerance; that the metric follows it
+over the intended step and within it; that it is the same over the scatter of made parts; and that it agrees with the
+slope of the metric over that scatter, which shows jumps and kinks. It also measures how fast neighbouring motions
+diverge. It compiles two programs, of the metric and of the motion; numbers and `t1` are their arguments.
 """
 
 import warnings
@@ -55,7 +54,7 @@ class TrustThresholds(Module):
 
 
 THRESHOLDS = TrustThresholds()
-# Its derivatives are always the controlled ones.
+# Options of `gradient_report`: its derivatives are always error-controlled.
 KNOWN = tuple(name for name in ALL if name != "derivatives")
 
 
@@ -121,7 +120,7 @@ class GradientReport(Module):
 
 
 def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and numbers of the parameters, once it is seen that there is something to report on."""
+    """Names and values of the parameters. **Raises** `ClearanceError` for arguments that are not allowed."""
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     given = values_of(mechanism, names)
     if any(number.ndim for number in given.values()):
@@ -139,7 +138,7 @@ def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ..
 def _doubts(
     plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSamples, stats: Statistics, k: int
 ) -> Iterator[str]:
-    """Why not to believe the derivative by the k-th parameter."""
+    """The tests that the derivative by the k-th parameter fails, as sentences."""
     name, mean = plan.names[k], stats.mean[k]
     if not stats.linearity[k] <= thresholds.linearity:
         yield (
@@ -164,7 +163,7 @@ def _doubts(
 
 
 def _tie(plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSamples, judged: np.ndarray) -> Iterator[str]:
-    """A tie of two peaks with different slopes, unless no peak is turned over within the step."""
+    """A sentence about two peaks that tie and have different slopes, if one overtakes the other within the step."""
     if seen.second is None:
         return
     value, gradient = seen.second
@@ -175,9 +174,9 @@ def _tie(plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSamples, j
 
 
 def _reasons(plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSamples, stats: Statistics) -> list[str]:
-    """Every test that failed, as a sentence; and where one did, whether a tie explains it."""
+    """A sentence for every test that failed; after these, whether a tie of peaks explains it."""
     reasons = [] if seen.complete else ["Some motions near this design could not be solved to the end."]
-    # A change the solve cannot resolve, or one small beside another parameter's, is not judged.
+    # Changes that the solve cannot resolve, or that are small beside another parameter's, are not judged.
     change = np.max(np.abs([stats.predicted, seen.up, seen.down]), axis=0)
     judged = change > max(thresholds.minor * np.max(change), plan.rtol * abs(seen.value))
     if stats.digits > thresholds.digits and np.any(judged):
@@ -190,7 +189,7 @@ def _reasons(plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSample
         )
     for k in np.flatnonzero(judged).tolist():
         reasons += _doubts(plan, thresholds, seen, stats, k)
-    # An explanation, not a test: of a tie that turns no peak over within the step an optimiser feels nothing.
+    # An explanation, not a test: a tie in which no peak overtakes the other does not disturb an optimiser.
     if reasons:
         reasons += _tie(plan, thresholds, seen, judged)
     return reasons
@@ -241,7 +240,7 @@ def gradient_report(
     stats = statistics(plan, seen)
     reasons = _reasons(plan, thresholds, seen, stats)
     parting = divergence(plan, mechanism, seen.draws, t1, thresholds.spread, settings)
-    # An explanation, not a test: of a large spread that stays linear an optimiser feels nothing.
+    # An explanation, not a test: a large spread that stays linear does not disturb an optimiser.
     if reasons and parting.horizon < t1:
         reasons.append(
             f"Neighbouring motions within the scatter have parted by t = {parting.horizon:.3g} s, before the end at "

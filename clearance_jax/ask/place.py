@@ -1,4 +1,4 @@
-"""Where lanes are solved: here, or on the workers of a dask cluster."""
+"""Where lanes are solved: on this machine, or on the workers of a dask cluster."""
 
 import logging
 from collections.abc import Iterator
@@ -9,14 +9,16 @@ from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.extras import missing_extra
 from clearance_jax.solve.batch import cores_here
 
-# As a cluster: workers on this machine, for a trial.
+# The name of a trial cluster: workers on this machine.
 LOCAL = "local"
-# How long a scheduler may take to answer.
+# Timeout of the connection to a scheduler.
 PATIENCE = "10s"
 
 
 class SolvePlace(NamedTuple):
-    """Where lanes are solved: here, or by a dask `client`; on so many `cores` (`None`: all here, one a worker)."""
+    """Where lanes are solved: on a dask `client` (`None`: this machine), with `cores` cores (`None`: all of this
+    machine, or one of each worker).
+    """
 
     client: Any = None
     cores: int | None = None
@@ -27,8 +29,8 @@ HERE = SolvePlace()
 
 @contextmanager
 def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
-    """A client of a cluster; what is made here is closed at the end. `LOCAL`: workers on this machine, of so many cores
-    each. **Raises** `ClearanceError` for a scheduler that cannot be reached.
+    """A dask client of a `cluster`: a client, the address of a scheduler, or `LOCAL` (workers on this machine with
+    `cores` cores each). What is created here is closed at the end. **Raises** `ClearanceError` if no scheduler answers.
     """
     try:
         from distributed import Client, LocalCluster
@@ -42,7 +44,7 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
     with ExitStack() as made:
         if cluster == LOCAL:
             workers = max(1, cores_here() // cores)
-            # Nobody need hear that a worker took its time to end.
+            # Warnings about workers that end slowly do not concern the user.
             how = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.ERROR}
             cluster = made.enter_context(LocalCluster(workers, **how))
         try:
@@ -58,7 +60,7 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
 
 @contextmanager
 def place_of(cluster: Any, cores: int | None = None) -> Iterator[SolvePlace]:
-    """The place that is meant by a cluster: a dask client, the address of a scheduler, or "local"; `None`: here."""
+    """The place of a cluster: a dask client, the address of a scheduler, or "local"; `None`: this machine."""
     if cluster is None:
         yield SolvePlace(None, cores)
         return

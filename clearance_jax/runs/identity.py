@@ -1,9 +1,8 @@
-"""What makes one question another: a description by names that can be kept, compared, and told apart in words.
+"""Descriptions of questions, by names: a run on disk keeps its own in its journal and refuses any other question.
 
-Every run that is kept on disk has the description of its question in its journal, and refuses others.
 A description has every number of the models by its name, the settings, the versions with a digest of this library's
-source, and a digest of every function and class of the user's that takes part. The code of other packages counts by its
-name only.
+source, and a digest of each function and class of the user's that takes part. Code of other packages counts by its name
+only.
 """
 
 import hashlib
@@ -21,18 +20,18 @@ from clearance_jax._surroundings import source_digest
 from clearance_jax.parameters import parameters
 
 SOURCE, STRUCTURE = "source of clearance_jax", "structure of the model"
-# What computes an answer, beside the question itself.
+# The names of what computes an answer; all others belong to the question.
 VERSIONS = ("clearance_jax", SOURCE, "jax")
 
 
 def versions() -> dict[str, str]:
-    """What computes: this library, its source, and JAX."""
+    """The versions that compute: this library, a digest of its source, and JAX."""
     return dict(zip(VERSIONS, (version("clearance-jax"), source_digest(), jax.__version__), strict=True))
 
 
 def numbers(model: Any, label: str = "") -> dict[str, Any]:
-    """Every number of a model by its name, what else it is made of as one short text, and a digest of each function and
-    class of the user's in it, by its name too. The label stands behind every name.
+    """The description of a model: every number by its name, its structure as a short text, and a digest of each
+    function and class of the user's in it. The `label` is added to every name.
     """
     known = parameters(model) if isinstance(model, eqx.Module) else {}
     reader = Reader({id(leaf.value) for leaf in known.values()})
@@ -43,12 +42,12 @@ def numbers(model: Any, label: str = "") -> dict[str, Any]:
 
 
 def settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Options by name as numbers and short texts; those that are `None` are left out."""
+    """Options by name as numbers and short texts, without those that are `None`."""
     return {name: short(value) for name, value in given.items() if value is not None}
 
 
 def short(value: Any) -> Any:
-    """A value as a number or a short text."""
+    """A value as a number, a short list, or a short text with a digest."""
     if isinstance(value, jax.Array | np.ndarray | np.generic):
         array = np.asarray(value)
         return array.tolist() if array.size <= 8 else f"{array.shape} {digest(array)}"
@@ -58,19 +57,17 @@ def short(value: Any) -> Any:
 
 
 def as_in_file(described: Mapping[str, Any]) -> dict[str, Any]:
-    """A description as it comes back from a file."""
+    """A description as JSON gives it back, to compare it with one from a file."""
     return json.loads(json.dumps(described), parse_constant=str)
 
 
 def fingerprint(described: Mapping[str, Any]) -> str:
-    """A description as one short text."""
+    """The digest of a description."""
     return hashlib.blake2b(json.dumps(described, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
-    """What the `new` question has otherwise than the `old`, which is kept somewhere: by name, in words; what computes
-    it comes last.
-    """
+    """How the `new` question differs from the `old` one on disk: a sentence by name, those of `VERSIONS` last."""
     names = sorted({**old, **new}, key=lambda name: name in VERSIONS)
     return {
         name: f"`{name}` is {_put(new.get(name))} here and {_put(old.get(name))} there"
@@ -80,9 +77,9 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str
 
 
 def refusal(path: Any, changes: Mapping[str, str]) -> str:
-    """Why a run that is kept at a path is not gone on with, by the `differences` that were found, and what to do."""
+    """The message that refuses to continue a run at a path, by the `differences` of the questions."""
     computes = [name for name in changes if name in VERSIONS]
-    # Another state of the library may be made of other parts.
+    # Another version of the library may give models another structure.
     asked = [name for name in changes if name not in VERSIONS and not (computes and name.startswith(STRUCTURE))]
     names = [*asked, *(name for name in changes if name not in asked)] if asked else computes or list(changes)
     more = f"; and {len(names) - 3} more" if len(names) > 3 else ""
@@ -101,6 +98,6 @@ def _put(value: Any) -> str:
 
 
 def digest(value: Any) -> str:
-    """What a value is, with all that it is made of, as one short text; not where in memory it lies."""
+    """The digest of a value by its content, also of nested objects."""
     reader = Reader()
     return reader.whole(reader.of(value))
