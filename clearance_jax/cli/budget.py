@@ -1,4 +1,4 @@
-"""`clearance info --budget`: what the error of a point is made of, as a table, with what would help, and a picture."""
+"""`clearance info --budget`: the error budget of a point as a table and a figure, and advice."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ def say_budget(
     point: str | None,
     plot: Path | None,
 ) -> None:
-    """Print the error budget of a point of a scene or a robot, and draw it if that is asked for."""
+    """Print the error budget of a point of a scene or a robot, and draw it if `plot` is given."""
     check_distinct(scene=scene_file, trajectory=trajectory, plot=plot)
     check_writable(plot, FIGURES)
     if point is not None and is_robot(scene_file):
@@ -47,14 +47,14 @@ def say_budget(
 
 
 def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
-    """A robot with the frame of one of its links as its point."""
+    """The robot with a point at the frame of the named link."""
     from clearance_jax.io.urdf import load_urdf
 
     return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)
 
 
 def _point(mechanism: Any, asked: str | None) -> str:
-    """The point that a budget is about: the one that is asked for, or the only one."""
+    """The name of the point of a budget: the one that is asked for, or the only one."""
     names = [point.name for point in mechanism.points]
     if asked is not None and asked not in names:
         raise ClearanceError(f"`--point`: there is no point `{asked}`. {suggest(asked, names)}")

@@ -1,4 +1,4 @@
-"""`clearance run` of a calibration: a study to numbers, their confidence, a report and a dataset of residuals."""
+"""`clearance run` of a calibration: fit numbers, print their confidence, write a report and a dataset of residuals."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from clearance_jax.cli.pace import ProgressDisplay
 
 
 def run_calibrate(study: Any, *, output: Path | None, report: Path | None, starts: int | None) -> None:
-    """The calibration of a study. Ctrl-C stops the search and keeps the best motion so far."""
+    """Run the calibration of a study. Ctrl-C stops the search and keeps the best motion so far."""
     from clearance_jax.calibrate.run import calibrate
     from clearance_jax.report.html import calibration_report
     from clearance_jax.results.store import save

@@ -1,4 +1,4 @@
-"""`clearance run` of a design: a study to clearances, their proof and a report."""
+"""`clearance run` of a design: find clearances, verify them, write a report."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import Pace, ProgressDisplay, shown_duration
 from clearance_jax.errors import ClearanceError
 
-# Free coordinates of a plane mechanism above which compiling takes minutes: with 36 it is two and a half.
+# Free coordinates of a plane mechanism above which compiling takes minutes.
 MANY = 16
 
 
@@ -25,7 +25,7 @@ def run_design(
     record: Path | None,
     **search: Any,
 ) -> None:
-    """The design of a study, its proof and its report. Ctrl-C stops the search and keeps the best design so far."""
+    """Run the design of a study, verify it and report it. Ctrl-C keeps the best design so far."""
     from clearance_jax.ask.place import place_of
     from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.design.yields import YieldWarning
@@ -61,7 +61,7 @@ def run_design(
 
 
 def check_method(method: str | None) -> str | None:
-    """A method of the search. **Raises** `ClearanceError` for another word."""
+    """The name of a search method. **Raises** `ClearanceError` if there is none of this name."""
     from clearance_jax.design.methods import METHOD_CHOICES
 
     if method is not None and method not in METHOD_CHOICES:
@@ -70,7 +70,7 @@ def check_method(method: str | None) -> str | None:
 
 
 def known_fidelity(fidelity: str | None) -> str | None:
-    """A model of the motion. **Raises** `ClearanceError` for another word."""
+    """The name of a model of the motion. **Raises** `ClearanceError` if there is none of this name."""
     from clearance_jax.design.specification import FIDELITY_CHOICES
 
     if fidelity is not None and fidelity not in FIDELITY_CHOICES:
@@ -79,7 +79,7 @@ def known_fidelity(fidelity: str | None) -> str | None:
 
 
 def _preparation(mechanism: Any) -> str:
-    """What is done before the first design is evaluated, and how long it takes, as far as the mechanism tells."""
+    """The sentence about compiling, with a rough duration by the size of the mechanism."""
     from clearance_jax.mechanism.state import layout
 
     count = len(layout(mechanism).velocities)
@@ -94,7 +94,7 @@ def _preparation(mechanism: Any) -> str:
 
 
 def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
-    """The design, with the best so far shown on the way."""
+    """Search for the design, and show the best so far."""
     from clearance_jax.design.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
 
@@ -127,7 +127,7 @@ def _interruption(design) -> bool:
 
 
 def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
-    """The design and its certificate, with how long it will take said before and how far it has come on the way."""
+    """The design and its certificate; prints the expected duration and shows the progress."""
     from clearance_jax.design.verify import expected_evaluations
 
     count = expected_evaluations(pace.count, design.specification.manufacture.among, **study.verify)
@@ -145,9 +145,8 @@ def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
 def _explain(
     study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: ProgressDisplay, pace: Pace
 ):
-    """What can be said of the design: its certificate, a trade-off if it is asked for, and for a report whatever else.
-
-    An interruption keeps what is known by then.
+    """The findings about the design: its certificate, a trade-off if it is asked for, and for a report all the others.
+    An interruption keeps those so far.
     """
     from clearance_jax.design import findings
     from clearance_jax.design.findings import CUT_SHORT, known_findings, with_tradeoff

@@ -1,4 +1,4 @@
-"""What moves the mechanism of a scene or a robot: its own drives, a trajectory, or nothing, which holds its posture."""
+"""The drives of a scene or a robot: its own, those of a trajectory, or none, which holds its posture."""
 
 from pathlib import Path
 from typing import Any
@@ -8,8 +8,8 @@ from clearance_jax.errors import ClearanceError
 
 
 def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[Any, Any, tuple[str, ...]]:
-    """A mechanism as it is driven; the trajectory that drives it (`None`: none does); the coordinates of a robot
-    that are held where they stand.
+    """The mechanism with its drives; the trajectory that drives it (`None`: none); the names of the coordinates of a
+    robot that are held in place, as nothing drives them.
     """
     lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
     driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
@@ -18,12 +18,12 @@ def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[An
 
 
 def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
-    """When a motion ends if nobody says so [s], as `t1`; nothing where that is not known."""
+    """The default end of a motion [s], as `{"t1": ...}`; empty if there is none."""
     return {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if idle else {}
 
 
 def check_covered(lead: Any, options: dict[str, Any]) -> None:
-    """Raise where the motion begins before the trajectory does, or ends after it (by more than round-off)."""
+    """Raise `ClearanceError` if the motion begins before the trajectory or ends after it (beyond round-off)."""
     if lead is None:
         return
     (first, last), t0, t1 = lead.span, options.get("t0", 0.0), options["t1"]

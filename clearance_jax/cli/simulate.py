@@ -1,4 +1,4 @@
-"""`clearance simulate`: a scene to a dataset and a figure."""
+"""`clearance simulate`: simulate a scene; write a dataset, a figure, a film."""
 
 import warnings
 from pathlib import Path
@@ -31,7 +31,7 @@ from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.cli.posture import say_held
 from clearance_jax.errors import ClearanceError, quote, suggest
 
-# The steps are ten times those of Python's `simulate`: who waits sees how far the motion is, and may stop it.
+# More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_000_000}
 
 
@@ -81,7 +81,7 @@ def simulate(
     end = options.pop("t1")
     say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
     with ProgressDisplay(errors, parts=True) as shown, warnings.catch_warnings():
-        warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
+        warnings.simplefilter("ignore", EnergyWarning)  # printed below, after the result
         shown.update("compiling and solving")
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
 
@@ -125,7 +125,7 @@ def simulate(
 
 
 def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) -> Any:
-    """The motion: step by step as a trace, or the solution of quasi-static poses."""
+    """Solve the motion: a `Trace` of the dynamics, or a `Solution` of quasi-static poses."""
     from clearance_jax.solve.settings import QUASI_STATIC
     from clearance_jax.solve.simulate import simulate as solution_of
     from clearance_jax.solve.trace import trace
@@ -136,14 +136,14 @@ def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) ->
 
 
 def _solution(result: Any) -> Any:
-    """The solution of a trace, or as it is."""
+    """The solution of a trace; a solution as it is."""
     from clearance_jax.solve.trace import Trace
 
     return result.solution if isinstance(result, Trace) else result
 
 
 def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
-    """The dataset of a trace; contacts that add energy are warned of."""
+    """The dataset of a motion; prints a warning about contacts that add energy."""
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.works import ContactWarning
 
@@ -152,7 +152,7 @@ def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
 
 
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
-    """Raise before the solve for a joint that no film could show."""
+    """Raise `ClearanceError`, before the solve, for a joint that a film cannot magnify."""
     if joint is None:
         return
     if movie is None:
@@ -163,7 +163,7 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
 
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
-    """How to solve: what is given on the command line, in the scene or by a trajectory, or else usual."""
+    """The checked options of the solve: those `given`, over the defaults."""
     from clearance_jax.solve.attempt import STARTS
     from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS
     from clearance_jax.units import to_si
