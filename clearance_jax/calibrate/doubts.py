@@ -1,4 +1,4 @@
-"""What speaks against a fit, in sentences: residuals unlike noise, misleading derivatives, undetermined numbers."""
+"""Doubts about a fit, in sentences: residuals unlike noise, misleading derivatives, undetermined numbers."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -9,16 +9,16 @@ from clearance_jax.calibrate.fit import FitResult, FitTask
 from clearance_jax.calibrate.residuals import ResidualCheck, residuals_of
 from clearance_jax.units import format_quantity
 
-# From this share on of steps that brought much less than predicted, of at least so many.
+# Share of steps that gained much less than predicted from which on this is told, and the least number of steps.
 MISLED, MANY = 0.5, 4
-# Nearer to a bound than this part of its size a number lies at it.
+# A number lies at a bound if it is nearer than this part of its size.
 AT_BOUND = 1e-6
-# A change along an undetermined direction that is told for example, over the numbers' sizes.
+# The example of a change along an undetermined direction, over the numbers' sizes.
 EXAMPLE = 0.1
 
 
 def doubts(task: FitTask, fit: FitResult, known: Confidence) -> Iterator[str]:
-    """What a user must know before the numbers are believed."""
+    """The doubts that a user must know before using the numbers."""
     if not fit.converged:
         yield f"The search has not converged: {fit.ending}. The numbers are those of the best motion so far."
     yield from (_undetermined(group, task.variables.units) for group in known.unidentified)
@@ -48,7 +48,7 @@ def doubts(task: FitTask, fit: FitResult, known: Confidence) -> Iterator[str]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names in a sentence."""
+    """Names as a list in a sentence."""
     quoted = [f"`{name}`" for name in names]
     return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
 
@@ -88,7 +88,7 @@ def _at_bounds(task: FitTask, fit: FitResult) -> Iterator[str]:
 
 
 def _sizes(every: Sequence[ResidualCheck]) -> Iterator[str]:
-    """Whether residuals are as large as the deviations that are given say, or the readings' own roughness."""
+    """Sentences about residuals that are larger or smaller than the noise."""
     for check in every:
         times, square = f"{np.sqrt(check.size):.3g} times as large as", f"(reduced chi-square {check.size:.3g})"
         if check.size > check.high and check.given:
@@ -103,18 +103,18 @@ def _sizes(every: Sequence[ResidualCheck]) -> Iterator[str]:
             )
         if check.size < check.low:
             yield (
-                f"The residuals of `{check.name}` are only {np.sqrt(check.size):.2g} times as large as its noise {square}: "
-                "the noise is smaller than the given deviation. The intervals are too wide."
+                f"The residuals of `{check.name}` are only {np.sqrt(check.size):.2g} times as large as its noise "
+                f"{square}: the noise is smaller than the given deviation. The intervals are too wide."
             )
 
 
 def _correlated(every: Sequence[ResidualCheck], known: Confidence) -> Iterator[str]:
-    """Of which series it must be said that a residual tells the next one."""
+    """Sentences about series whose residuals are correlated in time."""
     for check in every:
         if check.correlated:
             yield (
                 f"The residuals of `{check.name}` follow each other (their correlation from one instant to the next is "
-                f"{check.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(check.count):.2f}): the model lacks "
-                "an effect, or the noise is not independent. The intervals are made wider by the factor "
+                f"{check.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(check.count):.2f}): the model "
+                "lacks an effect, or the noise is not independent. The intervals are made wider by the factor "
                 f"{np.sqrt(known.memory):.2g}, but if the model is wrong the truth may lie outside of them."
             )

@@ -1,4 +1,4 @@
-"""The answer of a calibration, as its user reads it."""
+"""The result of a calibration."""
 
 import dataclasses
 from typing import NamedTuple
@@ -11,12 +11,12 @@ from clearance_jax.calibrate.fit import FitResult, FitTask
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.units import format_quantity
 
-# Other minima that a message tells.
+# The largest number of other minima in the message.
 TOLD = 3
 
 
 class Minimum(NamedTuple):
-    """Where another start led: `values` of the numbers, and its `cost` over that of the best."""
+    """A minimum that another start led to: `values` of the numbers, and the `ratio` of its cost to that of the best."""
 
     values: dict[str, float]
     ratio: float
@@ -24,17 +24,17 @@ class Minimum(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """Numbers of a mechanism that a measurement has shown, and how well it shows them; prints itself.
+    """The fitted numbers of a mechanism and how well they are known. It prints itself.
 
     - `values`, `deviations` (standard), `intervals` (of 95 %) by name [SI]; `units`; those that are `undetermined`.
     - `correlation`: an array over parameter and parameter; `ellipsoid`: a dataset of the confidence ellipsoid's axes.
-    - `residuals`: a dataset over time of what was measured, what the fitted motion shows (`NAME_model`), and the
-      difference (`NAME_residual`, model less measurement).
+    - `residuals`: a dataset over time of the measured values, those of the fitted motion (`NAME_model`), and the
+      difference (`NAME_residual`, model minus measurement).
     - `noise`: the deviation of each signal, given or estimated; `chi_square`: the sum of squared residuals over their
       deviations, by the `freedom` left (near 1 by construction where the deviations are estimated from the residuals);
       `missing`: how many numbers were NaN.
-    - `notes`: what speaks against the fit, in sentences; `others`: minima to which other starts led.
-    - `converged`, `motions`: how many were solved with derivatives; `mechanism`: with the numbers found.
+    - `notes`: doubts about the fit, in sentences; `others`: minima to which other starts led.
+    - `converged`; `motions`: how many were solved with derivatives; `mechanism`: with the fitted numbers.
     """
 
     mechanism: Mechanism
@@ -57,7 +57,7 @@ class Calibration:
 
     @property
     def message(self) -> str:
-        """All that it found, in words."""
+        """The result in words, as it is printed."""
         lines = [f"{name} = {self.row(name)}" for name in self.values]
         count = self.freedom + len(self.values)
         gaps = f", {self.missing} missing" if self.missing else ""
@@ -86,7 +86,7 @@ class Calibration:
 def result_of(
     task: FitTask, mechanism: Mechanism, fits: list[FitResult], known: Confidence, notes: tuple[str, ...]
 ) -> Calibration:
-    """The answer; `mechanism` with the numbers found, `fits` the best first."""
+    """The `Calibration`, from the `mechanism` with the fitted numbers and the `fits`, the best first."""
     fit, names, measurement = fits[0], task.variables.names, task.measurement
     by_name = dict(zip(names, fit.point.x.tolist(), strict=True))
     residuals = task.weigh(fit.point, fit.deviations).residuals
@@ -113,7 +113,7 @@ def result_of(
 
 
 def _ellipsoid(task: FitTask, known: Confidence) -> xr.Dataset:
-    """Axes as changes of the numbers over their sizes, these, and half of each axis, the shortest first."""
+    """The dataset of the confidence ellipsoid: its axes as changes over the sizes of the numbers, and their lengths."""
     return xr.Dataset(
         {
             "axes": (("parameter", "axis"), known.axes, {"long_name": "change over the sizes, along each axis"}),
@@ -139,7 +139,7 @@ def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
 
 
 def _others(task: FitTask, fits: list[FitResult], known: Confidence):
-    """Minima that are farther from the best, and from each other, than the intervals reach."""
+    """The minima that are outside of each other's intervals, without the best."""
     size = known.factor * known.deviations
     undetermined = [name in {n for group in known.unidentified for n in group.names} for name in task.variables.names]
     seen, best = [fits[0]], task.cost(fits[0].point, fits[0].deviations)

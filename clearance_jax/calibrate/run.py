@@ -1,4 +1,4 @@
-"""`calibrate`: a mechanism's numbers from measured motion or forces, with their confidence."""
+"""`calibrate`: fit numbers of a mechanism to measured motion or forces, with confidence intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Unpack
@@ -22,7 +22,7 @@ from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters, replace
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 
-# How often a better fit is gone after that the ends of the intervals have shown.
+# How often the search continues from a better fit that was met at the ends of the intervals.
 ROUNDS = 4
 UNSEEN = "the motion at the ends of the intervals was not compared with what the derivatives predict"
 
@@ -42,8 +42,8 @@ def calibrate(
     progress: Callable[[FitPoint], Any] | None = None,
     **options: Unpack[SolveOptions],
 ) -> Calibration:
-    """Numbers of a mechanism with which its motion is nearest to a measured one: least squares with the motion's own
-    derivatives, over signals that were measured.
+    """Fit numbers of a mechanism so that its motion is nearest to a measured one, by least squares with exact
+    derivatives.
 
     **Arguments:**
 
@@ -83,7 +83,7 @@ def calibrate(
 
 
 def settle(task: FitTask, fit: FitResult) -> tuple[FitResult, Confidence, tuple[str, ...]]:
-    """How well the numbers are known, of a better fit where its interval has shown one; and what could not be told."""
+    """The fit, or a better one that was met on the way; its confidence; and notes on what was not compared."""
     known = confidence(task, fit)
     try:
         for _ in range(ROUNDS):
@@ -101,7 +101,7 @@ def settle(task: FitTask, fit: FitResult) -> tuple[FitResult, Confidence, tuple[
 
 
 def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variables:
-    """The numbers that are looked for, with their bounds."""
+    """The numbers to be fitted, with start values and bounds."""
     known = parameters(mechanism)
     given = (given,) if isinstance(given, str) else given
     bounds = given if isinstance(given, Mapping) else dict.fromkeys(given, None)
@@ -129,7 +129,7 @@ def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variabl
 
 
 def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
-    """The bounds that are given, or else those that the number has by its nature."""
+    """The given bounds within those of the number itself; these alone if none are given."""
     about = leaf.metadata
     least = [about[key] for key in ("above", "least") if about.get(key) is not None]
     if pair is None:
@@ -160,7 +160,7 @@ def _check_count(measurement: Measurement, variables: Variables) -> None:
 
 
 def _span(mechanism: Mechanism, times: np.ndarray, t1: Any, options: Any) -> tuple[Settings, float]:
-    """How to solve, and until when."""
+    """The settings of the solves, and the end of the motion [s]."""
     end = float(times[-1] if t1 is None else t1)
     settings = settings_of(mechanism, end, options)
     begin = float(settings.t0)
