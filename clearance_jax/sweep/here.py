@@ -1,4 +1,4 @@
-"""A sweep on this machine: its regions one after the other, each on all cores."""
+"""A sweep on this machine: one region after the other, each on all cores."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from clearance_jax.sweep.plan import SweepPlan
 
 
 def plan_of(grid: Grid, answers: AbstractAnswers, place: str) -> SweepPlan:
-    """What is to be done, without how long that will take."""
+    """The plan of a sweep, without the expected time."""
     cut, missing = answers.partition, answers.open_regions()
     new = sum(cut.size(region) for region in missing) - sum(answers.partial_counts().values())
     memory = min(grid.count, int(np.prod(cut.chunk))) * grid.bytes_a_lane
@@ -26,7 +26,7 @@ def plan_of(grid: Grid, answers: AbstractAnswers, place: str) -> SweepPlan:
 
 
 def with_time(todo: SweepPlan, seconds: float | None) -> SweepPlan:
-    """The plan with how long it will take at so many seconds a lane."""
+    """The plan with the expected time, at so many seconds a lane."""
     return todo if seconds is None else todo._replace(seconds=seconds * (todo.lanes - todo.known))
 
 
@@ -37,7 +37,7 @@ def run_here(
     plan: Callable[[SweepPlan], Any] | None,
     progress: Tell,
 ) -> None:
-    """Answer what is missing. A pilot is run where somebody wants to know the `plan`."""
+    """Answer the missing regions. If there is a `plan` callback, a few lanes are timed first."""
     todo, missing = plan_of(grid, answers, f"{cores} cores"), answers.open_regions()
     if plan is not None:
         plan(with_time(todo, pilot_time(grid, answers, missing, cores)))
@@ -57,7 +57,7 @@ def run_here(
 
 
 def run_again(grid: Grid, answers: AbstractAnswers, options: Mapping[str, Any], cores: int) -> None:
-    """Answer lanes that failed by other options of the solves, once."""
+    """Solve failed lanes once more with other options."""
     grid, words = with_options(grid, options)
     for region in answers.regions_to_repeat(words):
         values = rerun(grid, answers.partition.lanes(region), answers.read(region), cores)
@@ -65,7 +65,7 @@ def run_again(grid: Grid, answers: AbstractAnswers, options: Mapping[str, Any], 
 
 
 def rerun(grid: Grid, lanes: Lanes, values: Values, cores: int) -> Values:
-    """The values of lanes with those that failed answered once more."""
+    """The values of lanes, with the failed ones solved again."""
     values = {name: np.array(column) for name, column in values.items()}
     wrong = np.flatnonzero(ran_in_vain(values["code"]))
     times = values["again"][wrong] + 1
@@ -76,7 +76,7 @@ def rerun(grid: Grid, lanes: Lanes, values: Values, cores: int) -> Values:
 
 
 def with_options(grid: Grid, options: Mapping[str, Any]) -> tuple[Grid, str]:
-    """The same question with other options of the solves, and these in words."""
+    """The grid with other options of the solves, and these in words."""
     questions = []
     for question in grid.questions:
         settings = settings_of(question.model, question.t1, options)

@@ -1,4 +1,4 @@
-"""What makes one sweep another, by names (see `clearance_jax.runs.identity`)."""
+"""The description of a sweep's question, by names (see `clearance_jax.runs.identity`)."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ AXIS = "axis "
 
 
 def description(grid: Grid) -> dict[str, Any]:
-    """A question by the names of its parts, each a number or a short text."""
+    """The description of a question: numbers and short texts by name."""
     described: dict[str, Any] = versions()
     for dimension in grid.dims:
         described[f"{AXIS}{dimension.name}"] = _axis(dimension)
@@ -41,7 +41,7 @@ def solve_words(settings: Settings) -> dict[str, Any]:
 
 
 def labels(grid: Grid) -> list[str]:
-    """What tells the names of several models apart."""
+    """A suffix for the names of each model's numbers; empty for a single model."""
     suffixes = [""]
     for dimension in grid.dims:
         if dimension.models:

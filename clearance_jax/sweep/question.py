@@ -1,4 +1,4 @@
-"""A sweep's question as it is given, read and checked: the grid of its points."""
+"""Read and check the arguments of a sweep, and build its `Grid`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ def grid_of(
     times: Any = None,
     options: Mapping[str, Any] | None = None,
 ) -> Grid:
-    """A question as it is given to `sweep`, read. **Raises** `ClearanceError` for what cannot be answered."""
+    """The grid of the arguments of `sweep`. **Raises** `ClearanceError` for what cannot be answered."""
     dims = dimensions(axes)
     models = models_of(mechanism, dims)
     every = [units_of_columns(model, dims) for model in models]
@@ -89,12 +89,12 @@ def _outputs(outputs: Any) -> Mapping[str, Any]:
 
 
 def _metric(name: str, given: Any) -> AbstractMetric:
-    """A metric; a quantity by its name as a metric of the solution."""
+    """The metric of an output; the name of a quantity becomes a metric of the solution."""
     return Function(Named(given)) if isinstance(given, str) else as_metric(given)
 
 
 class Named(NamedTuple):
-    """A quantity of a solution, by its name; at the end, or at the times that samples were asked for."""
+    """A function that gives a quantity of a solution by its name, at the end or at the times of `save_at`."""
 
     quantity: str
 
@@ -117,12 +117,12 @@ def _derivative_names(outputs: Any, wrt: tuple[str, ...], given: Sequence[str] |
 def _kinds(
     model: Mechanism, question: Question, outputs: Mapping[str, Any], shapes: Any, dims: Sequence[Dimension]
 ) -> tuple[dict[str, Kind], dict[str, tuple[str, Any]]]:
-    """What every variable is, and the coordinates of dimensions that are not the sweep's."""
+    """The kinds of all variables, and the coordinates of dimensions that are not the sweep's."""
     kinds, coordinates = {name: ENDINGS[name] for name in ENDINGS if name in (*shapes.ending, "again")}, {}
     settings = question.settings
     if settings.save_at is not None:
         coordinates["time"] = "time", np.asarray(settings.save_at)
-    # Looked up where somebody asks: for a small sweep it takes as long as the lanes.
+    # Only if needed: it takes as long as the lanes of a small sweep.
     by_name = any(isinstance(given, str) for given in outputs.values())
     named, known = quantities(model, bool(settings.energy_balance)) if by_name else {}, {}
     along = {name: None for dimension in dims for name in (dimension.name, *dimension.columns)}
@@ -164,8 +164,8 @@ def _kinds(
 
 
 def _axes(name: str, form: Form, shape: tuple[int, ...], along: dict[str, Any]) -> tuple[str, ...]:
-    """The dimensions of an output beside the lanes', as its metric calls them; with the output's name in front where
-    something else is called so. `along`: what stands along each dimension, size and labels, to which they are added.
+    """The names of an output's dimensions, as its metric calls them; with the output's name in front if a name is taken
+    by another dimension. `along`: size and labels by dimension, to which these are added.
     """
     named = form.axes if len(form.axes) == len(shape) else [(str(i), ()) for i in range(len(shape))]
     dims = []
