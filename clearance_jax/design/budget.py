@@ -1,4 +1,4 @@
-"""What the error of a point is made of: play, elasticity of the contacts, dynamics; joint by joint, over time."""
+"""The error budget of a point: its parts by play, by elasticity of the contacts and by dynamics; joint by joint."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -25,16 +25,17 @@ from clearance_jax.solve.settings import evenly, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.spatial import as_array, subtract
 
-# Contacts so many times stiffer leave play alone; clearances of this part leave elasticity alone.
+# The factor on contact stiffness that leaves play alone; the factor on clearances that leaves elasticity alone.
 RIGID, CLOSED = 1e6, 1e-3
 INSTANTS = 201
-# Numbers of a clearance joint that are its play.
+# Fields of a clearance joint that are its play.
 CLEARANCES = "radial_clearance", "axial_clearance", "side_clearance"
 
 
 class Parts(NamedTuple):
-    """Errors of a point over time [m]: `whole`, shape (times, 3), and with one joint at a time where its pin is, shape
-    (times, joints, 3); whether each instant has a pose, its lowest frequency [Hz], and where what is drawn is [m].
+    """Quasi-static errors of a point [m]: `whole` (times, 3), and `joints` (times, joints, 3) with the offset of one
+    pin at a time; `good`: whether there is a pose at each time; its lowest `frequency` [Hz]; `marks`: positions for
+    drawings [m].
     """
 
     whole: Float[Array, "times 3"]
@@ -64,7 +65,7 @@ class ErrorBudget:
 
     @property
     def peaks(self) -> dict[str, float]:
-        """The largest error over time of each model [m]."""
+        """The largest error of each part over time [m]."""
         return {name: float(self.dataset[name].max()) for name in ("dynamics", "quasi_static", "play", "elasticity")}
 
     @property
@@ -74,12 +75,12 @@ class ErrorBudget:
 
     @property
     def shares(self) -> dict[str, float]:
-        """What each joint adds to the quasi-static peak [m]."""
+        """The contribution of each joint to the quasi-static peak [m]."""
         return self._along(self.dataset.joint_error)
 
     @property
     def play_shares(self) -> dict[str, float]:
-        """What each joint's play alone adds along the same direction at the same time [m]."""
+        """The contribution of each joint's play alone, along the same direction at the same time [m]."""
         return self._along(self.dataset.joint_play)
 
     def _along(self, vectors: xr.DataArray) -> dict[str, float]:
@@ -93,7 +94,7 @@ class ErrorBudget:
 
 
 def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = True, **options: Any) -> ErrorBudget:
-    """What the error of a named point is made of, over a motion.
+    """The error budget of a named point over a motion.
 
     **Arguments:** `mechanism`, whose drives move it; `point`: the name of one of its points; `t1`: the motion's end
     [s]; `dynamics`: whether the equations of motion are solved as well; `options`: as `simulate`'s, by default with a
@@ -183,7 +184,7 @@ def _deviations(mechanism: Mechanism, index: int, times: Array, y: Array) -> Arr
 
 
 def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
-    """The same with every contact so many times stiffer: of any factor the same program."""
+    """The mechanism with contacts `factor` times as stiff; any factor uses the same program."""
 
     def stiffer(clearance):
         return dataclasses.replace(clearance, normal=Stiffened(clearance.normal, factor))
@@ -192,7 +193,7 @@ def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
 
 
 def _closed(mechanism: Mechanism) -> Mechanism:
-    """The same with next to no play."""
+    """The mechanism with nearly no play."""
 
     def closer(clearance):
         sizes = {name: getattr(clearance, name, None) for name in CLEARANCES}
@@ -222,7 +223,7 @@ def _lines(budget: ErrorBudget):
 
 
 def advice(budget: ErrorBudget) -> str:
-    """What would help most, in a sentence."""
+    """A sentence on what reduces the error most."""
     shares, play, peaks = budget.shares, budget.play_shares, budget.peaks
     worst = max(shares, key=lambda name: abs(shares[name]))
     if np.isfinite(peaks["dynamics"]) and peaks["dynamics"] > 2 * peaks["quasi_static"]:

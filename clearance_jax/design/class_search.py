@@ -1,4 +1,4 @@
-"""The cheapest classes that hold every limit, from the continuous design."""
+"""The search for the cheapest tolerance classes that hold every limit, from the continuous design."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -36,7 +36,7 @@ def choose_classes(
         return run(box, design.method, start, **options)
 
     costs = _sums(design, lists) if len(lists) == len(program.names) else None
-    # What nobody has said of a method is as coarse as how it meets limits.
+    # Without a tolerance the resolution is that to which the method meets limits.
     how = {"gradients": design.method.gradients, "resolution": options.get("tolerance", design.method.slack)}
     outcome = BranchAndBound(program, lists, relax, ends.hold, costs, **how).search(design.evaluation.x)
     chosen = {} if outcome.best is None else _names(program, classes, outcome.best.x)
@@ -64,7 +64,7 @@ def _names(program: Program, classes: Mapping[str, tuple[ToleranceClass, ...]], 
 
 
 def _design(design: Design, result: ChosenClasses, outcome: BoundedOptimum, lists: Mapping[int, np.ndarray]) -> Design:
-    """The design with what was chosen. Where nothing holds it is the tightest combination, and says so."""
+    """The design with the chosen classes; if no combination holds, the tightest one with a note."""
     stopped = {"stop_reason": design.stop_reason or outcome.stop_reason, "classes": result}
     if outcome.best is not None:
         return dataclasses.replace(design, evaluation=outcome.best, **stopped)
@@ -79,14 +79,14 @@ def _design(design: Design, result: ChosenClasses, outcome: BoundedOptimum, list
 
 
 def without_classes(design: Design, result: ChosenClasses, stop_reason: str) -> Design:
-    """The continuous design of a search that was stopped before it had found a combination that holds."""
+    """The continuous design, if the search was stopped before it had found a feasible combination."""
     note = "stopped before any class was chosen: the clearances are those of a continuous design"
     note = "; ".join(text for text in (design.note, note) if text)
     return dataclasses.replace(design, stop_reason=design.stop_reason or stop_reason, classes=result, note=note)
 
 
 def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray], doubts: tuple[str, ...]) -> str:
-    """Why no combination of classes will do, and what would help."""
+    """A note on why no combination of classes holds, and what would help."""
     program, cost = design.program, f"{design.objective:.6g} {design.specification.cost_unit}"
     none = "no combination of the classes holds every limit"
     if doubts:
@@ -106,7 +106,7 @@ def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarra
 
 
 class _Least:
-    """Whether combinations hold with every clearance at its least."""
+    """Checks combinations with every clearance at the least of its class."""
 
     def __init__(self, design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: SolvePlace):
         specification = design.specification.as_designed()
@@ -116,7 +116,7 @@ class _Least:
         self.solves = 0
 
     def hold(self, x: np.ndarray) -> bool:
-        """Whether the combination whose greatest clearances are `x` (n,) holds."""
+        """Whether the combination with the greatest clearances `x` (n,) holds with its least ones."""
         least = least_ends(self._program.names, x, _names(self._program, self._classes, x))
         self.solves += 1
         return float(np.max(self._simulations.worst(least, self._scenarios, self._exact))) <= SLACK

@@ -1,4 +1,4 @@
-"""Classes that a clearance can be made in: ISO 286 fits, or clearances between limits, and what each costs."""
+"""Tolerance classes of a clearance: ISO 286 fits, or clearances between limits, with their costs."""
 
 import dataclasses
 import itertools
@@ -18,15 +18,15 @@ from clearance_jax.parameters import parameters
 from clearance_jax.units import format_quantity
 
 CLEARANCE, RADIUS = ".radial_clearance", ".pin_radius"
-# A class that begins at contact has a joint that just turns.
+# The least clearance of a class that begins at contact [m]: the joint must turn.
 SMALLEST = 1e-7
-# A gap below which a choice is the cheapest one, to what solves resolve.
+# A choice counts as the cheapest below this relative gap, which solves do not resolve.
 CHEAPEST = 1e-5
 
 
 class ToleranceClass(NamedTuple):
-    """A class that a clearance can be made in: its `name`, the `least` and the `greatest` value that is made [m], its
-    `cost` (`None`: that of the greatest value by the variable's cost law), and the ISO 286 `fit` if it is one.
+    """A tolerance class of a clearance: its `name`, the `least` and the `greatest` value that is made [m], its `cost`
+    (`None`: that of the greatest value by the variable's cost law), and the ISO 286 `fit` if it is one.
     """
 
     name: str
@@ -40,12 +40,12 @@ class ToleranceClass(NamedTuple):
 
 
 Candidates = Mapping[str, Sequence[str | ToleranceClass] | Mapping[str, float]]
-"""By variable the classes to choose from: names of fits, fits with their costs, or classes of your own."""
+"""The classes to choose from by variable: names of fits, fits with their costs, or classes of your own."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ChosenClasses:
-    """Which classes a search has chosen, and how good they are.
+    """The classes that a search has chosen, and how good they are.
 
     - `chosen`: the class of each variable that has classes; empty where no combination was found that holds.
     - `cost` of them, and `bound`: what the cheapest combination costs at least, as far as the optima of the continuous
@@ -66,12 +66,12 @@ class ChosenClasses:
 
     @property
     def gap(self) -> float:
-        """By what part of its cost the choice may be dearer than the cheapest one; infinite where none was found."""
+        """The relative gap between the cost and its lower bound; infinite if nothing was chosen."""
         return max(0.0, (self.cost - self.bound) / abs(self.cost)) if self.chosen else np.inf
 
     @property
     def optimality(self) -> str:
-        """How good the choice is, in words."""
+        """A sentence on how good the choice is."""
         least = "By the bounds of the search no combination of classes is cheaper"
         if not np.isfinite(self.gap):
             return "The search has no bound yet, so another combination of classes may be cheaper"
@@ -80,7 +80,7 @@ class ChosenClasses:
 
     @property
     def sentences(self) -> list[str]:
-        """How the search went, and how good the choice is."""
+        """Sentences on the search and on how good the choice is."""
         searched = f"branch and bound: {self.nodes} nodes, {self.solves} solves for {self.combinations} combinations"
         lines = [searched]
         if self.chosen:
@@ -90,16 +90,16 @@ class ChosenClasses:
 
 
 NONE_CHOSEN = ChosenClasses({}, np.nan, -np.inf, np.nan, 0, 0, 0, ())
-"""Of a search that was stopped before its first box."""
+"""The result of a search that was stopped before its first node."""
 
 
 def least_ends(names: Sequence[str], x: np.ndarray, chosen: Mapping[str, ToleranceClass]) -> np.ndarray:
-    """Variables (n,) of these names, of which those with classes are at the least value that is made."""
+    """The variables (n,), those with classes at the least value of their class."""
     return np.array([max(chosen[n].least, SMALLEST) if n in chosen else v for n, v in zip(names, x, strict=True)])
 
 
 def fit_costs(names: Iterable[str], diameter: float, hole: AbstractCost, shaft: AbstractCost) -> dict[str, float]:
-    """What fits cost: the cost of the hole's tolerance by its process, and of the shaft's by its own.
+    """The costs of fits by name: the cost of the hole's tolerance plus that of the shaft's.
 
     **Arguments:** `names` such as "H7/g6"; `diameter`: the nominal one [m]; `hole`, `shaft`: cost laws of the
     tolerance of a diameter [m], each of one process (boring, reaming, grinding), with constants of your shop.
@@ -113,7 +113,7 @@ def fit_costs(names: Iterable[str], diameter: float, hole: AbstractCost, shaft: 
 
 
 def diameters_of(mechanism: Mechanism, names: Iterable[str]) -> dict[str, float]:
-    """By variable the nominal diameter of its joint [m], twice the pin's radius; of radial clearances."""
+    """The nominal diameter [m] of the joint of each radial clearance: twice the pin's radius."""
     known = parameters(mechanism)
     joints = [name.removesuffix(CLEARANCE) for name in names if name.endswith(CLEARANCE)]
     return {j + CLEARANCE: 2 * float(known[j + RADIUS].value) for j in joints if j + RADIUS in known}
@@ -189,9 +189,9 @@ def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float,
 
 
 def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceClass, ...]]) -> Specification:
-    """The same problem, in which a variable whose classes have costs costs what they do, with a curve between them.
+    """The problem with cost curves through the costs of classes, for variables whose classes have costs.
 
-    **Raises:** `ClearanceError` where a variable then has no cost, and where a looser class costs more.
+    **Raises:** `ClearanceError` if a variable has no cost then, or if a looser class costs more.
     """
     laws = dict(zip(specification.variables, specification.costs, strict=False))
     laws |= {name: _curve(listed) for name, listed in classes.items() if listed[0].cost is not None}

@@ -1,6 +1,6 @@
 """Conditions of a design as a product: each trajectory with each payload at each speed.
 
-A condition is values by name. All conditions of a product set the same names, so that one program solves them together.
+A condition is a set of values by name. All conditions of a product set the same names, so that one program solves all.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ from clearance_jax.parameters import Leaf, parameters, replace
 from clearance_jax.units import time_power
 
 Values = dict[str, Any]
-# Of a payload's effect on its body, what is left of it where the body has no number for it: a part of its size.
+# Relative size of a payload's effect below which its body need not have a number for it.
 ROUNDED = 1e-12
 
 
@@ -48,7 +48,7 @@ class Payload:
             raise ClearanceError(f"The mass of a payload must not be negative, but it is {self.mass} kg.")
 
     def values(self, mechanism: Mechanism) -> Values:
-        """What it makes of its body's numbers, by name. **Raises** `ClearanceError` where they cannot say it."""
+        """The numbers of the body with the payload, by name. **Raises** `ClearanceError` if the body lacks one."""
         names = [body.name for body in mechanism.bodies]
         if self.body not in names:
             raise ClearanceError(f"There is no body `{self.body}` to carry a payload. " + suggest(self.body, names))
@@ -113,7 +113,7 @@ def condition_product(
 
 
 def _apart(parts: Sequence[tuple[str, Values]]) -> Values:
-    """All values together, each set once."""
+    """The values of all parts. **Raises** `ClearanceError` for a value that two parts set."""
     values: Values = {}
     for name, part in parts:
         for twice in (given for given in part if sets(values, given)):
@@ -138,7 +138,7 @@ def _trajectory(name: str, drives: Mapping[str, AbstractMotionLaw], mechanism: M
 
 
 def _scaled(mechanism: Mechanism, values: Values, factor: float, name: str) -> Values:
-    """All that is a course in time, with its values in a condition, so many times as fast."""
+    """The numbers of all courses in time, for a motion `factor` times as fast with the values of a condition."""
     if not (np.isfinite(factor) and factor > 0):
         raise ClearanceError(f"`{name}`: a speed must be a positive number, but it is {factor}.")
     if mechanism.controllers:
@@ -153,9 +153,7 @@ def _scaled(mechanism: Mechanism, values: Values, factor: float, name: str) -> V
 
 
 def _check_scaled(once: Mechanism, scaled: Mechanism, factor: float, name: str) -> None:
-    """Raise where a course in time is not the same at another speed, as one by an expression of numbers without units
-    is not.
-    """
+    """Raise `ClearanceError` if a course in time changes otherwise than in speed."""
     laws = [[c.motion.drive for c in m.coordinates()] + [w.course for w in m.wrenches] for m in (once, scaled)]
     breaks = np.asarray(drive_breaks(once))
     times = np.array([0.13, 0.37, 0.61, 0.89]) * (np.max(breaks) if breaks.size and np.max(breaks) > 0 else 1.0)
@@ -173,7 +171,7 @@ def _check_scaled(once: Mechanism, scaled: Mechanism, factor: float, name: str) 
 
 
 def _is_course(leaf: Leaf) -> bool:
-    """Whether a number says how something goes in time: of a drive, a load's course, or a payload that comes."""
+    """Whether a number belongs to a course in time: of a drive, a load, or a payload that is picked up."""
     return bool({"drive", "course", "picked_up", "put_down"} & set(leaf.path))
 
 
@@ -186,12 +184,12 @@ def _three(vector: Sequence[Any]) -> np.ndarray:
 
 
 def _steiner(mass: float, arm: np.ndarray) -> np.ndarray:
-    """The inertia of a point mass."""
+    """The inertia tensor (3, 3) of a point mass at `arm` [m]."""
     return mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
 
 
 def _tensor(inertia: Any) -> np.ndarray:
-    """A tensor (3, 3); of one number, about z, and of none."""
+    """The inertia tensor (3, 3) of an `Inertia`, of three or six numbers, of one number (about z), or of `None`."""
     if isinstance(inertia, Inertia):
         tensor = inertia.symmetric
         return np.array([[float(tensor.entry(i, j)) for j in range(3)] for i in range(3)])
@@ -202,7 +200,7 @@ def _tensor(inertia: Any) -> np.ndarray:
 
 
 def _inertia(body: Body, tensor: np.ndarray) -> Values:
-    """A tensor's entries by the names of a body's numbers."""
+    """The entries of a tensor (3, 3) by the names of a body's numbers."""
     if not isinstance(body.inertia, Inertia):
         return {"inertia": float(tensor[2, 2])}
     pairs = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}

@@ -1,4 +1,4 @@
-"""Why an answer is what it is: what each clearance contributes to an error, and what a looser bound would save."""
+"""Explanations of a design: the contribution of each clearance to a limit, and trade-offs between bound and cost."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -38,15 +38,14 @@ class Response(NamedTuple):
     units: dict[str, str]
     slopes: dict[str, float]
     contributions: dict[str, float]
-    """Slope times clearance: what each variable has in the value, to first order."""
 
     @property
     def rest(self) -> float:
-        """What no variable's contribution explains: deformation, inertia, play that is not a variable."""
+        """The value minus all contributions: from deformation, inertia, play that is not a variable."""
         return self.value - sum(self.contributions.values())
 
     def share(self, part: float) -> float:
-        """Of the bound."""
+        """A part of the value over the bound."""
         return part / self.bound
 
     def sensitivity(self, name: str) -> str:
@@ -76,7 +75,7 @@ def responses(design: Design) -> tuple[Response, ...]:
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
     asked, specification = design.specification, design.specification.nominal()
-    if asked.manufacture.among:  # slopes of the dynamics say nothing
+    if asked.manufacture.among:  # slopes of the dynamics are useless
         specification = specification.judged_by(QUASI_STATIC)
     x, simulations = specification.values(design.evaluation.x), simulations_of(specification)
     by = " by quasi-static poses" * bool(asked.manufacture.among)
@@ -176,18 +175,18 @@ def tradeoff(
 def _traded(
     design: Design, limit: str, factors: Sequence[float], progress: Callable[[str], None] | None, place: SolvePlace
 ) -> Program:
-    """The problem of a design with every point that its bounds were searched by."""
+    """The program of a design with all points of the searches for the bounds."""
     words = ""
 
     def tell(_: Evaluation) -> None:
         if progress is not None:
             progress(f"{words}, {program.solves} designs")
 
-    # What the record holds need not be known twice.
+    # Points of the record are read from it.
     known = {"record": design.program.record} if design.program.record else {"known": design.program.points}
     program = formulate(design.specification, place=place, progress=tell, **known)
-    # From the bound before and not from the best point that is known: read back from a record, a search takes the same
-    # way again, and solves nothing.
+    # Start from the answer of the bound before, not from the best known point: so a search that is repeated with a
+    # record takes the same way, and solves nothing.
     answers = {1.0: design.evaluation.x}
     outwards = sorted({f for f in factors if f != 1.0}, key=lambda f: abs(math.log(f)))
     for i, factor in enumerate(outwards):
@@ -205,7 +204,7 @@ def _traded(
 
 
 def _best(program: Program, limit: str, factor: float) -> Evaluation | None:
-    """Of all that was evaluated, for whichever bound."""
+    """The best of all evaluated points that hold the limit with this factor on its bound."""
     moved = np.where([group == limit for group in program.groups], factor, 1.0)
     feasible = [p for p in program.history if np.all((1 + p.limits) / moved - 1 <= SLACK)]
     return min(feasible, key=lambda p: p.objective, default=None)

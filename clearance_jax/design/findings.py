@@ -1,4 +1,4 @@
-"""All that can be said of a design, for a report."""
+"""The findings about a design, for a report: limits, loads, pictures, contributions, fits, maintenance."""
 
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,7 +29,7 @@ from clearance_jax.solve.settings import QUASI_STATIC
 CUT_SHORT = "Interrupted before every statement was made."
 NO_CLASSES = "No classes were chosen, so there is nothing to explain or to verify."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
-# Parts that are tried with standard fits where each is a life and no yield is asked for: 86 % can be proved.
+# Samples for standard fits if each needs a wear simulation and no yield is asked for; they can prove 86 %.
 LIVED = 20
 OF_DYNAMICS = "Loads and pictures are those of the dynamics; the limits are judged by quasi-static poses."
 NO_TRADE = "There is no trade-off where a design is judged among neighbours, or chosen from classes."
@@ -64,25 +64,25 @@ class Findings(NamedTuple):
 
     @property
     def good(self) -> bool:
-        """Whether the limits are held, by as many parts as were asked for, for all that is known."""
+        """Whether the design is feasible, and its certificate, if there is one, confirms limits and yield."""
         proof = self.certificate
         return self.design.feasible and (proof is None or (proof.holds and proof.yields))
 
     @property
     def outline(self) -> Outline | None:
-        """How the mechanism is drawn, in the first condition."""
+        """The outline of the mechanism, in the first condition."""
         return next((outline(motion) for motion in self.motions.values()), None)
 
     @property
     def worst(self) -> dict[str, str]:
-        """By joint the condition in which its force is largest, first falls left out."""
+        """The condition of the largest force by joint, without first falls."""
         rising = sorted(self.loads, key=lambda load: load.largest if load.after is None else load.after)
         conditions = {load.joint: load.condition for load in rising}
         return {load.joint: conditions[load.joint] for load in self.loads}
 
     @property
     def verdict(self) -> str:
-        """Whether the limits are held, and who says so."""
+        """A sentence on whether the limits are held, and by which evidence."""
         design = self.design
         if not design.feasible:
             return f"No feasible design: {design.lack}."
@@ -95,7 +95,7 @@ class Findings(NamedTuple):
 
 
 def known_findings(design: Design, certificate: Certificate | None = None) -> Findings:
-    """What can be said of a `design`, and its `certificate` if there is one, without another solve."""
+    """The findings about a `design` and its `certificate`, if there is one, that need no solve."""
     doubt = design.specification.manufacture.doubt
     lack = () if design.feasible else (NO_CLASSES if design.evaluation.feasible else INFEASIBLE,)
     software = f"clearance_jax {__version__}, jax {version('jax')}, Python {platform.python_version()}"
@@ -116,7 +116,7 @@ def findings(
     cluster: Any = None,
     trade: Mapping[str, Any] | None = None,
 ) -> Findings:
-    """Limits, loads, pictures, contributions and nearest fits of a design, as far as its problem has them.
+    """All findings about a design that its problem allows: limits, loads, pictures, contributions, nearest fits.
 
     **Arguments:** `design`: the answer of a problem; `certificate`: of `design.verify()`, if there is one; `progress`:
     called with what comes next, in words; `cluster`: as of `ToleranceProblem.solve`, for the samples of fits and a
@@ -134,7 +134,7 @@ def with_tradeoff(
     cluster: Any = None,
     trade: Mapping[str, Any] | None = None,
 ) -> Findings:
-    """The same findings and a trade-off, if one is asked for; arguments as of `findings`."""
+    """The findings with a trade-off, if `trade` is given; arguments as those of the function `findings`."""
     return _go_on(findings, (), progress, trade, cluster)
 
 
@@ -145,7 +145,7 @@ def _go_on(
     trade: Mapping[str, Any] | None,
     cluster: Any,
 ) -> Findings:
-    """Step by step, last the trade-off; what there is by then, if it is interrupted."""
+    """Apply the steps to the findings, and then the trade-off; an interruption keeps the findings so far."""
     try:
         for name, step in steps:
             if progress is not None:
@@ -172,7 +172,7 @@ def _note(findings: Findings, note: str) -> Findings:
 
 
 def _see(findings: Findings) -> Findings:
-    """With what the mechanism does at the design."""
+    """Add standings, time histories, loads and motions of the design."""
     design = findings.design
     specification = design.specification
     parts, times = specification.nominal(), sample_times(specification)

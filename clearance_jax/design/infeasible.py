@@ -1,4 +1,4 @@
-"""Why a search has found no design that holds every limit, in words, and what would help."""
+"""Explanations of why a search has found no feasible design, and what would help."""
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from clearance_jax.solve.simulate import simulate
 
 
 def why_infeasible(specification: Specification, program: Program) -> str:
-    """Why no design of a search that has ended holds every limit.
+    """Why no design of a finished search holds every limit, in words.
 
-    It asks the smallest clearances, by quasi-static poses too, so it may evaluate one more design.
+    It evaluates the smallest clearances, also by quasi-static poses.
     """
     finite = [point for point in program.history if np.isfinite(point.worst)]
     if not finite:
@@ -37,13 +37,13 @@ def why_infeasible(specification: Specification, program: Program) -> str:
 
 
 def _least(program: Program, points: list[Evaluation]) -> dict[str, float]:
-    """The least violation of each of the designer's limits at any point."""
+    """The least violation of each of the designer's limits over all points."""
     groups = np.array(program.groups)
     return {title: min(float(p.limits[groups == title].max()) for p in points) for title in dict.fromkeys(groups)}
 
 
 def _no_motion(specification: Specification, program: Program) -> str:
-    """Why there are no numbers: what the solve of the last design says."""
+    """Why no motion reached its end: the message of the solve of the last design."""
     failure = f"none of {program.solves} designs that were tried has a motion to its end"
     if not program.history:
         return failure
@@ -56,7 +56,7 @@ def _no_motion(specification: Specification, program: Program) -> str:
 
 
 def _ending(specification: Specification, mechanism: Mechanism) -> str:
-    """Why a motion has no end, in words; empty where it has one."""
+    """Why a motion does not reach its end, in words; empty if it does."""
     try:
         solution = simulate(mechanism, specification.t1, throw=False, **specification.solving)
     except ClearanceError as error:
@@ -65,7 +65,7 @@ def _ending(specification: Specification, mechanism: Mechanism) -> str:
 
 
 def _carried(specification: Specification, program: Program, title: str) -> str:
-    """What the ideal mechanism says of a limit on a force or an acceleration, at the smallest clearances."""
+    """Whether the ideal mechanism already exceeds a limit on a force or an acceleration, in words; else empty."""
     limit = next((limit for limit in specification.limits if limit.title == title), None)
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
     plain = all(name.endswith(CLEARANCE) for name in specification.variables) and not specification.manufacture.title
@@ -76,7 +76,7 @@ def _carried(specification: Specification, program: Program, title: str) -> str:
 
 
 def _posed(specification: Specification, program: Program, title: str) -> str:
-    """What poses say of the smallest clearances, if the limit is an error of a point that they can give."""
+    """What quasi-static poses say of an error of a point at the smallest clearances, in words; else empty."""
     limit = next((limit for limit in specification.limits if limit.title == title), None)
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
     if not isinstance(signal, PositionError) or specification.solving.get("fidelity") != DYNAMICS:
@@ -106,7 +106,7 @@ def _posed(specification: Specification, program: Program, title: str) -> str:
 
 
 def _singular(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
-    """Why there are no poses at the smallest clearances, although the dynamics have a motion."""
+    """Why there are no quasi-static poses at the smallest clearances, although the dynamics reach the end."""
     excess = f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.4g} times its bound"
     posed = specification.nominal().judged_by(QUASI_STATIC)
     values = specification.clearances(solved.x)
@@ -122,7 +122,7 @@ def _singular(specification: Specification, program: Program, solved: Evaluation
 
 
 def _seen(program: Program, points: list[Evaluation], title: str, least: float) -> str:
-    """What the evaluated designs say of a limit that none of them holds."""
+    """What the evaluated designs say of a limit that none of them holds, in words."""
     rows = np.flatnonzero(np.array(program.groups) == title)
     excess = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
     near = min(points, key=lambda p: float(p.limits[rows].max()))
@@ -139,8 +139,8 @@ def _seen(program: Program, points: list[Evaluation], title: str, least: float) 
 
 
 def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
-    """The exponents of a limit as a product of powers of the variables, fitted to values; nothing where the points are
-    too few. Slopes may be those of a chaotic motion.
+    """The exponents of a limit as a product of powers of the variables, fitted to values, as slopes may be those of a
+    chaotic motion; `None` if there are too few points.
     """
     logs = np.log([p.x for p in points])
     values = np.log([max(1 + float(p.limits[rows].max()), 1e-300) for p in points])

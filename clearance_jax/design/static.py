@@ -1,4 +1,4 @@
-"""What play alone can do to a mechanism at rest: a bound to hold a simulated error against."""
+"""Static bounds of the error of a point: how far play alone can move it in a mechanism at rest."""
 
 import dataclasses
 import itertools
@@ -23,7 +23,7 @@ from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
 
 AXIAL = ".axial_clearance"
-# Iterations towards the largest reach; each reaches further than the one before.
+# Iterations towards the largest reach, which grows with each.
 CLIMB = 60
 
 
@@ -97,7 +97,7 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
 
 
 def _worn(mechanism: Mechanism, name: str) -> float:
-    """How deep a joint's sleeve is worn off at most [m]."""
+    """The largest depth of wear of a joint's sleeve [m]."""
     clearance = getattr(mechanism.joint(name), "clearance", None)
     return 0.0 if not isinstance(clearance, AbstractPin) or clearance.depth is None else float(clearance.profile.max())
 
@@ -114,8 +114,9 @@ def _is_flat(mechanism: Mechanism, name: str) -> bool:
 
 
 def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
-    """How far the point moves per clearance, by what the name of the clearance ends in; `slope` (times, axes, play);
-    `flat`: whether walls bound each slide across by itself.
+    """How far the point moves per clearance (times,), by the suffix of the clearance's name.
+
+    **Arguments:** `slope` (times, axes, play); `flat`: whether walls bound each slide across separately.
     """
     turns = {k: np.asarray(c.turns, float) for k, c in enumerate(play) if c.turns is not None}
     if not turns:
@@ -134,9 +135,9 @@ def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> d
 
 
 def _both_ends(first: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The largest norm of P e + Q f over unit vectors e and f, of matrices (times, axes, k) each.
+    """The largest norm (times,) of P e + Q f over unit vectors e and f, for matrices P and Q (times, axes, k).
 
-    It is the largest over directions n of |P^T n| + |Q^T n|. From each of several directions upwards.
+    It is the maximum of |P^T n| + |Q^T n| over directions n, found by ascent from several directions.
     """
     starts = [np.linalg.svd(part)[0][..., 0] for part in (first, other, first + other, first - other)]
     best = size = np.zeros(len(first))
@@ -152,7 +153,7 @@ def _both_ends(first: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _corners(first: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The same over vectors e and f of which each component is from -1 to 1 by itself: at corners, as it is convex."""
+    """The same over vectors e and f with components from -1 to 1; it is convex, so the maximum is at a corner."""
     both = np.concatenate([first, other], axis=-1)
     signs = np.array(list(itertools.product((1.0, -1.0), repeat=both.shape[-1])))
     return np.linalg.norm(both @ signs.T, axis=1).max(axis=-1)

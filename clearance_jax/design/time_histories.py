@@ -1,4 +1,4 @@
-"""What happens over time at a design: every signal that a limit is about, in every condition."""
+"""Time histories of a design: the signal of every limit, in every condition."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -20,8 +20,8 @@ class TimeHistory(NamedTuple):
 
     - `times` (times,) [s]; `values` (times,) in `unit`, by condition (with one condition only, under an empty name);
       `bound`.
-    - `reduction`: what of the signal the bound is on, in words (empty: all of it); `since`: from when on [s] (`None`:
-      the start).
+    - `reduction`: the reduction of the signal that is bounded, in words (empty: every value); `since`: from when on
+      [s] (`None`: the start).
     """
 
     limit: str
@@ -56,7 +56,7 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
 def histories_of(
     specification: Specification, times: np.ndarray, by_condition: Mapping[str, Sequence[Any]]
 ) -> tuple[TimeHistory, ...]:
-    """From signals found by condition, of every limit in its place."""
+    """The time histories of all limits with a signal, from lists of signals by condition."""
     return tuple(
         TimeHistory(
             limit.label,
