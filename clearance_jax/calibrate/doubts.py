@@ -68,14 +68,12 @@ def _undetermined(group: Unidentified, units: Mapping[str, str]) -> str:
         parts = zip(group.names, group.directions[0], strict=True)
         changes = ", ".join(f"{name} by {format_quantity(EXAMPLE * part, units[name], 3)}" for name, part in parts)
         how = f" (change {changes}: the readings stay the same within the noise)"
+    known = len(group.names) - len(group.directions)
+    combinations = "one combination" if known == 1 else f"{known} combinations"
     return (
-        f"The data cannot tell {listed(group.names)} apart: only {_count(len(group.names) - len(group.directions))} of "
-        f"them can be determined{how}. Fix one of them, or measure something else."
+        f"The data cannot tell {listed(group.names)} apart: only {combinations} of them can be determined{how}. Fix "
+        "one of them, or measure something else."
     )
-
-
-def _count(combinations: int) -> str:
-    return "one combination" if combinations == 1 else f"{combinations} combinations"
 
 
 def _at_bounds(task: FitTask, fit: FitResult) -> Iterator[str]:

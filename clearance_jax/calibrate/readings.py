@@ -75,9 +75,7 @@ class Instruments:
         quantities = tuple(reading for reading in readings if isinstance(reading, str))
         signals = tuple(reading for reading in readings if isinstance(reading, AbstractSignal))
         # The metric has quantities first.
-        places = [i for i, reading in enumerate(readings) if isinstance(reading, str)]
-        places += [i for i, reading in enumerate(readings) if not isinstance(reading, str)]
-        self._order = np.argsort(places)
+        self._order = np.argsort(sorted(range(len(readings)), key=lambda i: not isinstance(readings[i], str)))
         self._question = Question(
             mechanism, {"": Readings(quantities, signals, measurement.times)}, t1, settings, names
         )

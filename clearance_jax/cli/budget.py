@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from clearance_jax.cli.common import FIGURES, change, check_distinct, check_writable, errors, say, say_written
-from clearance_jax.cli.motion import check_covered, driven_by, usual_end
+from clearance_jax.cli.motion import check_covered, driven_by, end_of, usual_end
 from clearance_jax.cli.posture import is_robot, say_held
 from clearance_jax.errors import ClearanceError, suggest
 
@@ -29,7 +29,7 @@ def say_budget(
     mechanism = change(driven, settings, False, clearance)
     name = _point(mechanism, point)
     options = usual_end(lead, idle) | scene.solve
-    end = _end(scene_file, options, t1)
+    end = float(end_of(scene_file, options.get("t1") if t1 is None else t1))
     check_covered(lead, {**options, "t1": end})
     say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
     from clearance_jax.design.budget import error_budget
@@ -66,13 +66,3 @@ def _point(mechanism: Any, asked: str | None) -> str:
             else "A budget is about the error of a point, but the mechanism has none. Give the scene a `point`."
         )
     return names[0] if asked is None else asked
-
-
-def _end(scene_file: Path, options: dict[str, Any], t1: str | None) -> float:
-    from clearance_jax.units import to_si
-
-    if t1 is not None:
-        return to_si(t1, "s", "`--t1`")
-    if "t1" not in options:
-        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
-    return float(options["t1"])

@@ -60,22 +60,14 @@ def run_design(
         raise typer.Exit(1)
 
 
-def check_method(method: str | None) -> str | None:
-    """The name of a search method. **Raises** `ClearanceError` if there is none of this name."""
+def check_choices(method: str | None, fidelity: str | None) -> None:
+    """Raise `ClearanceError` for the name of a search method or a model of the motion that does not exist."""
     from clearance_jax.design.methods import METHOD_CHOICES
-
-    if method is not None and method not in METHOD_CHOICES:
-        raise ClearanceError(f"`--method` must be {', '.join(METHOD_CHOICES)}, but it is {method!r}.")
-    return method
-
-
-def known_fidelity(fidelity: str | None) -> str | None:
-    """The name of a model of the motion. **Raises** `ClearanceError` if there is none of this name."""
     from clearance_jax.design.specification import FIDELITY_CHOICES
 
-    if fidelity is not None and fidelity not in FIDELITY_CHOICES:
-        raise ClearanceError(f"`--fidelity` must be {', '.join(FIDELITY_CHOICES)}, but it is {fidelity!r}.")
-    return fidelity
+    for option, word, choices in (("method", method, METHOD_CHOICES), ("fidelity", fidelity, FIDELITY_CHOICES)):
+        if word is not None and word not in choices:
+            raise ClearanceError(f"`--{option}` must be {', '.join(choices)}, but it is {word!r}.")
 
 
 def _preparation(mechanism: Any) -> str:

@@ -22,6 +22,15 @@ def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
     return {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if idle else {}
 
 
+def end_of(scene_file: Path, t1: Any) -> Any:
+    """The end of a motion [s], from a number or a text with a unit. **Raises** `ClearanceError` if it is `None`."""
+    from clearance_jax.units import to_si
+
+    if t1 is None:
+        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
+    return to_si(t1, "s", "`--t1`") if isinstance(t1, str) else t1
+
+
 def check_covered(lead: Any, options: dict[str, Any]) -> None:
     """Raise `ClearanceError` if the motion begins before the trajectory or ends after it (beyond round-off)."""
     if lead is None:

@@ -26,21 +26,26 @@ def undriven(mechanism: Any) -> tuple[str, ...]:
     """The revolute and prismatic coordinates without drive and controller, which would fall."""
     from clearance_jax.mechanism.tree import Prismatic, Revolute
 
-    commanded = {reference.name for controller in mechanism.controllers for reference in controller.references}
-    return tuple(
-        coordinate.name
+    return tuple(name for joint, name in _idle(mechanism) if type(joint) in (Revolute, Prismatic))
+
+
+def _idle(mechanism: Any, fixed: tuple[str, ...] = ()) -> list[tuple[Any, str]]:
+    """Every joint with the name of a coordinate that is neither driven nor controlled nor `fixed`."""
+    moved = {*fixed, *(reference.name for controller in mechanism.controllers for reference in controller.references)}
+    return [
+        (joint, coordinate.name)
         for joint in mechanism.joints
-        if type(joint) in (Revolute, Prismatic)
         for coordinate in joint.own_coordinates()
-        if coordinate.play is None and coordinate.motion.is_free and coordinate.name not in commanded
-    )
+        if coordinate.play is None and coordinate.motion.is_free and coordinate.name not in moved
+    ]
 
 
 def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechanism: Any) -> None:
     """Print which joints are held, for how long, which cannot be held, and how to drive them instead."""
     if not names:
         return
-    loose = _loose(mechanism, names)
+    # Floating and planar joints have coordinates that are not held.
+    loose = dict.fromkeys(joint.name for joint, _ in _idle(mechanism, names))
     which = "No joint of this robot is driven" if every else f"Nothing drives {', '.join(names)}"
     what = "what is not driven" if loose or not every else "each"
     moving = f". {', '.join(loose)} cannot be held: what hangs on it moves freely, and falls" if loose else ""
@@ -48,17 +53,4 @@ def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechani
     say(
         f"{which}: {what} is held where it stands{until}{moving}. Drive joints by `--trajectory FILE` (a CSV table of "
         "times and joint values), or by a scene with a table `[robot]`."
-    )
-
-
-def _loose(mechanism: Any, fixed: tuple[str, ...]) -> tuple[str, ...]:
-    """The joints with a coordinate that is neither driven nor controlled nor held: floating and planar ones."""
-    commanded = {reference.name for controller in mechanism.controllers for reference in controller.references}
-    return tuple(
-        joint.name
-        for joint in mechanism.joints
-        if any(
-            coordinate.play is None and coordinate.motion.is_free and coordinate.name not in {*commanded, *fixed}
-            for coordinate in joint.own_coordinates()
-        )
     )

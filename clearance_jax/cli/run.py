@@ -8,7 +8,7 @@ import typer
 from clearance_jax.cli.animate import check_film
 from clearance_jax.cli.calibrate import run_calibrate
 from clearance_jax.cli.common import DATASETS, FIGURES, aloud, check_distinct, check_writable, set_up
-from clearance_jax.cli.design import check_method, known_fidelity, run_design
+from clearance_jax.cli.design import check_choices, run_design
 from clearance_jax.cli.pictures import check_folder
 from clearance_jax.cli.sweep import check_sweep, run_sweep
 from clearance_jax.cli.wear import run_wear
@@ -91,7 +91,7 @@ def run(
         "--no-verify": None if verify else True,
         "--tradeoff": tradeoff or None,
     }
-    method, fidelity = check_method(method), known_fidelity(fidelity)
+    check_choices(method, fidelity)
     check_writable(report, (".html", ".htm"))
     check_writable(record)
     check_film(movie)

@@ -26,7 +26,7 @@ from clearance_jax.cli.common import (
     warn,
 )
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.motion import check_covered, driven_by, usual_end
+from clearance_jax.cli.motion import check_covered, driven_by, end_of, usual_end
 from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.cli.posture import say_held
 from clearance_jax.errors import ClearanceError, quote, suggest
@@ -166,21 +166,11 @@ def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     """The checked options of the solve: those `given`, over the defaults."""
     from clearance_jax.solve.attempt import STARTS
     from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS
-    from clearance_jax.units import to_si
 
-    solver = given.get("solver")
-    if solver is not None and solver not in SOLVER_WORDS:
-        raise ClearanceError(f"`--solver` must be {' or '.join(SOLVER_WORDS)}, but it is {solver!r}.")
-    if given.get("start") not in (None, *STARTS):
-        raise ClearanceError(f"`--start` must be {' or '.join(STARTS)}, but it is {given['start']!r}.")
-    if given.get("fidelity") not in (None, *OF_MOTIONS):
-        raise ClearanceError(f"`--fidelity` must be {' or '.join(OF_MOTIONS)}, but it is {given['fidelity']!r}.")
-    options = DEFAULTS | given
-    if "t1" not in options:
-        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
-    if isinstance(options["t1"], str):
-        options["t1"] = to_si(options["t1"], "s", "`--t1`")
-    return options
+    for name, words in (("solver", SOLVER_WORDS), ("start", STARTS), ("fidelity", OF_MOTIONS)):
+        if given.get(name) not in (None, *words):
+            raise ClearanceError(f"`--{name}` must be {' or '.join(words)}, but it is {given[name]!r}.")
+    return DEFAULTS | given | {"t1": end_of(scene_file, given.get("t1"))}
 
 
 def _report(mechanism, result, dataset) -> None:

@@ -122,7 +122,11 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
         if not bool(jnp.all(part.good)):
             raise ClearanceError(f"There is no quasi-static pose for the part `{name}` of the error: {_BAD[name]}.")
     sizes = {name: np.linalg.norm(part.whole, axis=1) for name, part in parts.items()}
-    sizes["dynamics"] = _dynamic(mechanism, index, t1, settings) if dynamics else np.full(INSTANTS, np.nan)
+    sizes["dynamics"] = np.full(INSTANTS, np.nan)
+    if dynamics:
+        solution = run(mechanism, t1, settings)
+        states = solution.y[:, : layout(mechanism).size]
+        sizes["dynamics"] = np.asarray(_deviations(mechanism, index, solution.time, states))
     variables: dict[str, Any] = {name: ("time", np.asarray(size), {"units": "m"}) for name, size in sizes.items()}
     vectors = {"joint_error": parts["quasi_static"].joints, "joint_play": parts["play"].joints}
     for name, vector in vectors.items():
@@ -164,11 +168,6 @@ def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any
     point = mechanism.points[index]
     frame = frames(mechanism, time, layout(mechanism).split(y))[point.body]
     return frame.point(point.at.vector)
-
-
-def _dynamic(mechanism: Mechanism, index: int, t1: float, settings: Any) -> np.ndarray:
-    solution = run(mechanism, t1, settings)
-    return np.asarray(_deviations(mechanism, index, solution.time, solution.y[:, : layout(mechanism).size]))
 
 
 @solo_jit

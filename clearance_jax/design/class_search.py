@@ -35,7 +35,9 @@ def choose_classes(
     def relax(box: Program, start: np.ndarray) -> str:
         return run(box, design.method, start, **options)
 
-    costs = _sums(design, lists) if len(lists) == len(program.names) else None
+    costs, laws = None, design.specification.costs
+    if len(lists) == len(program.names):
+        costs = {i: np.array([float(laws[i](value)) for value in values]) for i, values in lists.items()}
     # Without a tolerance the resolution is that to which the method meets limits.
     how = {"gradients": design.method.gradients, "resolution": options.get("tolerance", design.method.slack)}
     outcome = BranchAndBound(program, lists, relax, ends.hold, costs, **how).search(design.evaluation.x)
@@ -51,11 +53,6 @@ def choose_classes(
         outcome.doubts,
     )
     return _design(design, result, outcome, lists)
-
-
-def _sums(design: Design, lists: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
-    costs = design.specification.costs
-    return {i: np.array([float(costs[i](value)) for value in values]) for i, values in lists.items()}
 
 
 def _names(program: Program, classes: Mapping[str, tuple[ToleranceClass, ...]], x: np.ndarray):

@@ -5,10 +5,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
+from clearance_jax.design.classes import CLEARANCE
 from clearance_jax.design.loads import first_clearance, pin_size
 from clearance_jax.joints.fits import Fit
-
-CLEARANCE = ".radial_clearance"
 
 
 class JointDrawing(NamedTuple):

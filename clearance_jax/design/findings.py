@@ -161,10 +161,10 @@ def _go_on(
 def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
     yield "loads and pictures", _see
     if design.feasible:
-        yield "contributions", _explain
+        yield "contributions", _step("responses", responses)
         yield "standard fits", lambda findings: _fit(findings, cluster)
         if any(limit.ages for limit in design.specification.limits):
-            yield "maintenance intervals", _maintain
+            yield "maintenance intervals", _step("maintenance", maintenances)
 
 
 def _note(findings: Findings, note: str) -> Findings:
@@ -202,18 +202,16 @@ def _see(findings: Findings) -> Findings:
     )
 
 
-def _explain(findings: Findings) -> Findings:
-    try:
-        return findings._replace(responses=responses(findings.design))
-    except ClearanceError as error:
-        return _note(findings, str(error))
+def _step(field: str, compute: Callable[[Design], Any]) -> Callable[[Findings], Findings]:
+    """The step that sets a field by a function of the design, or notes why that is not possible."""
 
+    def step(findings: Findings) -> Findings:
+        try:
+            return findings._replace(**{field: compute(findings.design)})
+        except ClearanceError as error:
+            return _note(findings, str(error))
 
-def _maintain(findings: Findings) -> Findings:
-    try:
-        return findings._replace(maintenance=maintenances(findings.design))
-    except ClearanceError as error:
-        return _note(findings, str(error))
+    return step
 
 
 def _trade(

@@ -81,11 +81,10 @@ def _posed(specification: Specification, program: Program, title: str) -> str:
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
     if not isinstance(signal, PositionError) or specification.solving.get("fidelity") != DYNAMICS:
         return ""
-    nominal = specification.nominal()
-    names = specification.variables
-    if not all(name.endswith(CLEARANCE) for name in names) or specification.manufacture.title or unposed(nominal):
+    manufacture, names = specification.manufacture, specification.variables
+    if manufacture.title or manufacture.among or not all(name.endswith(CLEARANCE) for name in names):
         return ""
-    if specification.manufacture.among:
+    if unposed(specification.nominal()):
         return ""
     cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
     posed, solved = cheap.at(program.lower, True), program.at(program.lower, True)

@@ -281,9 +281,9 @@ class Yield(AbstractManufacture):
         worst = np.take_along_axis(values, which[:, None], 1)[:, 0]
         weights = self.weights(worst)
         risk = np.array([float(weights @ worst)])
-        return risk, None if slopes is None else (weights @ np.take_along_axis(slopes, which[:, None, None], 1)[:, 0])[
-            None
-        ]
+        if slopes is None:
+            return risk, None
+        return risk, (weights @ np.take_along_axis(slopes, which[:, None, None], 1)[:, 0])[None]
 
     def weights(self, worst: np.ndarray) -> np.ndarray:
         """The weights (samples,) of the mean over the worst samples, by their worst scaled limits; their sum is 1."""

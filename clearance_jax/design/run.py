@@ -38,7 +38,9 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
                 return reason
         except StandsStill:
             still = True
-        _pull_inside(program, method.gradients)
+        # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
+        if (best := nearly_best(program)) is not None:
+            feasible_neighbour(program, best.x, method.gradients)
         went_on = not method.is_mean and by_values(program, method)
         if still:
             return _standing(program)
@@ -57,12 +59,3 @@ def _standing(program: Program) -> str:
     """The stop reason of a search that stands still: empty if a limit is active."""
     best = program.best
     return "" if best is None or np.any(best.limits > -NEARLY) else STILL
-
-
-def _pull_inside(program: Program, gradient: bool) -> None:
-    """Evaluate a feasible neighbour of the best point that nearly holds its limits: solvers end on either side of a
-    limit, and the best feasible point may be an early and poor one.
-    """
-    best = nearly_best(program)
-    if best is not None:
-        feasible_neighbour(program, best.x, gradient)

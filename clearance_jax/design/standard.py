@@ -110,7 +110,8 @@ def _nearest(
     else:
         return None
     while True:
-        made = {names[i]: _as_class(lists[i][k]) for i, k in chosen.items()}
+        picked = {names[i]: lists[i][k] for i, k in chosen.items()}
+        made = {name: ToleranceClass(fit.name, *fit.radial_clearance, fit=fit) for name, fit in picked.items()}
         judged = _judged(design, made, samples, seed, place)
         if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
             return judged
@@ -162,10 +163,6 @@ def chosen_fits(design: Design, samples: int | None = None, seed: int = 0, clust
         raise ClearanceError("No classes were chosen: solve the problem with `classes`.")
     with place_of(cluster) as place:
         return _judged(design, design.classes.chosen, samples, seed, place)
-
-
-def _as_class(fit: fits.Fit) -> ToleranceClass:
-    return ToleranceClass(fit.name, *fit.radial_clearance, fit=fit)
 
 
 def _judged(

@@ -153,9 +153,9 @@ def unreachable_words(
     text = f"no clearances within their bounds hold {label}. At the smallest ones it is "
     if specification.manufacture.title:
         return text + f"{1 + solved.limits[k]:.4g} times its bound (by poses {1 + posed.limits[leader]:.4g} times)."
-    if isinstance(getattr(limit_of(specification, program, k).metric.base_metric, "signal", None), CARRIED):
-        return carried_words(specification, program, solved, k)
     limit = limit_of(specification, program, k)
+    if isinstance(getattr(limit.metric.base_metric, "signal", None), CARRIED):
+        return carried_words(specification, program, solved, k)
     simulations = simulations_of(specification.judged_by(QUASI_STATIC))
     scenarios, count = scenarios_of(specification), sum(simulations.sizes())
     scenario, row, x = scenarios[leader // count], leader % count, specification.values(posed.x)
