@@ -1,4 +1,4 @@
-"""What is asked of a motion: signals, metrics, derivatives by name, limit cycles, trust."""
+"""Analysis of a motion: derivatives by name and whether to trust them, limit cycles, modes of the play."""
 
 import lazy_loader
 

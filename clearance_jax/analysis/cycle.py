@@ -1,9 +1,9 @@
 """The search for a limit cycle: Newton's method on the period map, multipliers, derivative.
 
-The motion is a fixed point y = P(y) of the period map P: the state [q, v, memory] at t0 to the one a period later. The
-error-controlled Jacobian of a solve makes Newton's method work on it, also for a cycle that is unstable or settles
-slowly; and the implicit function theorem gives the cycle's derivative from that of a single period,
-dy = (I - dP/dy)^-1 (dP/dp) dp, however long the transient was.
+The motion is a fixed point y = P(y) of the period map P, which takes the state [q, v, memory] at t0 to the one a period
+later. Newton's method uses the error-controlled Jacobian of a solve, so that it also finds cycles that are unstable or
+settle slowly. The implicit function theorem gives the derivative of the cycle from that of one period,
+dy = (I - dP/dy)^-1 (dP/dp) dp.
 """
 
 from typing import Any, NamedTuple
@@ -31,19 +31,18 @@ from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import LOCAL, largest_length, tolerances
 
 TURN = 2 * np.pi
-# The residual is driven to rtol; where no step lowers it further it must be within this many rtol, the error that a
-# solve may have.
+# The search stops at a residual of rtol. If no step lowers it further, it must be within this many rtol, which is the
+# error that a solve may have.
 CLOSED = 100.0
-# A step must lower the residual by this part of its own length. A rejected step is tried again at a quarter of it; one
-# below the shortest is given up, and the motion settles for longer.
+# A damped step must lower the residual by this part of its damping. A rejected step is shortened by SHRINK; below
+# SHORTEST it is given up, and the motion settles for longer.
 DECREASE, SHRINK, SHORTEST = 0.25, 0.25, 1 / 64
-# By how much (in radians, largest lengths, and those per radian of the period) a drive may miss its start.
+# By how much a drive may miss its start, in radians or largest lengths, and in these per radian of the period.
 SEAM = 1e-6
 
 
 class PeriodicMotion(Module):
-    """A periodic motion, and what is known of it. Only `y` has a derivative; to differentiation the other fields are
-    constants.
+    """A periodic motion and how its search ended. Only `y` has a derivative; the other fields count as constants.
 
     - `y`: the state [q, v, memory] at t0 in SI units, shape (n,); if not converged, the last one of the search.
     - `monodromy`: the derivative dP/dy of the state after one period P(y) by the state before, shape (n, n). Its error
@@ -63,8 +62,8 @@ class PeriodicMotion(Module):
     converged: Bool[Array, ""]
     code: Int[Array, ""]
     held: Bool[Array, " n"]
-    """Memory that no touch rewrites in the period: its multiplier is +1 whatever the motion does, and its derivative 0.
-    (Its row of `monodromy` is a unit row; with a row of zeros the other multipliers are the same.)"""
+    """Which components are memory that no touch rewrites in the period. Their rows of `monodromy` are unit rows, so
+    their multipliers are 1; stability and margin leave them out."""
 
     @property
     def multipliers(self) -> Complex[Array, "*batch n"]:
@@ -77,12 +76,12 @@ class PeriodicMotion(Module):
 
     @property
     def stable(self) -> Array:
-        """Whether a small disturbance dies out: all |multiplier| < 1, those of memory that is only held aside."""
+        """Whether a small disturbance dies out: all |multiplier| < 1, without those of constant memory (`held`)."""
         return self.converged & jnp.all(jnp.abs(self._moving) < 1, axis=-1)
 
     @property
     def margin(self) -> Array:
-        """Smallest |1 - multiplier|: at 0 (a fold of the cycle) the derivative does not exist."""
+        """Smallest |1 - multiplier|; at 0 (a fold of the cycle) the derivative does not exist."""
         return jnp.min(jnp.abs(1 - self._moving), axis=-1)
 
     @property
@@ -108,8 +107,8 @@ def _eigenvalues(matrix: Array) -> Array:
     return jnp.take_along_axis(values, jnp.argsort(-jnp.abs(values), axis=-1), axis=-1)
 
 
-class Search(NamedTuple):
-    """What a search depends on: numbers."""
+class CycleSearch(NamedTuple):
+    """The numeric arguments of a search."""
 
     mechanism: Mechanism
     t0: Array
@@ -119,8 +118,8 @@ class Search(NamedTuple):
     turns: Array | None
 
 
-class Effort(NamedTuple):
-    """What a search is compiled for."""
+class CycleOptions(NamedTuple):
+    """The static arguments of a search: other ones compile another program."""
 
     options: Options
     settle: int
@@ -128,8 +127,8 @@ class Effort(NamedTuple):
 
 
 def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
-    """How far each drive, servo target and course of a load is from its start after the period, whole turns of a
-    rotation aside.
+    """How far each drive, servo target and load course is from its start after the period, by name: in radians
+    (without whole turns) or largest lengths; a load in its own unit.
     """
     length, out = largest_length(mechanism), {}
     for wrench in mechanism.wrenches:
@@ -139,8 +138,8 @@ def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
     for coordinate in mechanism.coordinates():
         servos = [actuator.target for actuator in coordinate.motion.actuators if isinstance(actuator, Servo)]
         drive = coordinate.motion.drive
-        for one in servos if drive is None else [drive]:
-            (begin, end), rates = _ends(one, t0, period)
+        for course in servos if drive is None else [drive]:
+            (begin, end), rates = _ends(course, t0, period)
             missed = end - begin
             if coordinate.slides is None:
                 missed -= TURN * jnp.round(missed / TURN)
@@ -151,7 +150,7 @@ def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
 
 
 def _ends(drive: AbstractDrive, t0: Array, period: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """A drive's positions and its velocities at both ends of the period."""
+    """A drive's positions and velocities at both ends of the period."""
     (q0, v0, _), (q1, v1, _) = drive(t0), drive(t0 + period)
     return (jnp.asarray(q0, float), jnp.asarray(q1, float)), (jnp.asarray(v0, float), jnp.asarray(v1, float))
 
@@ -160,13 +159,13 @@ def _ends(drive: AbstractDrive, t0: Array, period: Array) -> tuple[tuple[Array, 
 
 
 @eqx.filter_custom_jvp
-def cycle(search: Search, *, effort: Effort) -> PeriodicMotion:
-    """Search; `y` is differentiable by every number of the mechanism and the period."""
+def cycle(search: CycleSearch, *, effort: CycleOptions) -> PeriodicMotion:
+    """Search; `y` is differentiable by every number of the mechanism and by the period."""
     return search_cycle(search, effort)
 
 
 @cycle.def_jvp
-def _cycle_jvp(primals, tangents, *, effort: Effort):
+def _cycle_jvp(primals, tangents, *, effort: CycleOptions):
     (search,), (rates,) = primals, tangents
     if rates.t0 is not None:
         raise ClearanceError("A periodic motion cannot be differentiated by `t0`: shift the drives' times.")
@@ -180,18 +179,18 @@ def _cycle_jvp(primals, tangents, *, effort: Effort):
         at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
         reached, moved = eqx.filter_jvp(end, at, along)
         moved = _inverse(search, motion.y, motion.monodromy) @ moved
-        # A factor: a choice of NaN would become a choice of zero in a gradient.
+        # A factor, as the gradient of a selected NaN would be zero.
         moved = moved * jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
         tangent = eqx.tree_at(lambda m: m.y, tangent, moved, is_leaf=lambda x: x is None)
     return motion, tangent
 
 
-# One compiled function, as for `simulate`: what a search is called with does not compile it again.
+# One compiled function: other numbers do not compile it again.
 find = solo_jit(lambda search, effort: cycle(search, effort=effort))
 
 
 class _State(NamedTuple):
-    """A search on its way: a start, where it comes to after a period (`turns` taken off), and dP/dy there."""
+    """The state of a search: a start `y`, the `end` after a period without whole `turns`, and the `jacobian` dP/dy."""
 
     y: Array
     end: Array
@@ -206,8 +205,8 @@ class _State(NamedTuple):
     code: Array
 
 
-def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
-    """Settle, then damped Newton steps with the error-controlled Jacobian; settle again where these get stuck."""
+def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
+    """Settle, then take damped Newton steps with the error-controlled Jacobian; settle again if these get stuck."""
     plan = layout(search.mechanism)
     n, size = plan.free, plan.size
     first = initial_state(search.mechanism.prepare(), search.t0) if search.guess is None else search.guess
@@ -218,7 +217,7 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
         return end, (end, code)
 
     def count_turns(y, end):
-        """Whole turns made: free rotations as they did, the others as they must."""
+        """Whole turns in the period: of free rotations those that they made, of the others the prescribed ones."""
         return jnp.where(jnp.isnan(free), jnp.round((end - y)[:n] / TURN), free)
 
     def settle(y):
@@ -243,7 +242,7 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
         better = residual <= (1 - DECREASE * s.damping) * s.residual
         shorter = jnp.where(s.damping * SHRINK < SHORTEST, 0.0, s.damping * SHRINK)
         damping = jnp.where(settling | better, 1.0, shorter)
-        # In reach of the solve's own error, where P is not smooth, a first failure says that nothing is left to gain.
+        # Within the error of a solve P is not smooth: a step that fails there cannot be improved.
         stalled = ~settling & ~better & (s.residual <= CLOSED * search.rtol)
         new = _State(y, end, jacobian, residual, turns, unit, damping, stalled, s.iterations + 1, code)
         kept = s._replace(damping=damping, stalled=stalled, iterations=s.iterations + 1)
@@ -260,21 +259,21 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
     s = jax.lax.while_loop(goes_on, iterate, start)
     gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
     converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
-    held = constant_memory(s.jacobian, n)
-    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, held)
+    latched = constant_memory(s.jacobian, n)
+    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, latched)
 
 
 def constant_memory(jacobian: Array, free: int) -> Array:
-    """Which components are memory that no touch rewrote in the period: their rows are unit rows, to the last digit."""
+    """Which components (n,) are memory that no touch rewrote in the period: their rows are exactly unit rows."""
     size = jacobian.shape[0]
     return (jnp.arange(size) >= 2 * free) & jnp.all(jacobian == jnp.eye(size), axis=1)
 
 
-def advance(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
-    """The state a period later, NaN where the solve fails, and how the solve ended.
+def advance(search: CycleSearch, y: Array, effort: CycleOptions) -> tuple[Array, Any]:
+    """The state a period later (NaN if the solve fails) and the result code.
 
-    The start is projected on ideal closures: so a direction that opens a loop has multiplier 0, and I - dP/dy stays
-    regular.
+    The start is projected on the ideal closures, so that a direction that opens a loop has multiplier 0, and I - dP/dy
+    is regular.
     """
     t0, mechanism = search.t0, search.mechanism
     if mechanism.closures():
@@ -284,19 +283,18 @@ def advance(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
     return jnp.where(solution.succeeded, 1.0, jnp.nan) * solution.final, solution.code
 
 
-def scale(search: Search, y: Array) -> Array:
-    """Magnitude of each component of the state, as error control sees it; 1 for memory that is only latched."""
+def scale(search: CycleSearch, y: Array) -> Array:
+    """Scale of each component of the state (n,), as in error control; 1 for memory without error control."""
     problem = Problem(search.mechanism.prepare())
     allowed = tolerances(problem, y, search.t0, search.t0 + search.period, search.rtol)
     unit = allowed.unit + allowed.relative / (LOCAL * search.rtol) * jnp.abs(y)
     return jnp.where(jnp.isfinite(unit), unit, 1.0)
 
 
-def free_turns(search: Search) -> Array:
-    """Whole turns a period of each free coordinate, NaN where only the motion can tell.
+def free_turns(search: CycleSearch) -> Array:
+    """Whole turns of each free coordinate in a period, shape (free,); NaN if only the motion can tell.
 
-    A slide makes none; nor does a rotation held by a spring, and one held by a servo follows its target. Only a
-    rotation that nothing of the kind holds is the same after a whole turn.
+    A slide makes none, nor does a rotation with a spring; a rotation with a servo follows the servo's target.
     """
     if search.turns is not None:
         return search.turns
@@ -314,10 +312,10 @@ def free_turns(search: Search) -> Array:
     return jnp.stack(out)
 
 
-def _inverse(search: Search, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
-    """(I - dP/dy)^-1 in the scene's scales; where it is singular to within the Jacobian's error, of least norm.
+def _inverse(search: CycleSearch, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
+    """The inverse of I - dP/dy, scaled by `unit`; the pseudo-inverse if it is singular within the Jacobian's error.
 
-    Memory that is held can have any value: it keeps its own.
+    Constant memory can have any value: it keeps its own.
     """
     unit = scale(search, y) if unit is None else unit
     jacobian = jnp.where(constant_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)

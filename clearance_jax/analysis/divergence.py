@@ -1,4 +1,4 @@
-"""How neighbouring motions part, and so for how long a derivative can mean anything; and how near they touch."""
+"""How fast neighbouring motions diverge, up to when a derivative is meaningful, and how hard contacts touch."""
 
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from clearance_jax.solve.observers import TouchCounter, Touches
 from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
 
-# Samples of the pins' spread over the motion.
+# Times at which the spread of the pins is sampled.
 SAMPLES = 400
 
 
@@ -24,10 +24,10 @@ SAMPLES = 400
 def neighbours(
     mechanism: Mechanism, names: tuple[str, ...], points: Array, scatter: Array, t1: Any, options: Settings
 ) -> tuple[Array, Array, tuple[Touches, ...]]:
-    """How motions at points (lanes, parameters) part from their neighbours, and touch.
+    """How far motions at points (lanes, parameters) are from their neighbours, and their touches.
 
-    Returns times (SAMPLES,); how far the pins of neighbouring motions are apart there (lanes, SAMPLES), over the
-    clearances, the largest joint's, in linear theory, for independent changes `scatter` of the parameters; and every
+    Returns times (SAMPLES,); the distance of the pins of neighbouring motions over their clearance, of the joint where
+    it is largest (lanes, SAMPLES), to first order for independent changes `scatter` of the parameters; and every
     joint's `Touches`, shape (lanes,).
     """
     times = evenly(options.t0, t1, SAMPLES)
@@ -50,7 +50,9 @@ def neighbours(
 
 
 class Divergence(NamedTuple):
-    """How motions over the scatter part and touch, as in the report; the defaults hold where there is no clearance."""
+    """The divergence and touches of motions over the scatter, named as in `GradientReport`; the defaults are those of a
+    mechanism without clearance.
+    """
 
     lyapunov: float = 0.0
     horizon: float = np.inf
@@ -61,8 +63,8 @@ class Divergence(NamedTuple):
 
 
 def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: float, options: Settings) -> Divergence:
-    """Of the motion and those at `draws` (samples, parameters) of the scatter, in one program; parted at a spread of
-    `limit`.
+    """The divergence of the motion and of those at `draws` (samples, parameters), by one program. Motions have parted
+    once their spread is above `limit` (over the clearance).
     """
     if not mechanism.clearance_joints():
         return Divergence()
@@ -79,12 +81,12 @@ def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: floa
 
 
 def horizon_of(times: np.ndarray, spread: np.ndarray, limit: float) -> tuple[float, float]:
-    """Growth rate of a spread (samples,) over the second half [1/s], and when it passes `limit` for good [s]: by
-    extrapolation where that is after the end, infinite where the spread does not grow exponentially.
+    """Growth rate of a spread (samples,) over the second half [1/s], and when it passes `limit` for good [s]:
+    extrapolated if that is after the end, infinite if the spread does not grow exponentially.
     """
     half = len(times) // 2
     later = np.log(np.maximum(spread[half:], np.finfo(float).tiny))
-    # A straight line smooths the beats of the impacts.
+    # A straight line averages over the jumps at impacts.
     rate = float(np.polyfit(times[half:], later, 1)[0])
     below = np.flatnonzero(spread <= limit)
     first = below[-1] + 1 if below.size else 0

@@ -1,4 +1,4 @@
-"""How pins ring about a seated pose: frequencies and damping ratios of small motions of the play."""
+"""Modes of small oscillations of the play about a settled pose: frequencies and damping ratios."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from clearance_jax.mechanism.state import layout, move
 from clearance_jax.solve.start import check_start
 from clearance_jax.spatial import as_array
 
-# A mode of a smaller damping ratio rings for more than a hundred radians, sixteen swings.
+# A mode with a smaller damping ratio oscillates for more than a hundred radians (16 periods).
 WEAKLY_DAMPED = 0.01
 
 
@@ -52,24 +52,24 @@ def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
     count = len(stiff)
     roots = np.linalg.eigvals(np.block([[np.zeros((count, count)), np.eye(count)], [stiff, loss]]))
     sizes = np.abs(roots)
-    found = [
+    modes = [
         Mode(float(size / (2 * np.pi)), float(-root.real / size) if size else 0.0)
         for root, size in zip(roots, sizes, strict=True)
         if root.imag >= 0
     ]
-    return tuple(sorted(found))
+    return tuple(sorted(modes))
 
 
 def _linearise(time: Scalar, mechanism: Mechanism) -> tuple[Array, Array, StartErrors]:
-    """The play's accelerations by the play and by its rates, at the settled pose; and how far it is from settled."""
-    ready = mechanism.prepare().without_sampling().as_small_program()  # which acts all the time then
+    """`linearise` at the settled pose, and the errors of this pose."""
+    ready = mechanism.prepare().without_sampling().as_small_program()  # sampled controllers act continuously here
     y, errors = settle_start(time, ready)
     stiff, loss = linearise(time, y, ready)
     return stiff, loss, errors
 
 
 def linearise(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Float[Array, "play play"], ...]:
-    """The accelerations of the play coordinates by these [1/s^2] and by their rates [1/s]."""
+    """Derivatives of the play's accelerations by the play coordinates [1/s^2] and by their rates [1/s]."""
     plan = layout(mechanism)
     state = plan.split(y)
     ways, moves = play_moves(mechanism, time, y)

@@ -5,7 +5,7 @@ from typing import Any, Unpack
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from clearance_jax.analysis.cycle import SEAM, Effort, PeriodicMotion, Search, find, seams
+from clearance_jax.analysis.cycle import SEAM, CycleOptions, CycleSearch, PeriodicMotion, find, seams
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.breaks import sampling_periods
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -68,5 +68,5 @@ def periodic_motion(
                 f"The drive of `{name}` does not repeat after the period of {float(period):g} s: it misses its start "
                 f"by {float(gap):.2g} (radians or largest lengths). Give the drives' common period, to full precision."
             )
-    search = Search(mechanism, t0, period, settings.rtol, guess, turns)
-    return find(search, Effort(settings.as_options(), settle, max_iterations))
+    search = CycleSearch(mechanism, t0, period, settings.rtol, guess, turns)
+    return find(search, CycleOptions(settings.as_options(), settle, max_iterations))

@@ -1,9 +1,9 @@
-"""Many parameters, one number: reverse differentiation over steps that a probe has chosen.
+"""Reverse differentiation of one number by many parameters, over steps that a first solve has chosen.
 
-One random direction through all parameters is carried along with the motion, in the error norm: the steps that it
-needs are, but for bad luck, those that every other direction needs. On these steps the solve is a plain composition of
-Runge-Kutta steps, which JAX differentiates in reverse; steps are recomputed on the way back (two levels), so memory
-grows with the square root of their number. The error is not controlled for each parameter by itself.
+The first solve carries the derivative along one random direction in its error norm: it almost always needs the steps
+that any other direction needs. On these fixed steps the solve is a composition of Runge-Kutta steps, which JAX
+differentiates in reverse. Two levels of checkpoints recompute steps on the way back, so memory grows with the square
+root of their number. The error is not controlled for each parameter by itself.
 """
 
 from typing import Any
@@ -35,7 +35,7 @@ SEED = 20
 
 @solo_jit
 def _steps(mechanism, values, inputs: Inputs, options: Options):
-    """Ends of the steps that motion and probe need (infinite beyond the last), and the result."""
+    """Ends of the steps that the motion and its derivative need (infinite beyond the last), and the result code."""
     rng = np.random.default_rng(SEED)
     probe = {
         name: jnp.where(value == 0, 1.0, jnp.abs(value))[None] * rng.choice([-1.0, 1.0], value.shape)
@@ -89,14 +89,13 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
 def reverse(
     mechanism: Mechanism, function: Function, values: dict[str, Array], t1: Any, settings: Settings
 ) -> tuple[Array, dict[str, Array]]:
-    """Value and Jacobian of a function of the final state only, by the named values; no time at which a drive switches
-    may be among them.
+    """Value and Jacobian of a function of the final state by the named values. No value may move a time at which a
+    drive switches.
     """
     refuse_jumps(mechanism)
     inputs = Inputs(mechanism, settings.t0, jnp.asarray(t1, float), None, settings.rtol, None, None)
-    energy_balance = (
-        settings.energy_balance or layout(mechanism).size == 0
-    )  # without states the energy balance is what there is to integrate
+    # Without states only the energy balance is there to be integrated.
+    energy_balance = settings.energy_balance or layout(mechanism).size == 0
     size = SHORTEST
     while True:
         options = settings._replace(locate_events=True, energy_balance=energy_balance, max_steps=size).as_options()

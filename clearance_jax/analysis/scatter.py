@@ -1,4 +1,4 @@
-"""A metric and its gradient over the scatter with which parts are made: the solves, and their statistics."""
+"""Samples of a metric and its gradient about a design, and their statistics."""
 
 import dataclasses
 from typing import NamedTuple
@@ -14,8 +14,8 @@ from clearance_jax.solve.tolerances import SMALLEST
 
 
 class SamplingPlan(NamedTuple):
-    """Where a metric is sampled: about the numbers `centre` of `names`, a `step` away, at `probes` within the step, and
-    over their `scatter`.
+    """Where a metric is sampled: at the values `centre` of the parameters `names`, a relative `step` away, at `probes`
+    points within the step, and at `samples` points of the relative standard deviation `scatter`.
     """
 
     names: tuple[str, ...]
@@ -29,12 +29,12 @@ class SamplingPlan(NamedTuple):
 
     @property
     def unit(self) -> np.ndarray:
-        """What `step` and `scatter` are relative to: each parameter's own size, one for a zero."""
+        """What `step` and `scatter` are relative to: the size of each parameter, 1 for a zero."""
         return np.where(self.centre == 0, 1.0, np.abs(self.centre))
 
     def moves(self) -> np.ndarray:
-        """Changes (lanes, parameters): twice none, a step up by each, a step down by each, those within the step, draws
-        of the scatter.
+        """Changes of the parameters (lanes, parameters): twice none, a step up of each, a step down of each, those
+        within the step, and draws of the scatter.
         """
         p, unit = len(self.names), self.unit
         # Antithetic pairs: the mean of a linear metric is then exact.
@@ -44,8 +44,8 @@ class SamplingPlan(NamedTuple):
         return np.concatenate([np.zeros((2, p)), ends, -ends, self._within(), draws])
 
     def _within(self) -> np.ndarray:
-        """Changes within the step (probes, parameters), of all parameters together. Each parameter's are evenly spaced
-        (a Latin hypercube), so that the distance between neighbours does not grow with the number of parameters.
+        """Changes within the step (probes, parameters), of all parameters together. Those of each parameter are evenly
+        spaced (a Latin hypercube), so that their distance does not grow with the number of parameters.
         """
         even = (2 * np.arange(self.probes) + 1) / self.probes - 1
         rng = np.random.default_rng(self.seed)
@@ -53,14 +53,14 @@ class SamplingPlan(NamedTuple):
         return self.step * self.unit * np.stack(columns, 1)
 
 
-class Samples(NamedTuple):
+class MetricSamples(NamedTuple):
     """The metric and its gradient at the design, a step away from it, within the step, and over the scatter.
 
-    `finer`: the gradient at rtol/10 (at 10 rtol, where floats resolve no less); `up`, `down`: changes of the metric
-    over a step by each parameter; `within` (probes, parameters): changes within the step that could be solved,
-    `changes` of the metric there; `draws` (samples, parameters) of the scatter that could be solved, `cloud` and
-    `slopes` there; `complete`: all could be solved; `second`: value and gradient of the second highest peak, of a
-    metric that is a peak.
+    `finer`: the gradient at rtol/10 (at 10 rtol if floats resolve no less); `up`, `down`: changes of the metric over a
+    step of each parameter; `within` (probes, parameters): changes within the step that could be solved, and `changes`
+    of the metric there; `draws` (samples, parameters) of the scatter that could be solved, with the metric `cloud` and
+    its `slopes`; `complete`: all could be solved; `second`: value and gradient of the second highest peak, if the
+    metric is a peak.
     """
 
     value: np.floating
@@ -77,17 +77,17 @@ class Samples(NamedTuple):
     second: tuple[np.floating, np.ndarray] | None
 
 
-def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samples:
-    """All solves of the metric, by one program."""
+def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> MetricSamples:
+    """Solve the metric at all points of the plan, by one program."""
     p, rtol, moves = len(plan.names), plan.rtol, plan.moves()
     other = rtol / 10 if rtol >= 10 * SMALLEST else 10 * rtol
     rtols = np.where(np.arange(len(moves)) == 1, other, rtol)
-    # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
+    # The second highest peak is asked for too: where two peaks tie, the metric has a kink.
     peak = isinstance(metric, Peak) and metric.count == 1
     asked = dataclasses.replace(metric, count=2) if peak else metric
     points = dict(zip(plan.names, (plan.centre + moves).T, strict=True)) | {"rtol": rtols}
-    found = lanes(Question(mechanism, {"": asked}, t1, options, plan.names), points)
-    values, slopes = found.values[""], found.slopes[""]
+    answers = lanes(Question(mechanism, {"": asked}, t1, options, plan.names), points)
+    values, slopes = answers.values[""], answers.slopes[""]
     if values.ndim > (2 if peak else 1):
         raise ClearanceError("`gradient_report` wants a metric that is one number.")
     second = (values[0, 1], slopes[0, 1]) if peak else None
@@ -104,12 +104,13 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samp
     inner, changes = (x[within][fine[within]] for x in (moves, values - values[0]))
     draws, cloud, over = (x[scatter][fine[scatter]] for x in (moves, values, slopes))
     complete = bool(np.all(fine))
-    return Samples(values[0], slopes[0], slopes[1], up, down, inner, changes, draws, cloud, over, complete, second)
+    return MetricSamples(
+        values[0], slopes[0], slopes[1], up, down, inner, changes, draws, cloud, over, complete, second
+    )
 
 
 class Statistics(NamedTuple):
-    """What samples say of a gradient, per parameter but for `digits`, `departed` and `departure`; named as in the
-    report, and
+    """Statistics of a gradient, named as in `GradientReport`; per parameter except `digits`, `departed`, `departure`.
 
     - `error`: of the gradient; `predicted`: the change of the metric over a step, by the gradient;
     - `departed`: how far the metric is at most from what the gradient predicts within the step;
@@ -132,10 +133,10 @@ class Statistics(NamedTuple):
     heavy_tail: np.ndarray
 
 
-def statistics(plan: SamplingPlan, seen: Samples) -> Statistics:
+def statistics(plan: SamplingPlan, seen: MetricSamples) -> Statistics:
     """Statistics of the samples, without a verdict."""
     gradient, slopes, unit = seen.gradient, seen.slopes, plan.unit
-    # Zeros over zeros are no finding: a ratio of them is not a number, and no threshold is passed by it.
+    # Zero over zero is NaN, which exceeds no threshold.
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(seen.finer - gradient)
         predicted = plan.step * unit * gradient
@@ -162,7 +163,7 @@ def statistics(plan: SamplingPlan, seen: Samples) -> Statistics:
 
 
 def regression(moves: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes of `values` (samples,) over `moves` (samples, parameters) by least squares, and their standard errors."""
+    """Least-squares slopes of `values` (samples,) over `moves` (samples, parameters), and their standard errors."""
     units = moves.std(0)
     columns = np.concatenate([np.ones((len(moves), 1)), moves / units], 1)
     fit, *_ = np.linalg.lstsq(columns, values, rcond=None)

@@ -1,4 +1,4 @@
-"""`sensitivities`: value and Jacobian of what is asked of a motion, by parameter names; and second derivatives."""
+"""`sensitivities`: value and Jacobian of a metric by parameter names; `hessian`: its second derivatives."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Unpack
@@ -22,7 +22,7 @@ from clearance_jax.solve.settings import SolveOptions, settings_of
 
 # Options that a reverse sweep knows.
 REVERSIBLE = ("t0", "rtol", "solver", "energy_balance")
-# Directions from which on one reverse sweep over the steps costs less than carrying all of them.
+# Number of parameters from which on a reverse sweep costs less than forward derivatives.
 MANY = 40
 
 
@@ -92,15 +92,15 @@ def sensitivities(
         return Sensitivities(value, jacobian, wrt)
     if mode == "screening":
         settings = settings._replace(derivatives="screening")
-    found = answer(Question(mechanism, {"": metric}, t1, settings, wrt))
-    value, jacobian = found.values[""], _by_name(found.slopes[""], values)
+    solved = answer(Question(mechanism, {"": metric}, t1, settings, wrt))
+    value, jacobian = solved.values[""], _by_name(solved.slopes[""], values)
     if not bool(jnp.all(jnp.isfinite(value))):
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)
 
 
 def _by_name(slopes: Array, values: dict[str, Array]) -> dict[str, Array]:
-    """Derivatives, their last axis over the entries of all numbers, number by number."""
+    """Derivatives by name, from an array with a last axis over the entries of all parameters."""
     ends = np.cumsum([number.size for number in values.values()])
     parts = jnp.split(slopes, ends[:-1], axis=-1)
     return {
@@ -110,7 +110,7 @@ def _by_name(slopes: Array, values: dict[str, Array]) -> dict[str, Array]:
 
 
 def _not_in_reverse(mechanism, metric, values, options) -> str:
-    """Why the reverse sweep cannot serve; empty where it can."""
+    """Why reverse mode is not possible; empty if it is."""
     if not isinstance(metric, Function) or metric.times is not None:
         return f"`{type(metric).__name__}` looks at the whole motion"
     others = sorted(set(options) - set(REVERSIBLE))
@@ -134,7 +134,7 @@ class Hessian(Module):
     names: tuple[str, ...] = eqx.field(static=True)
 
 
-# Relative step of the differences of gradients; twice it is the check.
+# Relative step of the differences of gradients; a second difference has twice this step.
 HESSIAN_STEP = 1e-4
 
 

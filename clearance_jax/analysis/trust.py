@@ -1,10 +1,9 @@
-"""Whether a derivative is worth believing: an exact derivative of a chaotic motion is useless to an optimiser.
+"""Tests of whether an optimiser can trust a derivative: an exact derivative of a chaotic motion is useless to it.
 
-`gradient_report` measures, at the present design, what an optimiser would rely on: that the derivative does not change
-with the tolerance, that the metric follows it over the intended step and within it, that it stays the same over the
-scatter with which parts are made, and that the slope of the metric over that scatter is the derivative's (jumps and
-kinks show there); how fast neighbouring motions part, and so for how long a derivative can mean anything. It compiles
-two programs, the metric's and the motion's, and again only for another structure: numbers and `t1` are arguments.
+`gradient_report` checks at a design that the derivative does not change with the tolerance; that the metric follows it
+over the intended step and within it; that it is the same over the scatter of made parts; and that it agrees with the
+slope of the metric over that scatter, which shows jumps and kinks. It also measures how fast neighbouring motions
+diverge. It compiles two programs, of the metric and of the motion; numbers and `t1` are their arguments.
 """
 
 import warnings
@@ -19,7 +18,7 @@ from jaxtyping import Array, Float
 from clearance_jax._module import Module
 from clearance_jax.analysis.divergence import divergence
 from clearance_jax.analysis.periodic import periodic_motion
-from clearance_jax.analysis.scatter import Samples, SamplingPlan, Statistics, sample, statistics
+from clearance_jax.analysis.scatter import MetricSamples, SamplingPlan, Statistics, sample, statistics
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import as_metric
@@ -55,7 +54,7 @@ class TrustThresholds(Module):
 
 
 THRESHOLDS = TrustThresholds()
-# Its derivatives are always the controlled ones.
+# Options of `gradient_report`: its derivatives are always error-controlled.
 KNOWN = tuple(name for name in ALL if name != "derivatives")
 
 
@@ -121,7 +120,7 @@ class GradientReport(Module):
 
 
 def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and numbers of the parameters, once it is seen that there is something to report on."""
+    """Names and values of the parameters. **Raises** `ClearanceError` for arguments that are not allowed."""
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     given = values_of(mechanism, names)
     if any(number.ndim for number in given.values()):
@@ -136,33 +135,35 @@ def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ..
     return names, np.array([float(v) for v in given.values()])
 
 
-def _doubts(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, found: Statistics, k: int) -> Iterator[str]:
-    """Why not to believe the derivative by the k-th parameter."""
-    name, mean = plan.names[k], found.mean[k]
-    if not found.linearity[k] <= thresholds.linearity:
+def _doubts(
+    plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSamples, stats: Statistics, k: int
+) -> Iterator[str]:
+    """The tests that the derivative by the k-th parameter fails, as sentences."""
+    name, mean = plan.names[k], stats.mean[k]
+    if not stats.linearity[k] <= thresholds.linearity:
         yield (
             f"A step of {plan.step:.0%} in `{name}` changes the metric by {seen.up[k]:.3g} and {seen.down[k]:.3g}, "
-            f"where the gradient predicts +-{abs(found.predicted[k]):.3g}."
+            f"where the gradient predicts +-{abs(stats.predicted[k]):.3g}."
         )
-    if found.signal_to_noise[k] < thresholds.signal_to_noise:
+    if stats.signal_to_noise[k] < thresholds.signal_to_noise:
         yield (
             f"Over a scatter of {plan.scatter:.0%} the derivative by `{name}` is {mean:.3g} +- "
-            f"{found.deviation[k]:.3g}: its signal-to-noise ratio is {found.signal_to_noise[k]:.2g}."
+            f"{stats.deviation[k]:.3g}: its signal-to-noise ratio is {stats.signal_to_noise[k]:.2g}."
         )
-    if found.slope_z[k] > thresholds.significance and abs(found.slope_ratio[k] - 1) > thresholds.slope:
+    if stats.slope_z[k] > thresholds.significance and abs(stats.slope_ratio[k] - 1) > thresholds.slope:
         yield (
-            f"Over the scatter the metric follows `{name}` with slope {found.slope[k]:.3g}, not with the mean "
+            f"Over the scatter the metric follows `{name}` with slope {stats.slope[k]:.3g}, not with the mean "
             f"derivative {mean:.3g}: it jumps or has kinks."
         )
-    if found.heavy_tail[k] > thresholds.tail:
+    if stats.heavy_tail[k] > thresholds.tail:
         yield (
-            f"A few motions within the scatter have derivatives by `{name}` {found.heavy_tail[k]:.0f} times the "
+            f"A few motions within the scatter have derivatives by `{name}` {stats.heavy_tail[k]:.0f} times the "
             "median: their mean means little."
         )
 
 
-def _tie(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, judged: np.ndarray) -> Iterator[str]:
-    """A tie of two peaks with different slopes, unless no peak is turned over within the step."""
+def _tie(plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSamples, judged: np.ndarray) -> Iterator[str]:
+    """A sentence about two peaks that tie and have different slopes, if one overtakes the other within the step."""
     if seen.second is None:
         return
     value, gradient = seen.second
@@ -172,23 +173,23 @@ def _tie(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, judged:
         yield f"Two peaks tie: {seen.value:.6g} and {value:.6g}, with different slopes: use `Peak(signal, 2)`."
 
 
-def _reasons(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, found: Statistics) -> list[str]:
-    """Every test that failed, as a sentence; and where one did, whether a tie explains it."""
+def _reasons(plan: SamplingPlan, thresholds: TrustThresholds, seen: MetricSamples, stats: Statistics) -> list[str]:
+    """A sentence for every test that failed; after these, whether a tie of peaks explains it."""
     reasons = [] if seen.complete else ["Some motions near this design could not be solved to the end."]
-    # A change the solve cannot resolve, or one small beside another parameter's, is not judged.
-    change = np.max(np.abs([found.predicted, seen.up, seen.down]), axis=0)
+    # Changes that the solve cannot resolve, or that are small beside another parameter's, are not judged.
+    change = np.max(np.abs([stats.predicted, seen.up, seen.down]), axis=0)
     judged = change > max(thresholds.minor * np.max(change), plan.rtol * abs(seen.value))
-    if found.digits > thresholds.digits and np.any(judged):
-        reasons.append(f"The gradient changes by {found.digits:.1g} of itself when the tolerance is ten times tighter.")
-    if found.departure > thresholds.departure and np.any(judged):
+    if stats.digits > thresholds.digits and np.any(judged):
+        reasons.append(f"The gradient changes by {stats.digits:.1g} of itself when the tolerance is ten times tighter.")
+    if stats.departure > thresholds.departure and np.any(judged):
         reasons.append(
-            f"Within the step of {plan.step:.0%} the metric is up to {found.departed:.3g} away from what the gradient "
-            f"predicts, which is {np.sum(np.abs(found.predicted)):.3g} for the whole step: it jumps there, or another "
+            f"Within the step of {plan.step:.0%} the metric is up to {stats.departed:.3g} away from what the gradient "
+            f"predicts, which is {np.sum(np.abs(stats.predicted)):.3g} for the whole step: it jumps there, or another "
             "motion begins."
         )
     for k in np.flatnonzero(judged).tolist():
-        reasons += _doubts(plan, thresholds, seen, found, k)
-    # An explanation, not a test: of a tie that turns no peak over within the step an optimiser feels nothing.
+        reasons += _doubts(plan, thresholds, seen, stats, k)
+    # An explanation, not a test: a tie in which no peak overtakes the other does not disturb an optimiser.
     if reasons:
         reasons += _tie(plan, thresholds, seen, judged)
     return reasons
@@ -236,35 +237,35 @@ def gradient_report(
     plan = SamplingPlan(names, centre, step, probes, scatter, samples, float(settings.rtol), seed)
     t1 = jnp.asarray(t1, float)
     seen = sample(plan, mechanism, as_metric(metric), t1, settings)
-    found = statistics(plan, seen)
-    reasons = _reasons(plan, thresholds, seen, found)
+    stats = statistics(plan, seen)
+    reasons = _reasons(plan, thresholds, seen, stats)
     parting = divergence(plan, mechanism, seen.draws, t1, thresholds.spread, settings)
-    # An explanation, not a test: of a large spread that stays linear an optimiser feels nothing.
+    # An explanation, not a test: a large spread that stays linear does not disturb an optimiser.
     if reasons and parting.horizon < t1:
         reasons.append(
             f"Neighbouring motions within the scatter have parted by t = {parting.horizon:.3g} s, before the end at "
             f"{float(t1):.3g} s: beyond, a derivative says nothing of them."
         )
-    own = {"t0": settings.t0, "solver": settings.solver}
+    cycle_options = {"t0": settings.t0, "solver": settings.solver}
     smoothed = bool(reasons) and on_untrusted == "smooth"
     report = GradientReport(
         value=jnp.asarray(seen.value),
-        gradient=jnp.asarray(found.slope if smoothed else seen.gradient),
-        gradient_error=jnp.asarray(found.slope_error if smoothed else found.error),
-        digits=jnp.asarray(found.digits),
-        linearity=jnp.asarray(found.linearity),
-        departure=jnp.asarray(found.departure),
-        signal_to_noise=jnp.asarray(found.signal_to_noise),
-        slope_ratio=jnp.asarray(found.slope_ratio),
-        slope_z=jnp.asarray(found.slope_z),
-        heavy_tail=jnp.asarray(found.heavy_tail),
+        gradient=jnp.asarray(stats.slope if smoothed else seen.gradient),
+        gradient_error=jnp.asarray(stats.slope_error if smoothed else stats.error),
+        digits=jnp.asarray(stats.digits),
+        linearity=jnp.asarray(stats.linearity),
+        departure=jnp.asarray(stats.departure),
+        signal_to_noise=jnp.asarray(stats.signal_to_noise),
+        slope_ratio=jnp.asarray(stats.slope_ratio),
+        slope_z=jnp.asarray(stats.slope_z),
+        heavy_tail=jnp.asarray(stats.heavy_tail),
         lyapunov=jnp.asarray(parting.lyapunov),
         horizon=jnp.asarray(parting.horizon),
         precision_horizon=jnp.asarray(parting.precision_horizon),
         impacts=parting.impacts,
         slowest_impact=jnp.asarray(parting.slowest_impact),
         nearest_miss=jnp.asarray(parting.nearest_miss),
-        multipliers=None if period is None else periodic_motion(mechanism, period, **own).multipliers,
+        multipliers=None if period is None else periodic_motion(mechanism, period, **cycle_options).multipliers,
         names=names,
         reasons=tuple(reasons),
         smoothed=smoothed,

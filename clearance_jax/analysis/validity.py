@@ -1,4 +1,4 @@
-"""Whether the contact laws of solved motions hold where they were asked, also of batches."""
+"""Whether solved motions, also those of a batch, stay within the validity of their contact laws."""
 
 from jaxtyping import Array
 

@@ -1,1 +1,1 @@
-"""What is asked of a mechanism at points, and the answers: alone, as lanes, or on a cluster."""
+"""Questions to a mechanism at points of its numbers; answered one by one, in batches of lanes, or on a cluster."""

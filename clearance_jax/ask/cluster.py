@@ -1,7 +1,7 @@
-"""Lanes on the workers of a dask cluster, their answers in this process.
+"""Lanes solved on the workers of a dask cluster; the answers come back to this process.
 
-A task is a few chunks. A worker that is lost takes its tasks with it, and another does them again. Questions travel
-pickled, and a worker that has seen the same bytes has their programs still.
+A task is a few chunks of lanes. If a worker is lost, another repeats its tasks. Questions are sent pickled, and a
+worker keeps the question of bytes that it has seen, with its compiled programs.
 """
 
 import functools
@@ -18,14 +18,14 @@ from clearance_jax.ask.question import Answer, Question
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.solve.lanes import LANES
 
-# Tasks for each worker, where there are lanes enough: the last ones end together.
+# Tasks for each worker, if there are enough lanes: so that workers end at about the same time.
 TASKS = 8
 
 
 def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -> Answer:
-    """The answers at points as `lanes` gives them, solved on the workers of a dask client, on `cores` cores each.
+    """The answers at points as `lanes` gives them, solved by the workers of a dask client on `cores` cores each.
 
-    **Raises:** `ClearanceError` where the cluster has no workers, or none that lives through a task.
+    **Raises:** `ClearanceError` if the cluster has no workers, or if workers are killed again and again.
     """
     import cloudpickle
 
@@ -34,21 +34,21 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
         raise ClearanceError("The cluster has no workers. Start some.")
     count, unit = len(next(iter(points.values()))), LANES * cores
     size = unit * max(1, math.ceil(count / (unit * workers * TASKS)))
-    # Whole chunks, by copies of the last lane: a chunk of another width would be another program.
+    # Fill the last chunk with copies of the last lane: a chunk of another width would be another program.
     whole = count if count <= LANES else LANES * math.ceil(count / LANES)
     places = np.minimum(np.arange(whole), count - 1)
-    parts = [{name: one[places[at : at + size]] for name, one in points.items()} for at in range(0, whole, size)]
+    parts = [{name: column[places[at : at + size]] for name, column in points.items()} for at in range(0, whole, size)]
     pickled = cloudpickle.dumps(question)
     tasks = client.map(_answers, parts, question=pickled, cores=cores, pure=False)
     try:
-        found = client.gather(tasks)
+        answers = client.gather(tasks)
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
         raise ClearanceError(f"Lanes failed on the cluster: {quote(str(error))}.") from error
     finally:
         client.cancel(tasks, force=True)
-    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *found)
+    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *answers)
 
 
 # On a worker ---------------------------------------------------------------------------------------------------------
@@ -60,11 +60,11 @@ def _answers(points: dict[str, np.ndarray], question: bytes, cores: int) -> Answ
 
 @functools.lru_cache(maxsize=8)
 def _load(question: bytes) -> Question:
-    """What is asked of each lane, read once by each worker."""
+    """The question of pickled bytes, read once by each worker."""
     import cloudpickle
 
     from clearance_jax.configure import configure
 
-    with suppress(ClearanceError):  # where the worker has used JAX before, set up for it then
+    with suppress(ClearanceError):  # JAX is set up already if the worker has used it
         configure(cache=True)
     return cloudpickle.loads(question)

@@ -1,14 +1,14 @@
-"""How a solve ended, beside what is asked of it."""
+"""A metric for how a solve ended, solved together with the metrics of a question."""
 
 from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
 
-# What every solve says beside its metrics: a name that no metric has.
+# The name under which it stands beside the metrics; no metric of a user can have it.
 ENDING = " ending"
 
 
 class Ending(AbstractMetric):
-    """How the solve ended: result code, steps; with an energy balance its residual; of quasi-static poses how far they
-    can be believed (`Validity.level`).
+    """How the solve ended: result code, steps, rejected steps; the residual of an energy balance; the `Validity.level`
+    of quasi-static poses.
     """
 
     def static_bound(self):
@@ -19,6 +19,6 @@ class Ending(AbstractMetric):
 
     def value(self, reply: Reply):
         solution = reply.solution
-        found = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
-        found |= {"energy_residual": solution.energy_residual} if solution.energy_balance else {}
-        return found | ({} if solution.validity is None else {"validity": solution.validity.level})
+        ending = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
+        ending |= {"energy_residual": solution.energy_residual} if solution.energy_balance else {}
+        return ending | ({} if solution.validity is None else {"validity": solution.validity.level})

@@ -1,4 +1,4 @@
-"""A question answered at one point by itself, and at many as lanes, on every core."""
+"""Answers to a question at one point, or at many points as lanes of a batch."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -16,7 +16,7 @@ Columns = Mapping[str, np.ndarray]
 
 
 def answer(question: Question, numbers: Mapping[str, Any] | None = None) -> Answer:
-    """The answer at one point. Other numbers are no other program, other names are; `Question.at` before shares one."""
+    """The answer at one point. Other names of `numbers` compile another program; with `Question.at` they share one."""
     return _program(question, {name: jnp.asarray(value, float) for name, value in (numbers or {}).items()})
 
 
@@ -35,18 +35,18 @@ def lanes(
     ready: Callable[[np.ndarray, Answer], Any] | None = None,
     report: Callable[[BatchReport], Any] | None = None,
 ) -> Answer:
-    """The answers at points, as lanes of chunks, on every core.
+    """The answers at points, as lanes of a batch, on every core.
 
-    **Arguments:** `width`: so many lanes at least, by copies of the last one: a chunk of another width is another
-    program, with other last digits; the others as `batch`'s.
+    **Arguments:** `width`: solve at least so many lanes, by copies of the last one (a chunk of another width is another
+    program, with other last digits); the others as `batch`'s.
     """
     count = len(next(iter(points.values())))
     filled = {name: np.pad(column, (0, max(0, width - count)), mode="edge") for name, column in points.items()}
 
-    def chunk(places: np.ndarray, found: Answer) -> None:
+    def chunk(places: np.ndarray, part: Answer) -> None:
         wanted = places < count
         if ready is not None:
-            ready(places[wanted], jax.tree.map(lambda x: x[wanted], found))
+            ready(places[wanted], jax.tree.map(lambda x: x[wanted], part))
 
-    found = batch(question, filled, cores=cores, progress=progress, ready=chunk, report=report)
-    return jax.tree.map(lambda x: x[:count], found)
+    whole = batch(question, filled, cores=cores, progress=progress, ready=chunk, report=report)
+    return jax.tree.map(lambda x: x[:count], whole)

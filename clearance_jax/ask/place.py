@@ -1,4 +1,4 @@
-"""Where lanes are solved: here, or on the workers of a dask cluster."""
+"""Where lanes are solved: on this machine, or on the workers of a dask cluster."""
 
 import logging
 from collections.abc import Iterator
@@ -9,26 +9,28 @@ from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.extras import missing_extra
 from clearance_jax.solve.batch import cores_here
 
-# As a cluster: workers on this machine, for a trial.
+# The name of a trial cluster: workers on this machine.
 LOCAL = "local"
-# How long a scheduler may take to answer.
+# Timeout of the connection to a scheduler.
 PATIENCE = "10s"
 
 
-class Place(NamedTuple):
-    """Where lanes are solved: here, or by a dask `client`; on so many `cores` (`None`: all here, one a worker)."""
+class SolvePlace(NamedTuple):
+    """Where lanes are solved: on a dask `client` (`None`: this machine), with `cores` cores (`None`: all of this
+    machine, or one of each worker).
+    """
 
     client: Any = None
     cores: int | None = None
 
 
-HERE = Place()
+HERE = SolvePlace()
 
 
 @contextmanager
 def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
-    """A client of a cluster; what is made here is closed at the end. `LOCAL`: workers on this machine, of so many cores
-    each. **Raises** `ClearanceError` for a scheduler that cannot be reached.
+    """A dask client of a `cluster`: a client, the address of a scheduler, or `LOCAL` (workers on this machine with
+    `cores` cores each). What is created here is closed at the end. **Raises** `ClearanceError` if no scheduler answers.
     """
     try:
         from distributed import Client, LocalCluster
@@ -42,28 +44,28 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
     with ExitStack() as made:
         if cluster == LOCAL:
             workers = max(1, cores_here() // cores)
-            # Nobody need hear that a worker took its time to end.
+            # Warnings about workers that end slowly do not concern the user.
             how = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.ERROR}
             cluster = made.enter_context(LocalCluster(workers, **how))
         try:
             client = made.enter_context(Client(cluster, timeout=PATIENCE))
         except (OSError, TimeoutError, ValueError) as error:
-            said = str(error).split("\n")[0]
+            reason = str(error).split("\n")[0]
             raise ClearanceError(
-                f"No scheduler answers at `{cluster}`: {said}. Start it, or mend the address (`{LOCAL}`: workers on "
+                f"No scheduler answers at `{cluster}`: {reason}. Start it, or mend the address (`{LOCAL}`: workers on "
                 "this machine)."
             ) from None
         yield client
 
 
 @contextmanager
-def place_of(cluster: Any, cores: int | None = None) -> Iterator[Place]:
-    """The place that is meant by a cluster: a dask client, the address of a scheduler, or "local"; `None`: here."""
+def place_of(cluster: Any, cores: int | None = None) -> Iterator[SolvePlace]:
+    """The place of a cluster: a dask client, the address of a scheduler, or "local"; `None`: this machine."""
     if cluster is None:
-        yield Place(None, cores)
+        yield SolvePlace(None, cores)
         return
     with client_of(cluster, cores or 1) as client:
-        yield Place(client, cores)
+        yield SolvePlace(client, cores)
 
 
 def workers_of(client: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A question: metrics of a mechanism's motion, and their derivatives, at points of its numbers."""
+"""A question: metrics of a mechanism's motion and their derivatives, as a function of some of its numbers."""
 
 import dataclasses
 import functools
@@ -24,14 +24,14 @@ from clearance_jax.solve.settings import Settings
 OPTIONS = {"t1": "s", "rtol": ""}
 
 
-# As `differentiated`: whatever is asked.
+# The value of `differentiated` that means every metric.
 ALL = ("*",)
 
 
 class Answer(NamedTuple):
-    """At a point: `values` by metric, `slopes` (derivatives of those that were asked for, with a last axis over the
-    numbers of `by`; empty without), and `ending`: how it ended, "code" among it. Numbers are NaN where the motion did
-    not reach its end. At many points each has a first axis over them.
+    """The answer at a point: `values` by metric; `slopes`, their derivatives with a last axis over the numbers of `by`
+    (empty if none were asked for); `ending`: "code", "steps" and so on. Numbers are NaN if the motion did not reach its
+    end. At many points all arrays have a first axis (points,).
     """
 
     values: dict[str, Any]
@@ -40,13 +40,12 @@ class Answer(NamedTuple):
 
 
 class Question(Module):
-    """What is asked of a model at points. It is a function of the numbers of a point, by name.
+    """What is asked of a model. Call it with numbers by name for the `Answer` at that point; other values of the same
+    numbers run the same compiled program.
 
-    - `model`: a mechanism, or what has one as `mechanism` and numbers of its own.
-    - `metrics` by name, of the motion to `t1` [s], solved as `settings` say, by the model that they name (`fidelity`).
-    - `by`: numbers of the model by which the metrics `differentiated` have derivatives.
-
-    Other numbers are no other program.
+    - `model`: a mechanism, or a module with a field `mechanism` and numbers of its own.
+    - `metrics` by name, of the motion to `t1` [s], solved with `settings` (`fidelity` among them).
+    - `by`: names of the numbers by which the metrics in `differentiated` are differentiated.
     """
 
     model: Any
@@ -57,11 +56,11 @@ class Question(Module):
     differentiated: tuple[str, ...] = eqx.field(static=True, default=ALL, converter=tuple)
 
     def at(self, numbers: Mapping[str, Any]) -> "Question":
-        """The question at a point: with these numbers of the model, "t1" [s] or "rtol" in the place of its own."""
-        own = {name: value for name, value in numbers.items() if name not in OPTIONS}
+        """The question with these numbers of the model, "t1" [s] or "rtol" instead of its own."""
+        changes = {name: value for name, value in numbers.items() if name not in OPTIONS}
         t1, rtol = numbers.get("t1", self.t1), numbers.get("rtol", self.settings.rtol)
         settings = self.settings._replace(rtol=rtol)
-        return dataclasses.replace(self, model=replace(self.model, own), t1=t1, settings=settings)
+        return dataclasses.replace(self, model=replace(self.model, changes), t1=t1, settings=settings)
 
     def __call__(self, numbers: Mapping[str, Any] | None = None) -> Answer:
         question = self.at(numbers) if numbers else self
@@ -85,23 +84,23 @@ class Question(Module):
         def along(direction):
             return jax.jvp(at, (centre,), (direction,), has_aux=True)
 
-        # The rule of `flow` makes one solve of this: it sees which numbers vary, not how many directions are asked.
+        # The derivative rule of `flow` makes one solve of all directions.
         values, slopes, ending = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(centre.size))
         return values, {name: slopes[name] for name in wanted}, ending
 
     def _measure(self, model: Any, metrics: Mapping[str, AbstractMetric]) -> tuple[dict, dict]:
         mechanism = model if isinstance(model, Mechanism) else model.mechanism
-        found = measure_settings(mechanism, {**metrics, ENDING: Ending()}, self.t1, self.settings)
-        return found, found.pop(ENDING)
+        measured = measure_settings(mechanism, {**metrics, ENDING: Ending()}, self.t1, self.settings)
+        return measured, measured.pop(ENDING)
 
 
 def _mask_unreached(number: Any, reached: Array) -> Any:
-    """What was computed, where the motion reached its end; whole numbers as they are."""
+    """The number, NaN if the motion did not reach its end; integers stay as they are."""
     return jnp.where(reached, number, jnp.nan) if jnp.issubdtype(jnp.result_type(number), jnp.inexact) else number
 
 
 class Undifferentiated(AbstractMetric):
-    """A metric whose derivative is not asked for, and which may have none."""
+    """A metric whose derivative is not asked for: its inputs are stopped, so that it need not have one."""
 
     metric: AbstractMetric
 
@@ -121,8 +120,8 @@ def _fixed(reply: Reply) -> Reply:
 
 
 def shapes_of(question: Question, names: Sequence[str]) -> Answer:
-    """What the answer at a point of such numbers is, without computing it; a question of another that has been asked
-    before is not traced again.
+    """Shapes and types of the answer at a point with numbers of these names, without a solve. Questions of the same
+    structure are traced once.
     """
     return _shapes(tree_shape(question), tuple(names))
 

@@ -1,37 +1,37 @@
-"""What speaks against a fit, in sentences: residuals unlike noise, misleading derivatives, undetermined numbers."""
+"""Doubts about a fit, in sentences: residuals unlike noise, misleading derivatives, undetermined numbers."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from clearance_jax.calibrate.confidence import Confidence, Unidentified
-from clearance_jax.calibrate.fit import Fit, Task
-from clearance_jax.calibrate.residuals import Shown, residuals_of
+from clearance_jax.calibrate.fit import FitResult, FitTask
+from clearance_jax.calibrate.residuals import ResidualCheck, residuals_of
 from clearance_jax.units import format_quantity
 
-# From this share on of steps that brought much less than predicted, of at least so many.
+# Share of steps that gained much less than predicted from which on this is told, and the least number of steps.
 MISLED, MANY = 0.5, 4
-# Nearer to a bound than this part of its size a number lies at it.
+# A number lies at a bound if it is nearer than this part of its size.
 AT_BOUND = 1e-6
-# A change along an undetermined direction that is told for example, over the numbers' sizes.
+# The example of a change along an undetermined direction, over the numbers' sizes.
 EXAMPLE = 0.1
 
 
-def doubts(task: Task, fit: Fit, known: Confidence) -> Iterator[str]:
-    """What a user must know before the numbers are believed."""
+def doubts(task: FitTask, fit: FitResult, known: Confidence) -> Iterator[str]:
+    """The doubts that a user must know before using the numbers."""
     if not fit.converged:
         yield f"The search has not converged: {fit.ending}. The numbers are those of the best motion so far."
     yield from (_undetermined(group, task.variables.units) for group in known.unidentified)
     yield from _at_bounds(task, fit)
     every = residuals_of(task, fit)
-    exact = [one.name for one in every if one.exact]
+    exact = [check.name for check in every if check.exact]
     if exact:
         yield (
             f"The residuals of {listed(exact)} are no larger than the errors of the solves: the intervals are a rough "
             "guess. Choose a smaller `rtol`."
         )
-    inexact = [one for one in every if not one.exact]
-    yield from _sizes([one for one in every if one.given or not one.exact])
+    inexact = [check for check in every if not check.exact]
+    yield from _sizes([check for check in every if check.given or not check.exact])
     yield from _correlated(inexact, known)
     if fit.steps >= MANY and fit.doubtful > MISLED * fit.steps:
         yield (
@@ -48,7 +48,7 @@ def doubts(task: Task, fit: Fit, known: Confidence) -> Iterator[str]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names in a sentence."""
+    """Names as a list in a sentence."""
     quoted = [f"`{name}`" for name in names]
     return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
 
@@ -68,17 +68,15 @@ def _undetermined(group: Unidentified, units: Mapping[str, str]) -> str:
         parts = zip(group.names, group.directions[0], strict=True)
         changes = ", ".join(f"{name} by {format_quantity(EXAMPLE * part, units[name], 3)}" for name, part in parts)
         how = f" (change {changes}: the readings stay the same within the noise)"
+    known = len(group.names) - len(group.directions)
+    combinations = "one combination" if known == 1 else f"{known} combinations"
     return (
-        f"The data cannot tell {listed(group.names)} apart: only {_count(len(group.names) - len(group.directions))} of "
-        f"them can be determined{how}. Fix one of them, or measure something else."
+        f"The data cannot tell {listed(group.names)} apart: only {combinations} of them can be determined{how}. Fix "
+        "one of them, or measure something else."
     )
 
 
-def _count(combinations: int) -> str:
-    return "one combination" if combinations == 1 else f"{combinations} combinations"
-
-
-def _at_bounds(task: Task, fit: Fit) -> Iterator[str]:
+def _at_bounds(task: FitTask, fit: FitResult) -> Iterator[str]:
     variables, x = task.variables, fit.point.x
     near = np.minimum(x - variables.lower, variables.upper - x) <= AT_BOUND * variables.sizes(x)
     names = [name for name, there in zip(variables.names, near, strict=True) if there]
@@ -87,34 +85,34 @@ def _at_bounds(task: Task, fit: Fit) -> Iterator[str]:
         yield f"{listed(names)} {verb}: a better value may lie beyond, and {its} cannot be trusted. Widen the bounds."
 
 
-def _sizes(every: Sequence[Shown]) -> Iterator[str]:
-    """Whether residuals are as large as the deviations that are given say, or the readings' own roughness."""
-    for one in every:
-        times, square = f"{np.sqrt(one.size):.3g} times as large as", f"(reduced chi-square {one.size:.3g})"
-        if one.size > one.high and one.given:
+def _sizes(every: Sequence[ResidualCheck]) -> Iterator[str]:
+    """Sentences about residuals that are larger or smaller than the noise."""
+    for check in every:
+        times, square = f"{np.sqrt(check.size):.3g} times as large as", f"(reduced chi-square {check.size:.3g})"
+        if check.size > check.high and check.given:
             yield (
-                f"The residuals of `{one.name}` are {times} its noise {square}: the model is wrong, there are "
+                f"The residuals of `{check.name}` are {times} its noise {square}: the model is wrong, there are "
                 "outliers, or the noise is larger than the given deviation."
             )
-        elif one.size > one.high:
+        elif check.size > check.high:
             yield (
-                f"The residuals of `{one.name}` are {times} the noise that the readings themselves show, from one "
+                f"The residuals of `{check.name}` are {times} the noise that the readings themselves show, from one "
                 "instant to the next: the model is wrong, there are outliers, or the noise is not independent."
             )
-        if one.size < one.low:
+        if check.size < check.low:
             yield (
-                f"The residuals of `{one.name}` are only {np.sqrt(one.size):.2g} times as large as its noise {square}: "
-                "the noise is smaller than the given deviation. The intervals are too wide."
+                f"The residuals of `{check.name}` are only {np.sqrt(check.size):.2g} times as large as its noise "
+                f"{square}: the noise is smaller than the given deviation. The intervals are too wide."
             )
 
 
-def _correlated(every: Sequence[Shown], known: Confidence) -> Iterator[str]:
-    """Of which series it must be said that a residual tells the next one."""
-    for one in every:
-        if one.correlated:
+def _correlated(every: Sequence[ResidualCheck], known: Confidence) -> Iterator[str]:
+    """Sentences about series whose residuals are correlated in time."""
+    for check in every:
+        if check.correlated:
             yield (
-                f"The residuals of `{one.name}` follow each other (their correlation from one instant to the next is "
-                f"{one.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(one.count):.2f}): the model lacks "
-                "an effect, or the noise is not independent. The intervals are made wider by the factor "
+                f"The residuals of `{check.name}` follow each other (their correlation from one instant to the next is "
+                f"{check.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(check.count):.2f}): the model "
+                "lacks an effect, or the noise is not independent. The intervals are made wider by the factor "
                 f"{np.sqrt(known.memory):.2g}, but if the model is wrong the truth may lie outside of them."
             )

@@ -1,4 +1,4 @@
-"""Losses of a least-squares fit: how much a residual counts that is far larger than the noise.
+"""Loss functions of a least-squares fit, which reduce the weight of residuals far larger than the noise.
 
 With a residual r in units of its deviation and z = (r / C)^2 the fit minimises the sum of C^2 rho(z) / 2. Each loss has
 the C at which it loses 5 % of the information where the noise is normal (Holland and Welsch 1977,
@@ -26,8 +26,8 @@ class Loss(NamedTuple):
         return residuals * first, first + 2 * z * second
 
     def normal_squares(self) -> tuple[float, float]:
-        """Of psi squared, where residuals are normal: its mean, and by how many degrees of freedom of a chi-square one
-        scatters as it does.
+        """The mean of psi^2 for normal residuals, and the degrees of freedom of a chi-square distribution with the same
+        relative scatter.
         """
         noise = np.linspace(-8.0, 8.0, 4001)
         weights = np.exp(-(noise**2) / 2)
@@ -36,7 +36,7 @@ class Loss(NamedTuple):
         return float(mean), float(2 * mean**2 / np.average((squares - mean) ** 2, weights=weights))
 
     def cost(self, residuals: np.ndarray) -> float:
-        """What the fit minimises."""
+        """The sum of the losses, which the fit minimises."""
         return float(0.5 * self.scale**2 * np.sum(self.rho((residuals / self.scale) ** 2)[0]))
 
 

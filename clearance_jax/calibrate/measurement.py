@@ -1,4 +1,4 @@
-"""Measured signals: a dataset over time, read and checked against what a mechanism's motion can give."""
+"""Measured signals: read from a dataset over time, and checked against the quantities of a mechanism's motion."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,8 +17,8 @@ TIME = "time"
 
 
 class Series(NamedTuple):
-    """One measured number over time: its `name`; the quantity or signal of the motion that it is a `reading` of; SI
-    `unit`; `values` (times,), NaN where there is none; `deviation` of its noise (`None`: it is estimated).
+    """One measured number over time: its `name`; the `reading`, a quantity or signal of the motion; SI `unit`; `values`
+    (times,), NaN if missing; `deviation` of the noise (`None`: to be estimated).
     """
 
     name: str
@@ -29,7 +29,7 @@ class Series(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """What was measured: increasing `times` [s], and `series` of numbers at these."""
+    """Measured data: increasing `times` [s], and the `series` at these."""
 
     times: np.ndarray
     series: tuple[Series, ...]
@@ -37,22 +37,22 @@ class Measurement(NamedTuple):
     @property
     def values(self) -> np.ndarray:
         """All numbers, shape (times, series)."""
-        return np.stack([one.values for one in self.series], axis=1)
+        return np.stack([series.values for series in self.series], axis=1)
 
     @property
     def known(self) -> np.ndarray:
-        """Which of them there are, shape (times, series)."""
+        """Whether each number was measured, shape (times, series)."""
         return np.isfinite(self.values)
 
     def until(self, count: int) -> "Measurement":
-        """The same instants, of which only the first `count` were measured."""
+        """The same measurement, with only the first `count` instants known."""
         late = np.arange(len(self.times)) >= count
-        series = (one._replace(values=np.where(late, np.nan, one.values)) for one in self.series)
-        return Measurement(self.times, tuple(series))
+        cut = (series._replace(values=np.where(late, np.nan, series.values)) for series in self.series)
+        return Measurement(self.times, tuple(cut))
 
     @property
     def missing(self) -> int:
-        """How many are missing."""
+        """The number of missing values."""
         return int(np.sum(~self.known))
 
 
@@ -63,12 +63,12 @@ def read_measurement(
     deviations: Mapping[str, Any] | None = None,
     books: bool = False,
 ) -> Measurement:
-    """The measured numbers of a dataset; arguments as `calibrate`'s. **Raises** `ClearanceError` for what a motion of
-    the mechanism cannot give.
+    """Read the measured numbers of a dataset; arguments as `calibrate`'s. **Raises** `ClearanceError` for what is not a
+    quantity of the mechanism's motion.
     """
     if not isinstance(dataset, xr.Dataset):
         raise ClearanceError(f"Measured data must be an xarray Dataset, but this is a {type(dataset).__name__}.")
-    times, found = _times(dataset), []
+    times, series = _times(dataset), []
     deviations = dict(deviations or {})
     readings = _readings(dataset, signals)
     for name in deviations:
@@ -77,12 +77,12 @@ def read_measurement(
     known = _numbers(mechanism, books)
     for name, reading in readings.items():
         deviation = _deviation(name, deviations.get(name))
-        found += _series(name, reading, dataset[name], known, deviation)
-    return Measurement(times, tuple(found))
+        series += _series(name, reading, dataset[name], known, deviation)
+    return Measurement(times, tuple(series))
 
 
 def unit_of(mechanism: Mechanism, name: str, reading: str | AbstractSignal) -> str:
-    """The SI unit of a reading, of the variable `name`. **Raises** `ClearanceError` where there is none such."""
+    """The SI unit of the reading of variable `name`. **Raises** `ClearanceError` if there is no such quantity."""
     if isinstance(reading, AbstractSignal):
         return reading.unit
     every = quantities(mechanism, True)
@@ -96,14 +96,14 @@ def unit_of(mechanism: Mechanism, name: str, reading: str | AbstractSignal) -> s
 def _numbers(mechanism: Mechanism, books: bool) -> dict[str, str]:
     """The units of all quantities that are one number."""
     return {
-        name: one.unit
-        for name, one in quantities(mechanism, books).items()
-        if one.place is not None or len(one.index) == len(OBSERVED[one.variable].dims)
+        name: quantity.unit
+        for name, quantity in quantities(mechanism, books).items()
+        if quantity.place is not None or len(quantity.index) == len(OBSERVED[quantity.variable].dims)
     }
 
 
 def _readings(dataset: xr.Dataset, signals: Any) -> dict[str, str | AbstractSignal]:
-    """What each variable of the dataset is a reading of."""
+    """The reading of each variable of the dataset, by name."""
     if signals is None:
         signals = [str(name) for name, variable in dataset.data_vars.items() if TIME in variable.dims]
     if isinstance(signals, str):
@@ -132,7 +132,7 @@ def _times(dataset: xr.Dataset) -> np.ndarray:
 
 
 def _factor(array: xr.DataArray, unit: str, where: str) -> float:
-    """By what an array's numbers are multiplied to be in SI; those without units, or with a reference to them, are."""
+    """The factor that converts an array to SI, by its attribute `units`; 1 if it has none."""
     given = array.attrs.get("units")
     if given is None or str(given).startswith("see ") or given == unit or unit == "":
         return 1.0
@@ -154,7 +154,7 @@ def _deviation(name: str, given: Any) -> float | None:
 def _series(
     name: str, reading: Any, array: xr.DataArray, known: Mapping[str, str], deviation: float | None
 ) -> Iterator[Series]:
-    """The numbers of one variable, each by itself."""
+    """The series of one variable: one for each place along its other dimensions."""
     if TIME not in array.dims:
         raise ClearanceError(f"The variable `{name}` has no dimension `time`, so it is no signal. Leave it out.")
     if array.dtype.kind not in "fiu":
@@ -165,21 +165,19 @@ def _series(
             raise ClearanceError(f"`{name}` must be one number over time, but it has a dimension `{others[0]}` too.")
         named: list[tuple[Any, str, dict]] = [(reading, name, {})]
     elif isinstance(reading, str):
-        named = [
-            (one, one if reading == name else one.replace(reading, name), at) for one, at in _names(reading, array)
-        ]
+        named = [(q, q if reading == name else q.replace(reading, name), at) for q, at in _names(reading, array)]
     else:
         raise ClearanceError(
             f"The signal `{name}` must be the name of a quantity or a signal of `clearance_jax.metrics`, but it is a "
             f"{type(reading).__name__}."
         )
-    for what, own, at in named:
+    for what, label, at in named:
         unit = what.unit if isinstance(what, AbstractSignal) else _unit(name, what, known)
         values = np.asarray(array.isel(at).values, float) * _factor(array, unit, f"The variable `{name}`")
         values = np.where(np.isfinite(values), values, np.nan)
         if np.all(np.isnan(values)):
-            raise ClearanceError(f"Nothing of `{own}` was measured: all its values are NaN. Leave it out.")
-        yield Series(own, what, unit, values, deviation)
+            raise ClearanceError(f"Nothing of `{label}` was measured: all its values are NaN. Leave it out.")
+        yield Series(label, what, unit, values, deviation)
 
 
 def _unit(name: str, quantity: str, known: Mapping[str, str]) -> str:
@@ -192,8 +190,8 @@ def _unit(name: str, quantity: str, known: Mapping[str, str]) -> str:
 
 
 def _names(reading: str, array: xr.DataArray) -> Iterator[tuple[str, dict[str, int]]]:
-    """The quantities that a variable holds, and where each stands in it: of `position` over points and axes
-    `piston.position.x`, of `piston.position` over axes the same.
+    """The quantities in a variable, and the index of each: `piston.position.x` in `position` over points and axes, or
+    in `piston.position` over axes.
     """
     dims = [str(dim) for dim in array.dims if dim != TIME]
     for dim in dims:

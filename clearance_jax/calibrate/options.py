@@ -1,4 +1,4 @@
-"""How a fit is searched for."""
+"""The options of a fit."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ MOST_STARTS, MOST_MOTIONS = 1000, 1_000_000
 
 
 class FitOptions(Module):
-    """How the numbers are looked for: what a residual costs, and from where the search starts."""
+    """The options of a fit: the loss of a residual, and the starts of the search."""
 
     loss: LossName = describe(
         "what a large residual costs: `linear` is least squares; with the others outliers count less",

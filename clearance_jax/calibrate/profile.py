@@ -1,7 +1,7 @@
-"""Intervals of the motion itself, where they are wider than those that the derivatives predict.
+"""Confidence intervals by profile likelihood, if they are wider than those that the derivatives predict.
 
-The end of such an interval is where the profile likelihood has fallen by as much as at the end of the interval that the
-derivatives predict, were the motion linear (Venzon and Moolgavkar 1988, doi 10.2307/2347496).
+The end of such an interval is where the profile likelihood has fallen by as much as it would for a linear motion at the
+end of the interval that the derivatives predict (Venzon and Moolgavkar 1988, doi 10.2307/2347496).
 """
 
 from collections.abc import Iterator
@@ -10,35 +10,34 @@ from typing import NamedTuple
 import numpy as np
 
 from clearance_jax.calibrate.confidence import Confidence
-from clearance_jax.calibrate.fit import Fit, Task
-from clearance_jax.calibrate.readings import Point
+from clearance_jax.calibrate.fit import FitResult, FitTask
+from clearance_jax.calibrate.readings import FitPoint
 
-# Within this factor between what the derivatives predict at the end of an interval and the motion, they are believed;
-# beyond the second one it is said that they are not.
+# Ratio of the rise of the cost to its prediction at the end of an interval: within the first factor the prediction is
+# used, beyond the second a doubt is reported.
 STRAIGHT, BENT = 1.25, 2.0
-# How much farther each trial goes, how far at least (where the cost has ripples it may fall again), and how many there
-# are at most; how often the last step is halved.
+# The factor of each further trial, how far trials go at least (a rippled cost may fall again), how many there are at
+# most, and how often the last step is halved.
 FARTHER, WIDEST, TRIALS, HALVINGS = 1.5, 3.0, 12, 2
-# Where another minimum is looked for, over what the derivatives predict, along so many of the numbers known least.
+# Where another minimum is looked for, in predicted half intervals, and along how many of the least known numbers.
 FAR, LOOKED = (3.0, 9.0, 27.0), 2
-# At most so many corrections of the others are made at one place. A correction is worth a motion if it promises
-# this part of the rise.
+# The other numbers are corrected if that is predicted to gain this part of the rise, at most so often at one place.
 WORTH, CORRECTIONS = 0.1, 4
-# Singular values below this part of the largest one are of what the data do not tell.
+# Singular values below this part of the largest one belong to undetermined directions.
 UNTOLD = 1e-6
-# A cost that is less than that of the fit by this part of the wanted rise is a better minimum.
+# A point is a better minimum if its cost is below that of the fit by this part of the wanted rise.
 BETTER = 0.02
 
 
 class Profile(NamedTuple):
-    """The confidence of the motion itself, and a `better` point than the fit's where one was seen on the way."""
+    """The confidence with intervals of the motion itself, and a `better` point than the fit if one was met."""
 
     known: Confidence
-    better: Point | None
+    better: FitPoint | None
 
 
-def profile(task: Task, fit: Fit, known: Confidence) -> Profile:
-    """The intervals of the determined numbers, searched for where the motion is not what the derivatives predict."""
+def profile(task: FitTask, fit: FitResult, known: Confidence) -> Profile:
+    """Search for the ends of the intervals of the determined numbers, if the derivatives do not predict the motion."""
     walk, intervals, bent = _Walk(task, fit, known), known.intervals.copy(), []
     undetermined = {name for group in known.unidentified for name in group.names}
     determined = [k for k, name in enumerate(task.variables.names) if name not in undetermined]
@@ -56,17 +55,17 @@ def profile(task: Task, fit: Fit, known: Confidence) -> Profile:
 
 
 class _Walk:
-    """Along a number, the others where the fit is best."""
+    """Evaluations along one number, with the others at their best fit."""
 
-    def __init__(self, task: Task, fit: Fit, known: Confidence):
+    def __init__(self, task: FitTask, fit: FitResult, known: Confidence):
         self.task, self.fit, self.known = task, fit, known
         self.cost = task.cost(fit.point, fit.deviations)
         self.here = task.weigh(fit.point, fit.deviations)
         self.lowest, self.lowest_rise, self.better = fit.point, 0.0, False
 
     def look(self, k: int, sign: float, far: bool) -> tuple[float, bool]:
-        """How far to a side the number `k` may be, and whether that is what the derivatives predict. Looked for is the
-        end of its interval, or, `far` away, another minimum.
+        """The end of the interval of number `k` to one side, and whether the derivatives predict it. With `far` it
+        looks for another minimum far away.
         """
         task, known, x = self.task, self.known, self.fit.point.x
         way = sign * known.factor * known.deviations[k] * self.others_follow(k)
@@ -89,8 +88,8 @@ class _Walk:
         return float(x[k] + end * way[k]), bool(not within if far else straight and end <= BENT)
 
     def others_follow(self, k: int) -> np.ndarray:
-        """Per unit of the number `k` where the others are best, were the motion linear: along the column of the
-        covariance, but not along what the data do not tell, which would end at a bound.
+        """The change of all numbers per unit of number `k`, with the others at their best fit for a linear motion,
+        without changes along undetermined directions, which would end at a bound.
         """
         sizes, way = self.known.sizes, np.ones(len(self.known.sizes))
         others = np.arange(len(sizes)) != k
@@ -99,13 +98,13 @@ class _Walk:
         return way
 
     def rise(self, k: int, place: np.ndarray, wanted: float) -> float:
-        """By what the cost is larger with the number `k` at its place, the others corrected while that helps."""
+        """The rise of the cost over that of the fit with number `k` fixed, the others corrected while that helps."""
         task, variables, others = self.task, self.task.variables, np.arange(len(place)) != k
         rise, point = self.seen(np.clip(place, variables.lower, variables.upper))
         scale = self.known.deviations[others]
         for _ in range(CORRECTIONS if len(place) > 1 and point.reached else 0):
             at = task.weigh(point, self.fit.deviations)
-            # Weighted as the loss counts the residuals.
+            # Residuals are weighted by the loss.
             psi, slope = task.loss.influence(at.residuals)
             root, step = np.sqrt(np.maximum(slope, 0.1)), np.zeros(len(place))
             step[others] = -scale * np.linalg.lstsq(root[:, None] * at.jacobian[:, others] * scale, psi / root)[0]
@@ -118,8 +117,8 @@ class _Walk:
             rise = now
         return rise
 
-    def seen(self, place: np.ndarray) -> tuple[float, Point]:
-        """By what the cost is larger at a place; the lowest of all places is kept."""
+    def seen(self, place: np.ndarray) -> tuple[float, FitPoint]:
+        """The rise of the cost at a place, and its point; the lowest of all is kept."""
         point = self.task.instruments(place)
         rise = self.task.cost(point, self.fit.deviations) - self.cost if point.reached else np.inf
         if rise < self.lowest_rise:
@@ -128,8 +127,8 @@ class _Walk:
 
 
 def _parts(most: float, wanted: float, rises: dict[float, float]) -> Iterator[float]:
-    """Where to look, in parts of what the derivatives predict, by the `rises` that were found: outwards, until the cost
-    has risen; then between the last place where it had not and the next one.
+    """The places to evaluate, in predicted half intervals, by the `rises` so far: outwards until the cost has risen by
+    `wanted`, then by bisection.
     """
     part = min(1.0, most)
     yield part

@@ -1,4 +1,4 @@
-"""What instruments would read of a motion, with its derivatives, at points of the numbers that are looked for."""
+"""Simulated readings of a motion and their derivatives, at values of the fitted numbers."""
 
 import copy
 import dataclasses
@@ -20,12 +20,12 @@ from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.solve.codes import words
 from clearance_jax.solve.settings import Settings
 
-# How many times the tolerance of the solves the errors of readings are, by the order of magnitude.
+# Errors of readings over the tolerance of the solves, by order of magnitude.
 FLOOR = 10.0
 
 
 class Readings(AbstractMetric):
-    """Quantities by name, and signals, at times [s]: shape (times, quantities and then signals)."""
+    """A metric: quantities by name and signals at times [s], shape (times, quantities and then signals)."""
 
     quantities: tuple[str, ...] = eqx.field(static=True)
     signals: tuple[AbstractSignal, ...]
@@ -40,9 +40,9 @@ class Readings(AbstractMetric):
         return jnp.stack([*named, *others], axis=-1)
 
 
-class Point(NamedTuple):
-    """What a motion would have shown: numbers `x` (parameters,), `values` (times, series) and their derivatives
-    `slopes` (times, series, parameters); all NaN where the motion did not reach its end, and then why, in words.
+class FitPoint(NamedTuple):
+    """The readings of the motion at numbers `x` (parameters,): `values` (times, series) and their derivatives `slopes`
+    (times, series, parameters); NaN if the motion did not reach its end. `why` says how it ended.
     """
 
     x: np.ndarray
@@ -52,14 +52,14 @@ class Point(NamedTuple):
 
     @property
     def reached(self) -> bool:
-        """Whether there are readings and derivatives."""
+        """Whether all readings and derivatives are finite."""
         return bool(np.all(np.isfinite(self.values)) and np.all(np.isfinite(self.slopes)))
 
 
 class Instruments:
-    """The readings of a mechanism's motion at points of its numbers `names`, each point solved once; `points` lists
-    them all, in order, those of shorter motions too, and `progress` is told of each. Differences below `accuracy` of a
-    reading are the solves' own.
+    """The readings of a mechanism's motion at values of its numbers `names`. Each point is solved once and kept in
+    `points`, also those of shorter motions; `progress` is called with each. `accuracy` is the relative error of
+    readings.
     """
 
     def __init__(
@@ -69,44 +69,42 @@ class Instruments:
         names: Sequence[str],
         t1: float,
         settings: Settings,
-        progress: Callable[[Point], Any] | None = None,
+        progress: Callable[[FitPoint], Any] | None = None,
     ):
-        readings = [one.reading for one in measurement.series]
-        quantities = tuple(one for one in readings if isinstance(one, str))
-        signals = tuple(one for one in readings if isinstance(one, AbstractSignal))
+        readings = [series.reading for series in measurement.series]
+        quantities = tuple(reading for reading in readings if isinstance(reading, str))
+        signals = tuple(reading for reading in readings if isinstance(reading, AbstractSignal))
         # The metric has quantities first.
-        places = [i for i, one in enumerate(readings) if isinstance(one, str)]
-        places += [i for i, one in enumerate(readings) if not isinstance(one, str)]
-        self._order = np.argsort(places)
+        self._order = np.argsort(sorted(range(len(readings)), key=lambda i: not isinstance(readings[i], str)))
         self._question = Question(
             mechanism, {"": Readings(quantities, signals, measurement.times)}, t1, settings, names
         )
         self._names, self._progress = tuple(names), progress
         self._times, self._count = measurement.times, len(measurement.times)
         self.accuracy = FLOOR * float(settings.rtol)
-        self._seen: dict[tuple[int, bytes], Point] = {}
+        self._seen: dict[tuple[int, bytes], FitPoint] = {}
 
     @property
-    def points(self) -> list[Point]:
+    def points(self) -> list[FitPoint]:
         """Every point that was solved, in order."""
         return list(self._seen.values())
 
     def until(self, count: int) -> "Instruments":
-        """The same by motions that end at the instant `count` and read their end ever after; it is the same program."""
+        """The same program for motions that end at instant `count`; later readings repeat the last one."""
         other, end = copy.copy(self), self._times[count - 1]
         readings = dataclasses.replace(self._question.metrics[""], times=np.minimum(self._times, end))
         other._question = dataclasses.replace(self._question, metrics={"": readings}, t1=end)
         other._count = count
         return other
 
-    def __call__(self, x: np.ndarray) -> Point:
+    def __call__(self, x: np.ndarray) -> FitPoint:
         key = self._count, np.asarray(x, float).tobytes()
         if key not in self._seen:
-            found = answer(self._question, dict(zip(self._names, x, strict=True)))
-            values = np.asarray(found.values[""])[:, self._order]
-            slopes = np.asarray(found.slopes[""])[:, self._order]
-            point = Point(np.array(x, float), values, slopes, words(int(found.ending["code"])))
-            # Without derivatives a reading is of no use to the search.
+            solved = answer(self._question, dict(zip(self._names, x, strict=True)))
+            values = np.asarray(solved.values[""])[:, self._order]
+            slopes = np.asarray(solved.slopes[""])[:, self._order]
+            point = FitPoint(np.array(x, float), values, slopes, words(int(solved.ending["code"])))
+            # The search cannot use readings without derivatives.
             self._seen[key] = point = point if point.reached else point._replace(values=np.full_like(values, np.nan))
             if self._progress is not None:
                 self._progress(point)

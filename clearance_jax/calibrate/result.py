@@ -1,4 +1,4 @@
-"""The answer of a calibration, as its user reads it."""
+"""The result of a calibration."""
 
 import dataclasses
 from typing import NamedTuple
@@ -7,16 +7,16 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.calibrate.confidence import LEVEL, Confidence
-from clearance_jax.calibrate.fit import Fit, Task
+from clearance_jax.calibrate.fit import FitResult, FitTask
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.units import format_quantity
 
-# Other minima that a message tells.
+# The largest number of other minima in the message.
 TOLD = 3
 
 
 class Minimum(NamedTuple):
-    """Where another start led: `values` of the numbers, and its `cost` over that of the best."""
+    """A minimum that another start led to: `values` of the numbers, and the `ratio` of its cost to that of the best."""
 
     values: dict[str, float]
     ratio: float
@@ -24,17 +24,17 @@ class Minimum(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """Numbers of a mechanism that a measurement has shown, and how well it shows them; prints itself.
+    """The fitted numbers of a mechanism and how well they are known. It prints itself.
 
     - `values`, `deviations` (standard), `intervals` (of 95 %) by name [SI]; `units`; those that are `undetermined`.
     - `correlation`: an array over parameter and parameter; `ellipsoid`: a dataset of the confidence ellipsoid's axes.
-    - `residuals`: a dataset over time of what was measured, what the fitted motion shows (`NAME_model`), and the
-      difference (`NAME_residual`, model less measurement).
+    - `residuals`: a dataset over time of the measured values, those of the fitted motion (`NAME_model`), and the
+      difference (`NAME_residual`, model minus measurement).
     - `noise`: the deviation of each signal, given or estimated; `chi_square`: the sum of squared residuals over their
       deviations, by the `freedom` left (near 1 by construction where the deviations are estimated from the residuals);
       `missing`: how many numbers were NaN.
-    - `notes`: what speaks against the fit, in sentences; `others`: minima to which other starts led.
-    - `converged`, `motions`: how many were solved with derivatives; `mechanism`: with the numbers found.
+    - `notes`: doubts about the fit, in sentences; `others`: minima to which other starts led.
+    - `converged`; `motions`: how many were solved with derivatives; `mechanism`: with the fitted numbers.
     """
 
     mechanism: Mechanism
@@ -57,7 +57,7 @@ class Calibration:
 
     @property
     def message(self) -> str:
-        """All that it found, in words."""
+        """The result in words, as it is printed."""
         lines = [f"{name} = {self.row(name)}" for name in self.values]
         count = self.freedom + len(self.values)
         gaps = f", {self.missing} missing" if self.missing else ""
@@ -84,9 +84,9 @@ class Calibration:
 
 
 def result_of(
-    task: Task, mechanism: Mechanism, fits: list[Fit], known: Confidence, notes: tuple[str, ...]
+    task: FitTask, mechanism: Mechanism, fits: list[FitResult], known: Confidence, notes: tuple[str, ...]
 ) -> Calibration:
-    """The answer; `mechanism` with the numbers found, `fits` the best first."""
+    """The `Calibration`, from the `mechanism` with the fitted numbers and the `fits`, the best first."""
     fit, names, measurement = fits[0], task.variables.names, task.measurement
     by_name = dict(zip(names, fit.point.x.tolist(), strict=True))
     residuals = task.weigh(fit.point, fit.deviations).residuals
@@ -100,7 +100,7 @@ def result_of(
         xr.DataArray(known.correlation, {"parameter": list(names), "other": list(names)}, ("parameter", "other")),
         _ellipsoid(task, known),
         _residuals(task, fit),
-        {one.name: float(size) for one, size in zip(measurement.series, fit.deviations, strict=True)},
+        {series.name: float(size) for series, size in zip(measurement.series, fit.deviations, strict=True)},
         float(np.sum(residuals**2) / max(freedom, 1)),
         freedom,
         measurement.missing,
@@ -112,8 +112,8 @@ def result_of(
     )
 
 
-def _ellipsoid(task: Task, known: Confidence) -> xr.Dataset:
-    """Axes as changes of the numbers over their sizes, these, and half of each axis, the shortest first."""
+def _ellipsoid(task: FitTask, known: Confidence) -> xr.Dataset:
+    """The dataset of the confidence ellipsoid: its axes as changes over the sizes of the numbers, and their lengths."""
     return xr.Dataset(
         {
             "axes": (("parameter", "axis"), known.axes, {"long_name": "change over the sizes, along each axis"}),
@@ -128,24 +128,24 @@ def _ellipsoid(task: Task, known: Confidence) -> xr.Dataset:
     )
 
 
-def _residuals(task: Task, fit: Fit) -> xr.Dataset:
+def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
     variables = {}
-    for one, model in zip(task.measurement.series, fit.point.values.T, strict=True):
-        about = {"units": one.unit}
-        variables[one.name] = ("time", one.values, about)
-        variables[f"{one.name}_model"] = ("time", model, about)
-        variables[f"{one.name}_residual"] = ("time", model - one.values, about)
+    for series, model in zip(task.measurement.series, fit.point.values.T, strict=True):
+        about = {"units": series.unit}
+        variables[series.name] = ("time", series.values, about)
+        variables[f"{series.name}_model"] = ("time", model, about)
+        variables[f"{series.name}_residual"] = ("time", model - series.values, about)
     return xr.Dataset(variables, {"time": ("time", task.measurement.times, {"units": "s"})})
 
 
-def _others(task: Task, fits: list[Fit], known: Confidence):
-    """Minima that are farther from the best, and from each other, than the intervals reach."""
+def _others(task: FitTask, fits: list[FitResult], known: Confidence):
+    """The minima that are outside of each other's intervals, without the best."""
     size = known.factor * known.deviations
     undetermined = [name in {n for group in known.unidentified for n in group.names} for name in task.variables.names]
     seen, best = [fits[0]], task.cost(fits[0].point, fits[0].deviations)
     for fit in fits[1:]:
         apart = [np.abs(fit.point.x - other.point.x) / np.maximum(size, 1e-3 * np.abs(other.point.x)) for other in seen]
-        if fit.converged and all(np.any(np.where(undetermined, 0.0, one) > 1) for one in apart):
+        if fit.converged and all(np.any(np.where(undetermined, 0.0, distances) > 1) for distances in apart):
             seen.append(fit)
             ratio = task.cost(fit.point, fits[0].deviations) / max(best, np.finfo(float).tiny)
             yield Minimum(dict(zip(task.variables.names, fit.point.x.tolist(), strict=True)), float(ratio))

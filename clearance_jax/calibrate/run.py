@@ -1,4 +1,4 @@
-"""`calibrate`: a mechanism's numbers from measured motion or forces, with their confidence."""
+"""`calibrate`: fit numbers of a mechanism to measured motion or forces, with confidence intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Unpack
@@ -8,11 +8,11 @@ import xarray as xr
 
 from clearance_jax.calibrate.confidence import Confidence, confidence
 from clearance_jax.calibrate.doubts import doubts
-from clearance_jax.calibrate.fit import INTERRUPTED, Fit, Task, Variables, descend
+from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend
 from clearance_jax.calibrate.measurement import Measurement, read_measurement
 from clearance_jax.calibrate.options import FitOptions, fit_options
 from clearance_jax.calibrate.profile import profile
-from clearance_jax.calibrate.readings import Instruments, Point
+from clearance_jax.calibrate.readings import FitPoint, Instruments
 from clearance_jax.calibrate.residuals import residuals_of
 from clearance_jax.calibrate.result import Calibration, result_of
 from clearance_jax.calibrate.search import refine, search
@@ -22,7 +22,7 @@ from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters, replace
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 
-# How often a better fit is gone after that the ends of the intervals have shown.
+# How often the search continues from a better fit that was met at the ends of the intervals.
 ROUNDS = 4
 UNSEEN = "the motion at the ends of the intervals was not compared with what the derivatives predict"
 
@@ -39,11 +39,11 @@ def calibrate(
     seed: int = 0,
     most: int = 100,
     t1: Any = None,
-    progress: Callable[[Point], Any] | None = None,
+    progress: Callable[[FitPoint], Any] | None = None,
     **options: Unpack[SolveOptions],
 ) -> Calibration:
-    """Numbers of a mechanism with which its motion is nearest to a measured one: least squares with the motion's own
-    derivatives, over signals that were measured.
+    """Fit numbers of a mechanism so that its motion is nearest to a measured one, by least squares with exact
+    derivatives.
 
     **Arguments:**
 
@@ -74,34 +74,34 @@ def calibrate(
     _check_count(measurement, variables)
     settings, t1 = _span(mechanism, measurement.times, t1, options)
     instruments = Instruments(mechanism, measurement, variables.names, t1, settings, progress)
-    task = Task(instruments, variables, measurement, how)
+    task = FitTask(instruments, variables, measurement, how)
     fits = search(task)
     fits[0], known, interrupted = settle(task, fits[0])
     notes = (*doubts(task, fits[0], known), *interrupted)
-    found = replace(mechanism, dict(zip(variables.names, fits[0].point.x, strict=True)))
-    return result_of(task, found, fits, known, notes)
+    fitted = replace(mechanism, dict(zip(variables.names, fits[0].point.x, strict=True)))
+    return result_of(task, fitted, fits, known, notes)
 
 
-def settle(task: Task, fit: Fit) -> tuple[Fit, Confidence, tuple[str, ...]]:
-    """How well the numbers are known, of a better fit where its interval has shown one; and what could not be told."""
+def settle(task: FitTask, fit: FitResult) -> tuple[FitResult, Confidence, tuple[str, ...]]:
+    """The fit, or a better one that was met on the way; its confidence; and notes on what was not compared."""
     known = confidence(task, fit)
     try:
         for _ in range(ROUNDS):
-            if fit.ending == INTERRUPTED or any(one.exact for one in residuals_of(task, fit)):
+            if fit.ending == INTERRUPTED or any(check.exact for check in residuals_of(task, fit)):
                 return fit, known, ()
-            found = profile(task, fit, known)
-            if found.better is None:
-                return fit, found.known, ()
-            fit = refine(task, descend(task, found.better, fit.deviations).after(fit))
+            profiled = profile(task, fit, known)
+            if profiled.better is None:
+                return fit, profiled.known, ()
+            fit = refine(task, descend(task, profiled.better, fit.deviations).after(fit))
             known = confidence(task, fit)
     except KeyboardInterrupt:
         return fit, known, (f"Interrupted: {UNSEEN}.",)
-    said = f"Each look at the ends of the intervals has shown a better fit nearby: {UNSEEN}. Try more starts."
-    return fit, known, (said,)
+    message = f"Each look at the ends of the intervals has shown a better fit nearby: {UNSEEN}. Try more starts."
+    return fit, known, (message,)
 
 
 def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variables:
-    """The numbers that are looked for, with their bounds."""
+    """The numbers to be fitted, with start values and bounds."""
     known = parameters(mechanism)
     given = (given,) if isinstance(given, str) else given
     bounds = given if isinstance(given, Mapping) else dict.fromkeys(given, None)
@@ -129,7 +129,7 @@ def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variabl
 
 
 def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
-    """The bounds that are given, or else those that the number has by its nature."""
+    """The given bounds within those of the number itself; these alone if none are given."""
     about = leaf.metadata
     least = [about[key] for key in ("above", "least") if about.get(key) is not None]
     if pair is None:
@@ -152,7 +152,7 @@ def _check_count(measurement: Measurement, variables: Variables) -> None:
         raise ClearanceError(
             f"{count} measured numbers cannot determine {wanted} parameters. Measure more, or look for fewer."
         )
-    if count == wanted and any(one.deviation is None for one in measurement.series):
+    if count == wanted and any(series.deviation is None for series in measurement.series):
         raise ClearanceError(
             f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "
             "give `deviations`."
@@ -160,7 +160,7 @@ def _check_count(measurement: Measurement, variables: Variables) -> None:
 
 
 def _span(mechanism: Mechanism, times: np.ndarray, t1: Any, options: Any) -> tuple[Settings, float]:
-    """How to solve, and until when."""
+    """The settings of the solves, and the end of the motion [s]."""
     end = float(times[-1] if t1 is None else t1)
     settings = settings_of(mechanism, end, options)
     begin = float(settings.t0)

@@ -1,36 +1,36 @@
-"""The search for the best fit: from each start by motions that grow, and from more starts while the fit is bad."""
+"""The search for the best fit: from each start by longer and longer motions, with more starts while the fit is bad."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from scipy.stats import qmc
 
-from clearance_jax.calibrate.fit import INTERRUPTED, Fit, Task, Variables, descend
+from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend
 from clearance_jax.calibrate.measurement import Series
 from clearance_jax.calibrate.options import FitOptions
-from clearance_jax.calibrate.readings import Point
+from clearance_jax.calibrate.readings import FitPoint
 from clearance_jax.calibrate.residuals import residuals_of
 from clearance_jax.errors import ClearanceError
 
-# From so many times between its bounds on a positive number is scattered by its logarithm.
+# Ratio of bounds above which the starts of a positive number are scattered in its logarithm.
 WIDE = 10.0
-# Refits by deviations that residuals have shown, at most, and how much these may change in the last one.
+# The largest number of refits with deviations from residuals, and their relative change that ends these.
 REFITS, SETTLED = 8, 0.01
-# The first parts of the measured time that are fitted before all of it. The longer a motion, the narrower its minimum.
+# Parts of the measured time that are fitted before all of it: the longer a motion, the narrower its minimum.
 PARTS = (0.125, 0.25, 0.5)
-# Numbers that a part must have for each that is looked for; and what ends the search in a part.
+# Measurements that a part must have for each unknown, and the tolerance of the search in a part.
 ENOUGH, COARSE = 4, 1e-3
-# Starts at most where nobody has said how many, and of how many times the best cost two minima are the same.
+# The largest number of automatic starts, and the ratio of costs below which two minima are the same.
 MOST_AUTOMATIC, SAME = 8, 1.01
 
 
-def search(task: Task) -> list[Fit]:
-    """Where every start led, the best first, its deviations estimated where none are given.
+def search(task: FitTask) -> list[FitResult]:
+    """The fit from every start, the best first, refined with estimated deviations.
 
-    **Raises:** `ClearanceError` where no motion of a start reaches its end.
+    **Raises:** `ClearanceError` if no motion of a start reaches its end.
     """
-    spread = np.array([_first_deviation(task, one) for one in task.measurement.series])
-    fits: list[Fit] = []
+    spread = np.array([_first_deviation(task, series) for series in task.measurement.series])
+    fits: list[FitResult] = []
     try:
         for start in starts_of(task.variables, task.options):
             fits += grow(task, start, spread)
@@ -52,26 +52,26 @@ def search(task: Task) -> list[Fit]:
     return [refine(task, fits[0]), *fits[1:]]
 
 
-def _enough(task: Task, fits: list[Fit]) -> bool:
-    """Where nobody has said how many starts: whether the best fit looks like noise, or two starts agree on it."""
+def _enough(task: FitTask, fits: list[FitResult]) -> bool:
+    """Whether automatic starts can end: the best fit's residuals look like noise, or two starts agree on it."""
     if task.options.starts is not None:
         return False
     costs = sorted(fit.cost for fit in fits)
     agreed = len(costs) > 1 and costs[1] <= SAME * costs[0]
     best = min(fits, key=lambda fit: fit.cost)
     best = best._replace(deviations=np.where(task.given, best.deviations, _shown_deviations(task, best.point)))
-    return agreed or all(one.like_noise for one in residuals_of(task, best))
+    return agreed or all(check.like_noise for check in residuals_of(task, best))
 
 
-def _first_deviation(task: Task, series: Series) -> float:
-    """By what residuals are weighed at first: the noise, or how far the signal moves, or how large it is."""
+def _first_deviation(task: FitTask, series: Series) -> float:
+    """The deviation of a series for the first fit: the given one, the spread of the signal, or its size."""
     values = series.values[np.isfinite(series.values)]
     spread = float(np.std(values))
     return series.deviation or (spread if spread > task.floor(values) else float(np.max(np.abs(values))) or 1.0)
 
 
 def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]:
-    """The mechanism's own numbers, and points scattered over the bounds."""
+    """The start points: the mechanism's own numbers, then points scattered over the bounds."""
     yield np.clip(variables.start, variables.lower, variables.upper)
     lower, upper = variables.lower, variables.upper
     count = options.starts or (MOST_AUTOMATIC if np.all(np.isfinite(upper - lower)) else 1)
@@ -85,9 +85,9 @@ def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]
         yield np.where(by_log, np.exp(np.where(by_log, between, 0.0)), between)
 
 
-def grow(task: Task, start: np.ndarray, deviations: np.ndarray) -> Iterator[Fit]:
-    """The minimum to which a start leads, none where its motion does not reach its end: fitted to a first part of the
-    measured time, and from there to longer ones.
+def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[FitResult]:
+    """The fit from one start, first to a part of the measured time and then to longer ones; none if its motion does not
+    reach its end.
     """
     best, places = None, [start]
     for count in _counts(task):
@@ -104,25 +104,25 @@ def grow(task: Task, start: np.ndarray, deviations: np.ndarray) -> Iterator[Fit]
             best = best._replace(ending=INTERRUPTED, converged=False)
         if best.ending == INTERRUPTED:
             break
-        # A part may have led astray: the start may be nearer to what a longer one shows.
+        # The fit of a part may be misleading: the start may be nearer to the fit of a longer one.
         places = [best.point.x, start]
     if best is not None:
         point = task.instruments(best.point.x)
         yield from (best._replace(point=point, cost=task.cost(point, deviations)),) if point.reached else ()
 
 
-def _counts(task: Task) -> list[int]:
-    """How many of the measured instants are fitted, in turn; at last all."""
+def _counts(task: FitTask) -> list[int]:
+    """The numbers of measured instants to fit, in turn; the last one is all."""
     times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
     ends = np.searchsorted(times, times[0] + np.array(PARTS) * (times[-1] - times[0]), side="right")
     enough = {int(end) for end in ends if known[end - 1] >= ENOUGH * len(task.variables.names)}
     return sorted(enough | {len(times)})
 
 
-def refine(task: Task, fit: Fit) -> Fit:
-    """The fit with deviations that its own residuals show, of the series for which none are given."""
+def refine(task: FitTask, fit: FitResult) -> FitResult:
+    """Refit with deviations estimated from the residuals, for series without a given deviation."""
     given = task.given
-    # A common factor moves no minimum of a sum of squares.
+    # A common factor does not move the minimum of a sum of squares.
     alone = len(given) == 1 and task.options.loss == "linear"
     for _ in range(0 if np.all(given) else REFITS):
         shown = np.where(given, fit.deviations, _shown_deviations(task, fit.point))
@@ -134,15 +134,15 @@ def refine(task: Task, fit: Fit) -> Fit:
     return fit
 
 
-def _shown_deviations(task: Task, point: Point) -> np.ndarray:
-    """The deviation of each series that its residuals show, shape (series,): their root mean square, or with a robust
-    loss their median, over the share of the numbers that the fit has not used up.
+def _shown_deviations(task: FitTask, point: FitPoint) -> np.ndarray:
+    """The deviation of each series from its residuals, shape (series,): their root mean square, or from their median
+    with a robust loss, corrected for the fitted degrees of freedom.
     """
     measurement, known = task.measurement, task.measurement.known
-    left, found = 1 - len(task.variables.names) / np.sum(known), []
+    left, deviations = 1 - len(task.variables.names) / np.sum(known), []
     for off, values, there in zip((point.values - measurement.values).T, measurement.values.T, known.T, strict=True):
         size = np.abs(off[there])
         # Of normal noise the median is 0.6745 deviations.
         size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745
-        found.append(max(size / np.sqrt(left), task.floor(values[there])))
-    return np.array(found)
+        deviations.append(max(size / np.sqrt(left), task.floor(values[there])))
+    return np.array(deviations)

@@ -48,7 +48,7 @@ def animate(
 
 
 def check_film(path: Path | None) -> None:
-    """Raise, before anything takes long, for a film that could not be written."""
+    """Raise `ClearanceError`, before the solve, if the film cannot be written."""
     if path is not None:
         from clearance_jax.report.film import check_movie
 
@@ -57,7 +57,7 @@ def check_film(path: Path | None) -> None:
 
 
 def write_film(film: Any, path: Path) -> None:
-    """Draw a film, showing how far it is."""
+    """Write a film to a file, with a progress display."""
     with ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
         shown.update(f"drawing {len(film)} frames")
 

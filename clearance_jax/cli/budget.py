@@ -1,10 +1,10 @@
-"""`clearance info --budget`: what the error of a point is made of, as a table, with what would help, and a picture."""
+"""`clearance info --budget`: the error budget of a point as a table and a figure, and advice."""
 
 from pathlib import Path
 from typing import Any
 
 from clearance_jax.cli.common import FIGURES, change, check_distinct, check_writable, errors, say, say_written
-from clearance_jax.cli.motion import check_covered, driven_by, usual_end
+from clearance_jax.cli.motion import check_covered, driven_by, end_of, usual_end
 from clearance_jax.cli.posture import is_robot, say_held
 from clearance_jax.errors import ClearanceError, suggest
 
@@ -20,18 +20,18 @@ def say_budget(
     point: str | None,
     plot: Path | None,
 ) -> None:
-    """Print the error budget of a point of a scene or a robot, and draw it if that is asked for."""
+    """Print the error budget of a point of a scene or a robot, and draw it if `plot` is given."""
     check_distinct(scene=scene_file, trajectory=trajectory, plot=plot)
     check_writable(plot, FIGURES)
     if point is not None and is_robot(scene_file):
         scene = scene._replace(mechanism=_with_point(scene.mechanism, scene_file, point))
-    driven, lead, held = driven_by(scene, scene_file, trajectory)
+    driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, False, clearance)
     name = _point(mechanism, point)
-    options = usual_end(lead, held) | scene.solve
-    end = _end(scene_file, options, t1)
+    options = usual_end(lead, idle) | scene.solve
+    end = float(end_of(scene_file, options.get("t1") if t1 is None else t1))
     check_covered(lead, {**options, "t1": end})
-    say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
+    say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
     from clearance_jax.design.budget import error_budget
     from clearance_jax.design.specification import KNOWN
 
@@ -47,14 +47,14 @@ def say_budget(
 
 
 def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
-    """A robot with the frame of one of its links as its point."""
+    """The robot with a point at the frame of the named link."""
     from clearance_jax.io.urdf import load_urdf
 
     return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)
 
 
 def _point(mechanism: Any, asked: str | None) -> str:
-    """The point that a budget is about: the one that is asked for, or the only one."""
+    """The name of the point of a budget: the one that is asked for, or the only one."""
     names = [point.name for point in mechanism.points]
     if asked is not None and asked not in names:
         raise ClearanceError(f"`--point`: there is no point `{asked}`. {suggest(asked, names)}")
@@ -66,13 +66,3 @@ def _point(mechanism: Any, asked: str | None) -> str:
             else "A budget is about the error of a point, but the mechanism has none. Give the scene a `point`."
         )
     return names[0] if asked is None else asked
-
-
-def _end(scene_file: Path, options: dict[str, Any], t1: str | None) -> float:
-    from clearance_jax.units import to_si
-
-    if t1 is not None:
-        return to_si(t1, "s", "`--t1`")
-    if "t1" not in options:
-        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
-    return float(options["t1"])

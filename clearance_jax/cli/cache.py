@@ -1,4 +1,4 @@
-"""`clearance cache`: where compiled programs are kept, how much there is, and emptying it."""
+"""`clearance cache`: show or empty the folder of compiled programs."""
 
 from pathlib import Path
 from typing import Annotated

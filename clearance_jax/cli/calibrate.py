@@ -1,4 +1,4 @@
-"""`clearance run` of a calibration: a study to numbers, their confidence, a report and a dataset of residuals."""
+"""`clearance run` of a calibration: fit numbers, print their confidence, write a report and a dataset of residuals."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from clearance_jax.cli.pace import ProgressDisplay
 
 
 def run_calibrate(study: Any, *, output: Path | None, report: Path | None, starts: int | None) -> None:
-    """The calibration of a study. Ctrl-C stops the search and keeps the best motion so far."""
+    """Run the calibration of a study. Ctrl-C stops the search and keeps the best motion so far."""
     from clearance_jax.calibrate.run import calibrate
     from clearance_jax.report.html import calibration_report
     from clearance_jax.results.store import save
@@ -28,19 +28,19 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
             asked.check()
 
         try:
-            found = calibrate(**given, progress=progress)
+            calibration = calibrate(**given, progress=progress)
         except KeyboardInterrupt:
             say("Interrupted before the first motion was compared: there is nothing to keep.")
             raise typer.Exit(130) from None
     console.print(f"[bold]{escape(study.name)}[/bold]")
-    say(found.message)
+    say(calibration.message)
     if output is not None:
-        save(found.residuals, output)
+        save(calibration.residuals, output)
         say_written("dataset", output)
     if report is not None:
-        calibration_report(found, report, study.name, study.text)
+        calibration_report(calibration, report, study.name, study.text)
         say_written("report", report)
     if asked.heard:
         raise typer.Exit(130)
-    if not found.converged:
+    if not calibration.converged:
         raise typer.Exit(1)

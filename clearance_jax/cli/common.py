@@ -1,6 +1,6 @@
-"""What the commands share: where they print, their options, and what is checked before anything takes long.
+"""Shared parts of the commands: consoles, options, and checks of files before a long computation.
 
-Whatever needs JAX is imported by the command that runs: the help must not wait for it.
+Modules that need JAX are imported inside the functions, so that the help does not wait for them.
 """
 
 import os
@@ -40,8 +40,8 @@ DATASETS = (".nc",)
 
 
 def set_up() -> None:
-    """JAX as the commands use it."""
-    # Before JAX is loaded: what XLA says of slow compiles, and of files of its cache, is nothing that a user can mend.
+    """Set up JAX for a command."""
+    # Before JAX is loaded: hide XLA's messages about slow compiles and cache files, which a user cannot act on.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     from clearance_jax.configure import configure
 
@@ -50,7 +50,7 @@ def set_up() -> None:
 
 
 def read_scene(scene_file: Path) -> Any:
-    """A scene, before any option of the command changes it."""
+    """Read a scene, without the changes of the command's options."""
     set_up()
     from clearance_jax.io.scene import read_scene
 
@@ -58,7 +58,7 @@ def read_scene(scene_file: Path) -> Any:
 
 
 def change(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: list[str] | None = None) -> Any:
-    """What the command's options make of a mechanism."""
+    """Apply the options --clearance, --set and --ideal to a mechanism."""
     from clearance_jax.io.given_play import with_play
     from clearance_jax.io.plausible import implausible
     from clearance_jax.io.settings import parse_settings
@@ -72,7 +72,7 @@ def change(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: 
 
 
 def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
-    """Raise before the solve for what could not be written after it."""
+    """Raise `ClearanceError`, before the solve, if a file cannot be written."""
     if path is None:
         return
     if "\0" in str(path):
@@ -84,8 +84,8 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
             raise ClearanceError(f"Cannot write `{path}`: its folder does not exist. Make it first.")
         if path.exists() and not os.access(path, os.W_OK):
             raise ClearanceError(f"Cannot write `{path}`: no permission. Choose another path.")
-        # What is written gets its name only when it is whole: a file beside it must be possible. (Not every folder that
-        # says so can be written to, and a name can be too long.)
+        # A file gets its name only when it is complete, so a temporary file beside it must be possible. (Permissions
+        # alone do not tell, and a name can be too long.)
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", suffix=f".{path.name}.partial"):
             pass
     except OSError as error:
@@ -95,13 +95,13 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
 
 
 def check_readable(path: Path) -> None:
-    """Raise for what is no file."""
+    """Raise `ClearanceError` if there is no such file."""
     if "\0" in str(path) or not path.is_file():
         raise ClearanceError(f"Cannot read {quote(str(path))} as a result file: there is no such file.")
 
 
 def check_distinct(**paths: Path | None) -> None:
-    """Raise where two of the files that a command reads and writes are one; by the words that name them."""
+    """Raise `ClearanceError` if two of these paths, given by what they are for, are the same file."""
     seen: dict[Path, str] = {}
     for word, path in paths.items():
         if path is not None and seen.setdefault(path.resolve(), word) != word:
@@ -111,12 +111,12 @@ def check_distinct(**paths: Path | None) -> None:
 
 
 def say(text: str) -> None:
-    """Print a text as it is."""
+    """Print a text without markup."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def warn(text: str) -> None:
-    """Print what is to be doubted, if anything is."""
+    """Print a warning, if the text is not empty."""
     if text:
         errors.print("warning:", style="yellow", end=" ")
         errors.print(text, soft_wrap=True, highlight=False, markup=False)
@@ -124,7 +124,7 @@ def warn(text: str) -> None:
 
 @contextmanager
 def aloud(*categories: type[Warning]) -> Iterator[None]:
-    """Warnings become a line on the screen each, as they come; of these categories all."""
+    """Print each warning as one line; those of `categories` every time, not only once."""
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: warn(str(message))
         for category in categories:

@@ -1,4 +1,4 @@
-"""`clearance run` of a design: a study to clearances, their proof and a report."""
+"""`clearance run` of a design: find clearances, verify them, write a report."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import Pace, ProgressDisplay, shown_duration
 from clearance_jax.errors import ClearanceError
 
-# Free coordinates of a plane mechanism above which compiling takes minutes: with 36 it is two and a half.
+# Free coordinates of a plane mechanism above which compiling takes minutes.
 MANY = 16
 
 
@@ -25,7 +25,7 @@ def run_design(
     record: Path | None,
     **search: Any,
 ) -> None:
-    """The design of a study, its proof and its report. Ctrl-C stops the search and keeps the best design so far."""
+    """Run the design of a study, verify it and report it. Ctrl-C keeps the best design so far."""
     from clearance_jax.ask.place import place_of
     from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.design.yields import YieldWarning
@@ -44,42 +44,34 @@ def run_design(
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
         trade = {} if tradeoff and study.design.tradeoff is None else study.design.tradeoff
-        found = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
-    for text in found.notes:
+        findings = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
+    for text in findings.notes:
         say(text)
-    if found.fits is not None:
-        say(str(found.fits))
-    if found.tradeoff is not None:
-        say(str(found.tradeoff))
+    if findings.fits is not None:
+        say(str(findings.fits))
+    if findings.tradeoff is not None:
+        say(str(findings.tradeoff))
     if report is not None:
-        write_report(found, report, study.name, study.text)
+        write_report(findings, report, study.name, study.text)
         say_written("report", report)
-    if _interruption(design) or CUT_SHORT in found.notes:
+    if _interruption(design) or CUT_SHORT in findings.notes:
         raise typer.Exit(130)
-    if not found.good:
+    if not findings.good:
         raise typer.Exit(1)
 
 
-def check_method(method: str | None) -> str | None:
-    """A method of the search. **Raises** `ClearanceError` for another word."""
+def check_choices(method: str | None, fidelity: str | None) -> None:
+    """Raise `ClearanceError` for the name of a search method or a model of the motion that does not exist."""
     from clearance_jax.design.methods import METHOD_CHOICES
-
-    if method is not None and method not in METHOD_CHOICES:
-        raise ClearanceError(f"`--method` must be {', '.join(METHOD_CHOICES)}, but it is {method!r}.")
-    return method
-
-
-def known_fidelity(fidelity: str | None) -> str | None:
-    """A model of the motion. **Raises** `ClearanceError` for another word."""
     from clearance_jax.design.specification import FIDELITY_CHOICES
 
-    if fidelity is not None and fidelity not in FIDELITY_CHOICES:
-        raise ClearanceError(f"`--fidelity` must be {', '.join(FIDELITY_CHOICES)}, but it is {fidelity!r}.")
-    return fidelity
+    for option, word, choices in (("method", method, METHOD_CHOICES), ("fidelity", fidelity, FIDELITY_CHOICES)):
+        if word is not None and word not in choices:
+            raise ClearanceError(f"`--{option}` must be {', '.join(choices)}, but it is {word!r}.")
 
 
 def _preparation(mechanism: Any) -> str:
-    """What is done before the first design is evaluated, and how long it takes, as far as the mechanism tells."""
+    """The sentence about compiling, with a rough duration by the size of the mechanism."""
     from clearance_jax.mechanism.state import layout
 
     count = len(layout(mechanism).velocities)
@@ -94,7 +86,7 @@ def _preparation(mechanism: Any) -> str:
 
 
 def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
-    """The design, with the best so far shown on the way."""
+    """Search for the design, and show the best so far."""
     from clearance_jax.design.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
 
@@ -107,8 +99,9 @@ def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
         screened = point.fidelity == QUASI_STATIC and auto
         pace.check() if screened else pace.tick()
         judged = [p for p in points if not auto or p.fidelity != QUASI_STATIC]
-        held = [p.objective for p in judged if p.feasible]
-        best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
+        objectives = [p.objective for p in judged if p.feasible]
+        least = min(objectives, default=0.0)
+        best = f"best {-least if common else least:.6g}" if objectives else "none holds every limit yet"
         poses = f" and {len(points) - len(judged)} by poses" * auto
         shown.update(f"search: {len(judged)} designs{poses}, {best}")
 
@@ -126,7 +119,7 @@ def _interruption(design) -> bool:
 
 
 def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
-    """The design and its certificate, with how long it will take said before and how far it has come on the way."""
+    """The design and its certificate; prints the expected duration and shows the progress."""
     from clearance_jax.design.verify import expected_evaluations
 
     count = expected_evaluations(pace.count, design.specification.manufacture.among, **study.verify)
@@ -144,9 +137,8 @@ def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
 def _explain(
     study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: ProgressDisplay, pace: Pace
 ):
-    """What can be said of the design: its certificate, a trade-off if it is asked for, and for a report whatever else.
-
-    An interruption keeps what is known by then.
+    """The findings about the design: its certificate, a trade-off if it is asked for, and for a report all the others.
+    An interruption keeps those so far.
     """
     from clearance_jax.design import findings
     from clearance_jax.design.findings import CUT_SHORT, known_findings, with_tradeoff
@@ -169,8 +161,8 @@ def _explain(
                 say(str(design))
             say(str(certificate))
     except KeyboardInterrupt:
-        found = known_findings(design)
-        return found._replace(notes=(*found.notes, CUT_SHORT))
+        partial = known_findings(design)
+        return partial._replace(notes=(*partial.notes, CUT_SHORT))
     if not report:
         return with_tradeoff(known_findings(design, certificate), progress, client, trade)
     return findings(design, certificate, progress, client, trade)

@@ -1,4 +1,4 @@
-"""`clearance info`: what a scene contains, and what one evaluation of its vector field costs."""
+"""`clearance info`: the contents of a scene, and the cost of one evaluation of its vector field."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -91,7 +91,7 @@ def _print_terms(mechanism) -> None:
 
 
 def _made_words(clearance) -> str:
-    """Between what its clearance lies as it is made, where a fit or a bearing says so."""
+    """The range of a clearance as made, if it comes from a fit or a bearing."""
     from clearance_jax.units import format_quantity
 
     tolerance = getattr(clearance, "tolerance", None)
@@ -103,7 +103,7 @@ def _made_words(clearance) -> str:
 
 
 def _worn_words(clearance) -> str:
-    """How its sleeve is worn, where it is."""
+    """The wear of a sleeve, if it is worn."""
     import numpy as np
 
     from clearance_jax.units import format_quantity
@@ -116,12 +116,12 @@ def _worn_words(clearance) -> str:
 
 
 def _acting_words(mechanism) -> Iterator[str]:
-    """What commands it, what pushes it, what it picks up."""
+    """Lines about servos and controllers, loads, and payloads."""
     from clearance_jax.mechanism.state import effort_sources
 
-    for one in effort_sources(mechanism):
-        sampled = "" if one.period is None else f", sampled every {one.period:g} s"
-        yield f"{type(one.part).__name__} on {', '.join(one.coordinates)}{sampled}"
+    for source in effort_sources(mechanism):
+        sampled = "" if source.period is None else f", sampled every {source.period:g} s"
+        yield f"{type(source.part).__name__} on {', '.join(source.coordinates)}{sampled}"
     for wrench in mechanism.wrenches:
         yield f"load {wrench.name} on {wrench.body}"
     for body in mechanism.bodies:
@@ -135,7 +135,7 @@ def _acting_words(mechanism) -> Iterator[str]:
 
 
 def _modes_words(mechanism) -> Iterator[str]:
-    """How its pins swing about the pose in which they are settled at t = 0, the slowest modes first."""
+    """Lines about the modes of the play about the settled pose at t = 0, the lowest frequency first."""
     from clearance_jax.analysis.modes import WEAKLY_DAMPED, seated_modes
     from clearance_jax.errors import ClearanceError
 
@@ -159,7 +159,7 @@ def _modes_words(mechanism) -> Iterator[str]:
 
 
 def _limits(mechanism) -> Table:
-    """What the drives can do, of the coordinates that say so."""
+    """The table of the limits of drives."""
     table = Table("coordinate", "least", "greatest", "fastest", "strongest")
     for coordinate in mechanism.coordinates():
         limits = coordinate.motion.limits
@@ -173,7 +173,7 @@ def _limits(mechanism) -> Table:
 
 
 def _operations(mechanism) -> int:
-    """Of one evaluation of the vector field, as the compiler counts them."""
+    """The number of operations of one evaluation of the vector field, as the compiler counts them."""
     import jax
     import jax.numpy as jnp
 

@@ -1,8 +1,7 @@
-"""Ctrl-C, and the signal by which a system ends a program (SIGTERM), that are not lost.
+"""Handling of Ctrl-C and SIGTERM, so that neither is lost.
 
-Python raises an interruption wherever the program happens to be. When a long call of JAX comes back that is often a
-callback of the garbage collector, where an exception is printed and forgotten and the command goes on. So it is
-remembered too, and raised once more where the command next looks up.
+Python raises an interruption wherever the program is. After a long call of JAX that is often a callback of the garbage
+collector, where an exception is printed and dropped. So the signal is remembered, and raised again by `check`.
 """
 
 import signal
@@ -10,13 +9,13 @@ import sys
 import threading
 from typing import Any
 
-# What asks a command to end: Ctrl-C, and what `kill`, `timeout` and batch systems send.
+# Ctrl-C, and the signal of `kill`, `timeout` and batch systems.
 SIGNALS = signal.SIGINT, signal.SIGTERM
 
 
 class Interruption:
-    """Ctrl-C, or SIGTERM, while it is on (`with Interruption() as asked`): raised at once, and by `check` where that
-    was in vain.
+    """A context (`with Interruption() as asked`) in which Ctrl-C and SIGTERM raise `KeyboardInterrupt` at once, and
+    again in `check` if that exception was lost.
     """
 
     def __init__(self):
@@ -25,7 +24,7 @@ class Interruption:
     def __enter__(self) -> "Interruption":
         self._hook, self._usual = sys.unraisablehook, {}
         sys.unraisablehook = self._forgotten
-        if threading.current_thread() is threading.main_thread():  # no other may listen
+        if threading.current_thread() is threading.main_thread():  # other threads may not set handlers
             self._usual = {number: signal.signal(number, self._hear) for number in SIGNALS}
         return self
 
@@ -40,7 +39,7 @@ class Interruption:
         return self._heard
 
     def check(self) -> None:
-        """Raise `KeyboardInterrupt` where the command was asked to end and still goes on."""
+        """Raise `KeyboardInterrupt` if the command was asked to end."""
         if self._heard:
             raise KeyboardInterrupt
 
@@ -49,6 +48,6 @@ class Interruption:
         raise KeyboardInterrupt
 
     def _forgotten(self, what: Any) -> None:
-        # An interruption is not lost, so there is nothing to tell.
+        # An interruption is remembered, so it is not printed.
         if not issubclass(what.exc_type, KeyboardInterrupt):
             self._hook(what)

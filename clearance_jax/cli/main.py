@@ -50,7 +50,7 @@ def about(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")
     ] = False,
 ) -> None:
-    """What stands before any command."""
+    """Options before the command."""
 
 
 COMMANDS = simulate, run, info, plot, animate, cache
@@ -58,13 +58,13 @@ for command in COMMANDS:
     app.command()(command)
 
 
-# What typer raises for arguments that it cannot use; its own report of them has no bound on its length.
+# Typer's error for wrong arguments; its own message has no limit on its length.
 UsageError: Any = typer.BadParameter.__bases__[0]
 
 
 def main() -> None:
     """Entry point: turns every `ClearanceError`, and every wrong argument, into one sentence and exit code 2."""
-    gc.set_threshold(50_000, 20, 20)  # imports make many objects that stay: looking at them again took 0.3 s
+    gc.set_threshold(50_000, 20, 20)  # imports make many permanent objects, which the collector need not scan again
     try:
         with _block_imports(*(_UNUSED if sys.argv[1:2] == ["simulate"] else ())):
             raise SystemExit(app(sys.argv[1:] or ["--help"], standalone_mode=False))
@@ -80,14 +80,14 @@ def main() -> None:
         raise SystemExit(130) from None
 
 
-# What xarray imports, if it is installed, to see whether arrays are of that kind: half a second for a motion, which has
-# none of them.
+# Packages that xarray imports, if they are installed, to recognise their arrays. A motion has none of these, and the
+# imports are slow.
 _UNUSED = "dask", "distributed", "cupy", "sparse"
 
 
 @contextmanager
 def _block_imports(*names: str) -> Iterator[None]:
-    """Within, importing these is an `ImportError`, unless they are imported already."""
+    """A context in which importing these modules raises `ImportError`, unless they are imported already."""
     hidden = [name for name in names if name not in sys.modules]
     modules: Any = sys.modules
     modules.update(dict.fromkeys(hidden))

@@ -1,4 +1,4 @@
-"""What moves the mechanism of a scene or a robot: its own drives, a trajectory, or nothing, which holds its posture."""
+"""The drives of a scene or a robot: its own, those of a trajectory, or none, which holds its posture."""
 
 from pathlib import Path
 from typing import Any
@@ -8,22 +8,31 @@ from clearance_jax.errors import ClearanceError
 
 
 def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[Any, Any, tuple[str, ...]]:
-    """A mechanism as it is driven; the trajectory that drives it (`None`: none does); the coordinates of a robot
-    that are held where they stand.
+    """The mechanism with its drives; the trajectory that drives it (`None`: none); the names of the coordinates of a
+    robot that are held in place, as nothing drives them.
     """
     lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
     driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
-    held = undriven(driven) if is_robot(scene_file) else ()
-    return with_posture(driven, held) if held else driven, lead, held
+    idle = undriven(driven) if is_robot(scene_file) else ()
+    return with_posture(driven, idle) if idle else driven, lead, idle
 
 
-def usual_end(lead: Any, held: tuple[str, ...]) -> dict[str, float]:
-    """When a motion ends if nobody says so [s], as `t1`; nothing where that is not known."""
-    return {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if held else {}
+def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
+    """The default end of a motion [s], as `{"t1": ...}`; empty if there is none."""
+    return {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if idle else {}
+
+
+def end_of(scene_file: Path, t1: Any) -> Any:
+    """The end of a motion [s], from a number or a text with a unit. **Raises** `ClearanceError` if it is `None`."""
+    from clearance_jax.units import to_si
+
+    if t1 is None:
+        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
+    return to_si(t1, "s", "`--t1`") if isinstance(t1, str) else t1
 
 
 def check_covered(lead: Any, options: dict[str, Any]) -> None:
-    """Raise where the motion begins before the trajectory does, or ends after it (by more than round-off)."""
+    """Raise `ClearanceError` if the motion begins before the trajectory or ends after it (beyond round-off)."""
     if lead is None:
         return
     (first, last), t0, t1 = lead.span, options.get("t0", 0.0), options["t1"]

@@ -1,4 +1,4 @@
-"""How far a command has come, and how long things will take, from how long they have taken."""
+"""Progress display of a command, and estimates of remaining time."""
 
 import threading
 import time
@@ -7,16 +7,16 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-# Where there is no terminal a line is written at least so often [s].
+# Without a terminal a line is written after every interval of this length [s].
 EVERY = 30.0
 
 
 class ProgressDisplay:
-    """How far a command has come: on a terminal one line that changes, elsewhere (a file, a pipe) plain lines: one for
-    each phase, and while it lasts one every half a minute, also where nothing is heard of the work itself.
+    """The progress of a command: on a terminal a line that changes; in a file or pipe a line for each phase, and one
+    after every interval while it lasts.
 
-    **Arguments:** `console` to write to; `parts`: whether the work says which part of it is done; `every` [s]: how
-    often.
+    **Arguments:** `console` to write to; `parts`: whether the work reports which part of it is done; `every`: the
+    interval [s].
     """
 
     def __init__(self, console: Console, parts: bool = False, every: float = EVERY):
@@ -45,14 +45,14 @@ class ProgressDisplay:
             self._bar.stop()
 
     def phase(self, text: str) -> None:
-        """Something else begins."""
+        """Begin a phase with this name."""
         self._began = time.monotonic()
         self.update(text, 0.0 if self._parts else None)
         if self._bar is None:
             self._print(text)
 
     def update(self, text: str | None = None, part: float | None = None) -> None:
-        """It has come so far: in words, and which part of it is done."""
+        """Show another text, or another part of the phase that is done (0 to 1)."""
         self._text = self._text if text is None else text
         self._part = self._part if part is None else part
         if self._bar is not None:
@@ -69,26 +69,26 @@ class ProgressDisplay:
 
 
 class Pace:
-    """The instants at which evaluations came in, from its making on: the first waits for the compiler.
+    """A record of when evaluations were done, to estimate how long others will take. The first includes compiling.
 
-    **Arguments:** `check`: called with each, and may raise.
+    **Arguments:** `check`: called after each evaluation; it may raise.
     """
 
     def __init__(self, check: Callable[[], None] = lambda: None):
         self._times, self.check = [time.monotonic()], check
 
     def tick(self) -> None:
-        """Another evaluation has come in."""
+        """Record an evaluation."""
         self._times.append(time.monotonic())
         self.check()
 
     @property
     def count(self) -> int:
-        """How many have come in."""
+        """The number of evaluations."""
         return len(self._times) - 1
 
     def estimate(self, evaluations: int) -> float | None:
-        """The seconds that so many evaluations of a new program will take; `None` where nothing is known of them."""
+        """The expected time of so many evaluations by a new program [s]; `None` before the first evaluation."""
         if self.count < 1:
             return None
         steps = [after - before for before, after in zip(self._times, self._times[1:], strict=False)]
@@ -97,7 +97,7 @@ class Pace:
 
 
 def shown_duration(seconds: float | None) -> str:
-    """A duration in words, to one digit more than it is known."""
+    """A duration [s] in words."""
     if seconds is None:
         return "a time that is not known"
     return f"about {max(seconds, 1.0):.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"

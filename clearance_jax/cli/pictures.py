@@ -1,4 +1,4 @@
-"""The pictures of a sweep, as files of a folder."""
+"""Write the figures of a sweep to a folder."""
 
 import os
 import re
@@ -8,12 +8,12 @@ from typing import Any
 from clearance_jax.cli.common import errors, say_written, warn
 from clearance_jax.errors import ClearanceError
 
-# What stands in the name of a figure and not in that of a file.
+# Characters of a figure's name that a file name must not have.
 UNFIT = re.compile(r"[^\w.+-]+")
 
 
 def check_folder(folder: Path | None) -> None:
-    """Raise before anything takes long where there can be no pictures in a folder."""
+    """Raise `ClearanceError`, before the solves, if pictures cannot be written to a folder."""
     if folder is None:
         return
     if folder.exists() and not folder.is_dir():
@@ -26,8 +26,8 @@ def check_folder(folder: Path | None) -> None:
 
 
 def draw_sweep(dataset: Any, folder: Path) -> None:
-    """Every figure that fits a sweep, with sensitivity indices where its lanes tell them; where nothing can be drawn
-    that is said, for the sweep is there.
+    """Draw every figure that fits a sweep, with sensitivity indices if its samples allow them. If nothing can be drawn,
+    print a warning.
     """
     from clearance_jax.report.figures import save_figure
     from clearance_jax.report.sweep_axes import results
@@ -38,8 +38,8 @@ def draw_sweep(dataset: Any, folder: Path) -> None:
         with errors.status("drawing"):
             named = [name for name in results(dataset) if is_sobol(dataset[name])]
             indices = {name: sobol_indices(dataset, name) for name in named}
-            local = {name: middle_derivatives(dataset, name) for name in named}
-            drawn = figures(dataset, indices, {name: one for name, one in local.items() if one is not None})
+            slopes = ((name, middle_derivatives(dataset, name)) for name in named)
+            drawn = figures(dataset, indices, {name: slope for name, slope in slopes if slope is not None})
             folder.mkdir(exist_ok=True)
             for name, figure in drawn.items():
                 save_figure(figure, folder / f"{UNFIT.sub('_', name)}.png")

@@ -1,20 +1,20 @@
-"""A robot by itself: a URDF file says nothing of how its joints are driven, nor until when it is to be simulated."""
+"""Defaults for a robot from a URDF file, which has no drives and no end time: joints are held in their posture."""
 
 from typing import Any
 
 from clearance_jax.cli.common import say
 
-# For so long a posture is held [s]: pins fall to their walls and come to rest there.
+# Default duration of a held posture [s]: long enough for pins to come to rest at their walls.
 HELD = 0.1
 
 
 def is_robot(scene_file: Any) -> bool:
-    """Whether a file is a robot by itself, and no scene."""
+    """Whether a file is a robot (URDF), not a scene."""
     return scene_file.suffix.lower() == ".urdf"
 
 
 def with_posture(mechanism: Any, names: Any) -> Any:
-    """The mechanism with constant drives of those coordinates, which hold them where they stand."""
+    """The mechanism with constant drives that hold the named coordinates at their positions."""
     from clearance_jax.mechanism.driving import drivable
     from clearance_jax.mechanism.profiles import Constant
 
@@ -23,24 +23,29 @@ def with_posture(mechanism: Any, names: Any) -> Any:
 
 
 def undriven(mechanism: Any) -> tuple[str, ...]:
-    """The joints of one coordinate that neither a drive nor a controller moves: they would fall."""
+    """The revolute and prismatic coordinates without drive and controller, which would fall."""
     from clearance_jax.mechanism.tree import Prismatic, Revolute
 
-    commanded = {reference.name for controller in mechanism.controllers for reference in controller.references}
-    return tuple(
-        coordinate.name
+    return tuple(name for joint, name in _idle(mechanism) if type(joint) in (Revolute, Prismatic))
+
+
+def _idle(mechanism: Any, fixed: tuple[str, ...] = ()) -> list[tuple[Any, str]]:
+    """Every joint with the name of a coordinate that is neither driven nor controlled nor `fixed`."""
+    moved = {*fixed, *(reference.name for controller in mechanism.controllers for reference in controller.references)}
+    return [
+        (joint, coordinate.name)
         for joint in mechanism.joints
-        if type(joint) in (Revolute, Prismatic)
         for coordinate in joint.own_coordinates()
-        if coordinate.play is None and coordinate.motion.is_free and coordinate.name not in commanded
-    )
+        if coordinate.play is None and coordinate.motion.is_free and coordinate.name not in moved
+    ]
 
 
 def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechanism: Any) -> None:
-    """Print that joints are held, for how long where nobody said that, what is not, and how they are driven instead."""
+    """Print which joints are held, for how long, which cannot be held, and how to drive them instead."""
     if not names:
         return
-    loose = _loose(mechanism, names)
+    # Floating and planar joints have coordinates that are not held.
+    loose = dict.fromkeys(joint.name for joint, _ in _idle(mechanism, names))
     which = "No joint of this robot is driven" if every else f"Nothing drives {', '.join(names)}"
     what = "what is not driven" if loose or not every else "each"
     moving = f". {', '.join(loose)} cannot be held: what hangs on it moves freely, and falls" if loose else ""
@@ -48,19 +53,4 @@ def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechani
     say(
         f"{which}: {what} is held where it stands{until}{moving}. Drive joints by `--trajectory FILE` (a CSV table of "
         "times and joint values), or by a scene with a table `[robot]`."
-    )
-
-
-def _loose(mechanism: Any, held: tuple[str, ...]) -> tuple[str, ...]:
-    """The joints of a robot of which no drive or controller moves some coordinate, and that are not held: floating and
-    planar ones.
-    """
-    commanded = {reference.name for controller in mechanism.controllers for reference in controller.references}
-    return tuple(
-        joint.name
-        for joint in mechanism.joints
-        if any(
-            coordinate.play is None and coordinate.motion.is_free and coordinate.name not in {*commanded, *held}
-            for coordinate in joint.own_coordinates()
-        )
     )

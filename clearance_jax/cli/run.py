@@ -1,4 +1,4 @@
-"""`clearance run`: whatever a study asks."""
+"""`clearance run`: a sweep, a design, a wear simulation or a calibration, as a study file asks."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,13 +8,13 @@ import typer
 from clearance_jax.cli.animate import check_film
 from clearance_jax.cli.calibrate import run_calibrate
 from clearance_jax.cli.common import DATASETS, FIGURES, aloud, check_distinct, check_writable, set_up
-from clearance_jax.cli.design import check_method, known_fidelity, run_design
+from clearance_jax.cli.design import check_choices, run_design
 from clearance_jax.cli.pictures import check_folder
 from clearance_jax.cli.sweep import check_sweep, run_sweep
 from clearance_jax.cli.wear import run_wear
 from clearance_jax.errors import ClearanceError
 
-# Which sections of a study an option is for.
+# The sections of a study that an option is for.
 FOR = {
     "--output": ("sweep", "wear", "calibrate"),
     "--resume": ("sweep", "wear"),
@@ -91,7 +91,7 @@ def run(
         "--no-verify": None if verify else True,
         "--tradeoff": tradeoff or None,
     }
-    method, fidelity = check_method(method), known_fidelity(fidelity)
+    check_choices(method, fidelity)
     check_writable(report, (".html", ".htm"))
     check_writable(record)
     check_film(movie)
@@ -127,7 +127,7 @@ def _load(path: Path) -> Any:
 
 
 def _sections(study: Any) -> list[str]:
-    """The sections that ask for something."""
+    """The names of the sections of a study that ask for a computation."""
     lives = study.wear is not None and study.wear.cycles is not None
     asks = {"sweep": study.sweep is not None, "design": study.design is not None, "wear": lives}
     asks["calibrate"] = study.calibrate is not None
@@ -135,7 +135,7 @@ def _sections(study: Any) -> list[str]:
 
 
 def _check_options(given: dict[str, Any], asked: list[str]) -> None:
-    """Raise for options that nothing in the study asks for, or that two sections would take."""
+    """Raise `ClearanceError` for options that no section of the study takes, or that two sections would take."""
     for option, value in given.items():
         sections = [section for section in asked if section in FOR[option]]
         if value is None:

@@ -1,4 +1,4 @@
-"""`clearance simulate`: a scene to a dataset and a figure."""
+"""`clearance simulate`: simulate a scene; write a dataset, a figure, a film."""
 
 import warnings
 from pathlib import Path
@@ -26,12 +26,12 @@ from clearance_jax.cli.common import (
     warn,
 )
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.motion import check_covered, driven_by, usual_end
+from clearance_jax.cli.motion import check_covered, driven_by, end_of, usual_end
 from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.cli.posture import say_held
 from clearance_jax.errors import ClearanceError, quote, suggest
 
-# The steps are ten times those of Python's `simulate`: who waits sees how far the motion is, and may stop it.
+# More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_000_000}
 
 
@@ -63,7 +63,7 @@ def simulate(
     Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """
     scene = read_scene(scene_file)
-    driven, lead, held = driven_by(scene, scene_file, trajectory)
+    driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, ideal, clearance)
     from clearance_jax.results.store import save
     from clearance_jax.solve.law_validity import invalid, sunk
@@ -75,13 +75,13 @@ def simulate(
     check_film(movie)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
-    usual = usual_end(lead, held)
+    usual = usual_end(lead, idle)
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
     check_covered(lead, options)
     end = options.pop("t1")
-    say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
+    say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
     with ProgressDisplay(errors, parts=True) as shown, warnings.catch_warnings():
-        warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
+        warnings.simplefilter("ignore", EnergyWarning)  # printed below, after the result
         shown.update("compiling and solving")
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
 
@@ -125,7 +125,7 @@ def simulate(
 
 
 def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) -> Any:
-    """The motion: step by step as a trace, or the solution of quasi-static poses."""
+    """Solve the motion: a `Trace` of the dynamics, or a `Solution` of quasi-static poses."""
     from clearance_jax.solve.settings import QUASI_STATIC
     from clearance_jax.solve.simulate import simulate as solution_of
     from clearance_jax.solve.trace import trace
@@ -136,14 +136,14 @@ def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) ->
 
 
 def _solution(result: Any) -> Any:
-    """The solution of a trace, or as it is."""
+    """The solution of a trace; a solution as it is."""
     from clearance_jax.solve.trace import Trace
 
     return result.solution if isinstance(result, Trace) else result
 
 
 def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
-    """The dataset of a trace; contacts that add energy are warned of."""
+    """The dataset of a motion; prints a warning about contacts that add energy."""
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.works import ContactWarning
 
@@ -152,53 +152,42 @@ def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
 
 
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
-    """Raise before the solve for a joint that no film could show."""
+    """Raise `ClearanceError`, before the solve, for a joint that a film cannot magnify."""
     if joint is None:
         return
     if movie is None:
         raise ClearanceError("`--magnify` is about a film, but there is none. Add `--movie FILE`.")
-    known = [found.name for found in mechanism.clearance_joints()]
+    known = [each.name for each in mechanism.clearance_joints()]
     if joint not in known:
         raise ClearanceError(f"`--magnify`: there is no clearance joint {quote(joint)}. {suggest(joint, known)}")
 
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
-    """How to solve: what is given on the command line, in the scene or by a trajectory, or else usual."""
+    """The checked options of the solve: those `given`, over the defaults."""
     from clearance_jax.solve.attempt import STARTS
     from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS
-    from clearance_jax.units import to_si
 
-    solver = given.get("solver")
-    if solver is not None and solver not in SOLVER_WORDS:
-        raise ClearanceError(f"`--solver` must be {' or '.join(SOLVER_WORDS)}, but it is {solver!r}.")
-    if given.get("start") not in (None, *STARTS):
-        raise ClearanceError(f"`--start` must be {' or '.join(STARTS)}, but it is {given['start']!r}.")
-    if given.get("fidelity") not in (None, *OF_MOTIONS):
-        raise ClearanceError(f"`--fidelity` must be {' or '.join(OF_MOTIONS)}, but it is {given['fidelity']!r}.")
-    options = DEFAULTS | given
-    if "t1" not in options:
-        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
-    if isinstance(options["t1"], str):
-        options["t1"] = to_si(options["t1"], "s", "`--t1`")
-    return options
+    for name, words in (("solver", SOLVER_WORDS), ("start", STARTS), ("fidelity", OF_MOTIONS)):
+        if given.get(name) not in (None, *words):
+            raise ClearanceError(f"`--{name}` must be {' or '.join(words)}, but it is {given[name]!r}.")
+    return DEFAULTS | given | {"t1": end_of(scene_file, given.get("t1"))}
 
 
 def _report(mechanism, result, dataset) -> None:
     from clearance_jax.results.first_fall import loads, peak_words
 
     solution = _solution(result)
-    said = f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s"
+    headline = f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s"
     if solution.validity is not None:
-        console.print(f"{said}\nquasi-static: {escape(str(solution.validity))}", soft_wrap=True, highlight=False)
+        console.print(f"{headline}\nquasi-static: {escape(str(solution.validity))}", soft_wrap=True, highlight=False)
     else:
-        said += f", {int(solution.steps)} steps ({int(solution.rejected)} rejected)"
-        console.print(f"{said}, energy residual {float(solution.energy_residual):.1e}")
+        headline += f", {int(solution.steps)} steps ({int(solution.rejected)} rejected)"
+        console.print(f"{headline}, energy residual {float(solution.energy_residual):.1e}")
     if result.rests:
         console.print(f"start: {escape(result.rests)}", soft_wrap=True, highlight=False)
     if "peak_force" in dataset:
-        found = loads(dataset)
-        said = "the surfaces never meet" if found is None else found
-        console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
+        forces = loads(dataset) or "the surfaces never meet"
+        console.print(f"{dataset.sizes['episode']} contact episodes, {forces}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
             for name in ("speed", "acceleration"):

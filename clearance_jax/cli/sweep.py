@@ -1,4 +1,4 @@
-"""`clearance run` of a sweep: a study to a store of answers."""
+"""`clearance run` of a sweep: solve it into a zarr store."""
 
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,12 @@ from clearance_jax.cli.pictures import draw_sweep
 from clearance_jax.errors import ClearanceError
 from clearance_jax.extras import require
 
-# Endings that promise a file of another kind.
+# File endings that a store, which is a folder, must not have.
 OF_FILES = (".csv", ".txt", ".json", ".nc", ".h5", ".hdf5", ".parquet", ".xlsx", ".png", ".pdf")
 
 
 def check_sweep(output: Path, cluster: str | None) -> None:
-    """Raise for what a sweep lacks or cannot write, before anything takes long."""
+    """Raise `ClearanceError`, before the solves, for a missing package or a store that is named like a file."""
     require("The store of a sweep", "sweep", "zarr")
     if cluster is not None:
         require("A sweep on a cluster", "sweep", "dask", "distributed", "cloudpickle")
@@ -29,7 +29,7 @@ def check_sweep(output: Path, cluster: str | None) -> None:
 def run_sweep(
     study: Any, file: Path, output: Path, *, resume: bool, cores: int | None, cluster: str | None, plot: Path | None
 ) -> None:
-    """The sweep of a study, into a zarr store. Ctrl-C, or whatever else ends it, leaves a store that can be resumed."""
+    """Run the sweep of a study into a zarr store. Ctrl-C, or another end, leaves a store that can be resumed."""
     from clearance_jax.runs.journal import RunWarning
     from clearance_jax.sweep.run import sweep as swept
 

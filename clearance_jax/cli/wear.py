@@ -1,4 +1,4 @@
-"""`clearance run` of a life: a study to profiles, clearance and criterion over cycles, figures, a film."""
+"""`clearance run` of a wear simulation: profiles, clearance and criterion over cycles; figures, a film."""
 
 import time
 from pathlib import Path
@@ -15,7 +15,7 @@ from clearance_jax.errors import ClearanceError
 
 
 def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path | None, movie: Path | None) -> None:
-    """The life of a study. Ctrl-C, or whatever else ends it, leaves a journal with which it goes on."""
+    """Run the wear simulation of a study. Ctrl-C, or another end, leaves a journal that it can be resumed from."""
     from clearance_jax.results.store import save
     from clearance_jax.runs.journal import RunWarning
     from clearance_jax.wear.sectors import SectorsWarning
@@ -53,41 +53,41 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
 
 
 def _simulate(study: Any, journal: Path, told: "_Told") -> Any:
-    """The life as a dataset."""
+    """Simulate the wear; the dataset of the result."""
     from clearance_jax.wear.history import simulate_wear
 
     given = study.wear
-    found = simulate_wear(
+    history = simulate_wear(
         given.model, given.cycles, **given.options, until=given.until, journal=journal, progress=told, **given.solve
     )
     told.say("reading off")
-    return _dataset(study, found)
+    return _dataset(study, history)
 
 
-def _dataset(study: Any, found: Any, **said: Any) -> Any:
+def _dataset(study: Any, history: Any, **attributes: Any) -> Any:
     from clearance_jax.wear.record import to_dataset
 
     given = study.wear
     words = {} if given.until is None else {"watched": given.words}
     texts = {"scene": study.scene_text, "study": study.text}
-    return to_dataset(found, given.model, name=study.name, **words, **texts, **said)
+    return to_dataset(history, given.model, name=study.name, **words, **texts, **attributes)
 
 
 def _keep(study: Any, journal: Path, output: Path) -> None:
-    """The part of a life that is done, as a dataset."""
+    """Write the part of the simulation that is done as a dataset."""
     from clearance_jax.results.store import save
     from clearance_jax.wear.history import lived_so_far
 
-    found = lived_so_far(study.wear.model, journal, study.wear.until)
-    if found is not None:
-        save(_dataset(study, found, result=f"interrupted after {int(found.cycles[-1])} cycles"), output)
+    history = lived_so_far(study.wear.model, journal, study.wear.until)
+    if history is not None:
+        save(_dataset(study, history, result=f"interrupted after {int(history.cycles[-1])} cycles"), output)
         say_written("dataset", output)
 
 
 class _Told:
-    """How far a life is, on the screen; Ctrl-C that was lost is raised where it hears of it.
+    """Shows the progress of a wear simulation, and raises a lost Ctrl-C.
 
-    The time that is left is that of the last block for each cycle: jumps grow, so that at first it is too long.
+    The remaining time is estimated from the last block. It is too long at first, as later blocks have more cycles.
     """
 
     def __init__(self, shown: ProgressDisplay, asked: Interruption, cycles: int):
@@ -104,12 +104,12 @@ class _Told:
         self._over_time.check()
 
     def say(self, text: str) -> None:
-        """What is done now."""
+        """Show what is being done."""
         self._shown.update(text)
 
 
 def _words(dataset: Any) -> list[str]:
-    """What was found, in lines."""
+    """The summary of the result, in lines."""
     from clearance_jax.units import format_quantity
 
     told, last = dataset.attrs, dataset.isel(cycle=-1)

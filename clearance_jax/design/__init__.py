@@ -1,4 +1,4 @@
-"""Tolerance design: the largest, or the cheapest, clearances that keep errors and forces within bounds."""
+"""Tolerance design: the largest or cheapest clearances that keep errors and forces within bounds."""
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.budget import ErrorBudget, error_budget

@@ -1,11 +1,11 @@
-"""A solver's answer to a tolerance problem, as a designer reads it."""
+"""The result of a tolerance problem: the design, its limits, its verification."""
 
 import dataclasses
 from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.place import Place, place_of
+from clearance_jax.ask.place import SolvePlace, place_of
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield
@@ -24,7 +24,7 @@ from clearance_jax.units import format_quantity
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """The answer of a design problem. It prints itself as a designer reads it.
+    """The result of a design problem. It prints itself.
 
     - `clearances` by name; `objective`: the cost, or minus the common clearance; `feasible`: whether the limits hold.
     - `specification`: what was asked; `program`: every point that was evaluated; `method`: the optimiser.
@@ -60,35 +60,35 @@ class Design:
 
     @property
     def feasible(self) -> bool:
-        """Whether every limit is held; by classes that were chosen, if classes were asked for."""
+        """Whether every limit holds, and classes were chosen if they were asked for."""
         return not self.lack
 
     @property
     def lack(self) -> str:
-        """Why it is no answer, in words; empty where it is one."""
+        """Why the design is not feasible, in words; empty if it is."""
         if not self.evaluation.feasible:
             return self.program.worst_violation(self.evaluation)
         return "no classes were chosen" if self.classes is not None and not self.classes.chosen else ""
 
     @property
     def active(self) -> list[str]:
-        """The limits that decide: those met to what the method can meet, mostly a thousandth."""
+        """The active limits: those at their bounds within the slack of the method."""
         pairs = zip(self.program.limit_names, self.evaluation.limits, strict=True)
         return [name for name, limit in pairs if limit > -self.method.slack]
 
     @property
     def deciders(self) -> tuple[str, ...]:
-        """What decides the design, in words: limits, or the bounds of the variables."""
-        held = self.evaluation.feasible
-        if self.active or not held or self.classes is not None:
-            return tuple(f"{'decided by' if held else 'not held'}: {name}" for name in self.active)
+        """Sentences on what decides the design: active limits, or the bounds of the variables."""
+        feasible = self.evaluation.feasible
+        if self.active or not feasible or self.classes is not None:
+            return tuple(f"{'decided by' if feasible else 'not held'}: {name}" for name in self.active)
         at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
         who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
         return (f"no limit decides: {who}",)
 
     @property
     def counts(self) -> str:
-        """How many designs were evaluated, by each model of the motion, in words."""
+        """The number of evaluations by each model of the motion, in words."""
         cheap = self.program.cheap
         by = "" if cheap is None and self.program.fidelity == DYNAMICS else f" by {self.program.fidelity}"
         return _counted(self.program) + by + ("" if cheap is None else f"; {_counted(cheap)} by {cheap.fidelity} poses")
@@ -125,12 +125,12 @@ class Design:
             parts = ", ".join(f"{name} by {part:.1e} of its bound" for name, part in tightened.items())
             moved = f"moved inside, as another solver judges: {parts}" * bool(parts)
             note = "; ".join(text for text in (self.note, moved) if text)
-            # What was moved on purpose still decides.
+            # A limit that was tightened still counts as active.
             method = self.method._replace(slack=self.method.slack + max(tightened.values(), default=0.0))
             design = dataclasses.replace(self, evaluation=point, note=note, method=method)
             return design, design._certificate(place, fresh=fresh, **options)
 
-    def _certificate(self, place: Place, **options: Any) -> Certificate:
+    def _certificate(self, place: SolvePlace, **options: Any) -> Certificate:
         if not self.feasible:
             raise ClearanceError(f"There is no feasible design to verify: {self.lack}.")
         if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
@@ -138,9 +138,9 @@ class Design:
         least = None
         if self.classes is not None:
             least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
-        found = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
+        certificate = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
         optimality = "" if self.classes is None else self.classes.optimality
-        return dataclasses.replace(found, optimality=optimality)
+        return dataclasses.replace(certificate, optimality=optimality)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -159,7 +159,7 @@ class Design:
             lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
         lines += [f"  {text}" for text in self.deciders]
         lines.append(f"  {self.method.name}: {self.counts}")
-        lines += [f"  before, with laws smoothed over {width:g} m: {found.counts}" for width, found in self.before]
+        lines += [f"  before, with laws smoothed over {width:g} m: {design.counts}" for width, design in self.before]
         if self.classes is not None:
             lines += [f"  {text}" for text in self.classes.sentences]
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]

@@ -1,9 +1,9 @@
-"""The cheapest point of which some variables take values of a list: branch and bound (Land and Doig 1960).
+"""Branch and bound (Land and Doig 1960) for the cheapest point whose variables take values of lists.
 
-A node is a box: of every listed variable some neighbouring values. Its relaxation is the continuous problem in this
-box, whose optimum bounds the cost of every combination in the box from below. The node with the least bound is split
-next, where a variable lies between two values. The optima are local ones, so a bound is as good as the method that
-finds it.
+A node is a box: a range of neighbouring values of every listed variable. Its relaxation is the continuous problem in
+this box, whose optimum is a lower bound of the cost of every combination in the box. The node with the least bound is
+split next, where a variable lies between two values. The optima are local ones, so bounds are as good as the method
+that finds them.
 """
 
 import functools
@@ -20,15 +20,15 @@ from clearance_jax.design.run import INTERRUPTED, SPENT
 
 # A node is not split where it can save no more than this part of the cost.
 GAP = 1e-6
-# Combinations of a node up to which their costs are looked through.
+# The largest number of combinations of a node whose costs are summed one by one.
 MOST_SUMS = 1_000_000
-# A value of a list is met to this part of it.
+# Relative tolerance of a value of a list.
 MET = 1e-6
 
 
 class Node(NamedTuple):
-    """A box: of each listed variable the places `low` to `high` in its list; `start` (n,): where its search begins;
-    `tighter`: whether it was made by leaving out the smaller values.
+    """A box: the places `low` to `high` in the list of each variable; `start` (n,): where its search begins;
+    `tighter`: whether the smaller values were split off.
     """
 
     low: tuple[int, ...]
@@ -37,13 +37,13 @@ class Node(NamedTuple):
     tighter: bool = False
 
 
-class Found(NamedTuple):
-    """What a search has found.
+class BoundedOptimum(NamedTuple):
+    """The result of a search.
 
-    - `best`: the best point of the lists that holds every limit, `None`: none; `bound`: what the best one costs at
-      least; `relaxed`: the optimum of the continuous problem between the ends of the lists.
-    - `nodes`: how many relaxations were solved; `stop_reason`: why the search stopped early, or empty.
-    - `doubts`: why relaxations ended early, if some did.
+    - `best`: the best feasible point of the lists (`None`: none was found); `bound`: a lower bound of its cost;
+      `relaxed`: the optimum of the continuous problem between the ends of the lists.
+    - `nodes`: how many relaxations were solved; `stop_reason`: why the search stopped early, or empty; `doubts`: why
+      relaxations ended early, if some did.
     """
 
     best: Evaluation | None
@@ -57,11 +57,11 @@ class Found(NamedTuple):
 class BranchAndBound:
     """The search for the cheapest point of a `program` with values of lists.
 
-    **Arguments:** `lists`: values by the variable's place, increasing, within the program's bounds; `relax`: a search
-    of a program from a start, which returns why it stopped early; `holds`: whether a point (n,) of the lists, which
-    holds the limits of the program, holds in whatever else is asked of it; `costs`: if every variable has a list, by
-    place what its values cost, whose sum is the objective: then a node costs at least the least sum above its bound;
-    `gradients`: whether slopes may be asked for; `resolution`: to which part of it a relaxation finds its optimum.
+    **Arguments:** `lists`: increasing values by the index of the variable, within the program's bounds; `relax`: a
+    search of a program from a start, which returns why it stopped early; `holds`: whether a point (n,) of the lists
+    that is feasible in the program meets all other conditions; `costs`: the costs of the values by index, if every
+    variable has a list and the objective is their sum: a node then costs at least the least sum above its bound;
+    `gradients`: whether slopes may be used; `resolution`: relative accuracy of the optima of relaxations.
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class BranchAndBound:
         self.best: Evaluation | None = None
         self._nodes, self._doubts, self._refused = 0, [], set[bytes]()
 
-    def search(self, start: np.ndarray) -> Found:
-        """Search from a point (n,), by default all of it; interrupted, it returns what it has found until then."""
+    def search(self, start: np.ndarray) -> BoundedOptimum:
+        """Search from a point (n,). An interrupted search returns its result so far."""
         sizes = tuple(len(values) - 1 for values in self._lists)
         order = itertools.count()
         heap = [(-np.inf, next(order), Node((0,) * len(sizes), sizes, np.asarray(start, float)))]
@@ -91,10 +91,10 @@ class BranchAndBound:
             while heap and not self._cut(heap[0][0]):
                 least = heap[0][0]
                 node = heap[0][-1]
-                found, ahead = self._look(node)
+                optimum, ahead = self._look(node)
                 heapq.heappop(heap)
-                relaxed = found if self._nodes == 1 else relaxed
-                reached = -np.inf if found is None else found.objective - self._resolution * abs(found.objective)
+                relaxed = optimum if self._nodes == 1 else relaxed
+                reached = -np.inf if optimum is None else optimum.objective - self._resolution * abs(optimum.objective)
                 if ahead is None or self._cut(reached):
                     continue
                 for child in self._split(node, ahead):
@@ -106,14 +106,14 @@ class BranchAndBound:
         except BudgetSpent:
             stop_reason = SPENT
         bound = min(heap[0][0] if heap else np.inf, np.inf if self.best is None else self.best.objective)
-        return Found(self.best, bound, relaxed, self._nodes, stop_reason, tuple(dict.fromkeys(self._doubts)))
+        return BoundedOptimum(self.best, bound, relaxed, self._nodes, stop_reason, tuple(dict.fromkeys(self._doubts)))
 
     def _cut(self, bound: float) -> bool:
-        """Whether a bound leaves nothing to be saved."""
+        """Whether a node with this bound cannot improve on the best point."""
         return self.best is not None and bound >= self.best.objective - GAP * abs(self.best.objective)
 
     def _raised(self, node: Node, bound: float) -> float:
-        """What the combinations of a node cost at least, if none costs less than a bound; infinite where all do."""
+        """The least cost of the combinations of a node that is not below a bound; infinite if all are below."""
         sizes = [high - low + 1 for low, high in zip(node.low, node.high, strict=True)]
         if self._costs is None or np.prod(sizes, dtype=float) > MOST_SUMS:
             return bound
@@ -123,24 +123,24 @@ class BranchAndBound:
         return float(np.min(sums[sums >= bound - GAP * abs(bound)], initial=np.inf))
 
     def _look(self, node: Node) -> tuple[Evaluation | None, np.ndarray | None]:
-        """The optimum of a node's relaxation, if one is found, and where the node is split, if it is to be. The
-        combination below this point is tried.
+        """The optimum of a node's relaxation (`None`: not found), and the point at which the node is split (`None`: it
+        is not). The combination below this point is tried.
         """
         lower, upper = self._box(node)
         self._nodes += 1
         if node.tighter and self._hopeless(lower, upper):
             return None, None
-        found = self._optimum(lower, upper, np.clip(node.start, lower, upper))
-        ahead = None if found is None else found.x
-        if found is None:
+        optimum = self._optimum(lower, upper, np.clip(node.start, lower, upper))
+        ahead = None if optimum is None else optimum.x
+        if optimum is None:
             self.program.at(lower)
-            held = [point for point in self._known(lower, upper) if point.feasible]
-            if held:
+            feasible = [point for point in self._known(lower, upper) if point.feasible]
+            if feasible:
                 self._doubts.append("found nothing in a box, in which a point holds")
-                ahead = min(held, key=lambda point: point.objective).x
+                ahead = min(feasible, key=lambda point: point.objective).x
         if ahead is not None:
             self._try(self._below(node, ahead))
-        return found, ahead
+        return optimum, ahead
 
     def _box(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = self.program.lower.copy(), self.program.upper.copy()
@@ -149,9 +149,8 @@ class BranchAndBound:
         return lower, upper
 
     def _hopeless(self, lower: np.ndarray, upper: np.ndarray) -> bool:
-        """Whether the smallest values of a box violate a limit that grows with every variable.
-
-        The slopes are those at these values: it is no proof where a known point of the box has less of this limit.
+        """Whether the smallest values of a box violate a limit with positive slopes, and no known point of the box has
+        less of this limit.
         """
         if not self._gradients:
             return False
@@ -164,7 +163,7 @@ class BranchAndBound:
         return all(p.limits[k] >= point.limits[k] - SLACK for p in self._known(lower, upper))
 
     def _known(self, lower: np.ndarray, upper: np.ndarray) -> list[Evaluation]:
-        """The points of a box that were evaluated."""
+        """The evaluated points in a box."""
         return [p for p in self.program.history if np.all(p.x >= lower) and np.all(p.x <= upper)]
 
     def _optimum(self, lower: np.ndarray, upper: np.ndarray, start: np.ndarray) -> Evaluation | None:
@@ -173,29 +172,29 @@ class BranchAndBound:
             point = self.program.at(lower)
             return point if point.feasible else None
         box = self.program.within(lower, upper)
-        said = self._relax(box, start[free])
-        if said == INTERRUPTED:
+        stop_reason = self._relax(box, start[free])
+        if stop_reason == INTERRUPTED:
             raise KeyboardInterrupt
-        if said == SPENT:
+        if stop_reason == SPENT:
             raise BudgetSpent
-        if said:
-            self._doubts.append(said)
-        # What the search did not ask for is no optimum.
-        if box.best is None or (said and not any(point.feasible for point in box.asked)):
+        if stop_reason:
+            self._doubts.append(stop_reason)
+        # Points that the search did not ask for are not its optimum.
+        if box.best is None or (stop_reason and not any(point.feasible for point in box.asked)):
             return None
         x = lower.copy()
         x[free] = box.best.x
         return self.program.at(x)
 
     def _below(self, node: Node, x: np.ndarray) -> np.ndarray:
-        """The combination of a node whose values are next below a point's."""
+        """The combination of a node with the next values below those of a point."""
         x = x.copy()
         for k, i in enumerate(self._places):
             x[i] = self._lists[k][self._place(node, k, x[i])]
         return x
 
     def _place(self, node: Node, k: int, value: float) -> int:
-        """The place of the greatest value in a list that is not above one."""
+        """The place in list `k` of the greatest value that is not above `value`, within the node."""
         place = int(np.searchsorted(self._lists[k], value * (1 + MET), side="right")) - 1
         return min(max(place, node.low[k]), node.high[k])
 
@@ -209,8 +208,8 @@ class BranchAndBound:
             self._refused.add(x.tobytes())
 
     def _split(self, node: Node, x: np.ndarray) -> list[Node]:
-        """The two halves of a node, between which a variable lies farthest from the values of its list; where all have
-        values of theirs, about one of these.
+        """Split a node in two, at the variable that lies farthest from the values of its list; at one of these values
+        if all variables are at values of their lists.
         """
         apart = []
         for k, i in enumerate(self._places):

@@ -1,4 +1,4 @@
-"""What the error of a point is made of: play, elasticity of the contacts, dynamics; joint by joint, over time."""
+"""The error budget of a point: its parts by play, by elasticity of the contacts and by dynamics; joint by joint."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -25,16 +25,17 @@ from clearance_jax.solve.settings import evenly, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.spatial import as_array, subtract
 
-# Contacts so many times stiffer leave play alone; clearances of this part leave elasticity alone.
+# The factor on contact stiffness that leaves play alone; the factor on clearances that leaves elasticity alone.
 RIGID, CLOSED = 1e6, 1e-3
 INSTANTS = 201
-# Numbers of a clearance joint that are its play.
+# Fields of a clearance joint that are its play.
 CLEARANCES = "radial_clearance", "axial_clearance", "side_clearance"
 
 
 class Parts(NamedTuple):
-    """Errors of a point over time [m]: `whole`, shape (times, 3), and with one joint at a time where its pin is, shape
-    (times, joints, 3); whether each instant has a pose, its lowest frequency [Hz], and where what is drawn is [m].
+    """Quasi-static errors of a point [m]: `whole` (times, 3), and `joints` (times, joints, 3) with the offset of one
+    pin at a time; `good`: whether there is a pose at each time; its lowest `frequency` [Hz]; `marks`: positions for
+    drawings [m].
     """
 
     whole: Float[Array, "times 3"]
@@ -64,7 +65,7 @@ class ErrorBudget:
 
     @property
     def peaks(self) -> dict[str, float]:
-        """The largest error over time of each model [m]."""
+        """The largest error of each part over time [m]."""
         return {name: float(self.dataset[name].max()) for name in ("dynamics", "quasi_static", "play", "elasticity")}
 
     @property
@@ -74,26 +75,26 @@ class ErrorBudget:
 
     @property
     def shares(self) -> dict[str, float]:
-        """What each joint adds to the quasi-static peak [m]."""
+        """The contribution of each joint to the quasi-static peak [m]."""
         return self._along(self.dataset.joint_error)
 
     @property
     def play_shares(self) -> dict[str, float]:
-        """What each joint's play alone adds along the same direction at the same time [m]."""
+        """The contribution of each joint's play alone, along the same direction at the same time [m]."""
         return self._along(self.dataset.joint_play)
 
     def _along(self, vectors: xr.DataArray) -> dict[str, float]:
         k = int(self.dataset.quasi_static.values.argmax())
         whole = self.dataset.joint_error[k].sum("joint").values
-        found = vectors[k].values @ (whole / max(np.linalg.norm(whole), 1e-300))
-        return dict(zip(self.dataset.joint.values.tolist(), map(float, found), strict=True))
+        parts = vectors[k].values @ (whole / max(np.linalg.norm(whole), 1e-300))
+        return dict(zip(self.dataset.joint.values.tolist(), map(float, parts), strict=True))
 
     def __str__(self) -> str:
         return "\n".join(_lines(self))
 
 
 def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = True, **options: Any) -> ErrorBudget:
-    """What the error of a named point is made of, over a motion.
+    """The error budget of a named point over a motion.
 
     **Arguments:** `mechanism`, whose drives move it; `point`: the name of one of its points; `t1`: the motion's end
     [s]; `dynamics`: whether the equations of motion are solved as well; `options`: as `simulate`'s, by default with a
@@ -103,7 +104,7 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
 
     **Raises:** `ClearanceError` for an unknown point, a mechanism without play, and one that moves freely.
     """
-    names = [one.name for one in mechanism.points]
+    names = [p.name for p in mechanism.points]
     if point not in names:
         raise ClearanceError(f"There is no point `{point}`. " + suggest(point, names))
     joints = [joint.name for joint in mechanism.clearance_joints()]
@@ -112,22 +113,26 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     check_driven(mechanism)
     settings = settings_of(mechanism, t1, {"start": "settled", "rtol": 1e-6} | options | {"save_at": INSTANTS})
     times, index = evenly(settings.t0, t1, INSTANTS), names.index(point)
-    found = {
+    parts = {
         "quasi_static": _parts(_with_stiffness(mechanism, 1.0), index, times),
         "play": _parts(_with_stiffness(mechanism, RIGID), index, times),
         "elasticity": _parts(_with_stiffness(_closed(mechanism), 1.0), index, times),
     }
-    for name, part in found.items():
+    for name, part in parts.items():
         if not bool(jnp.all(part.good)):
             raise ClearanceError(f"There is no quasi-static pose for the part `{name}` of the error: {_BAD[name]}.")
-    sizes = {name: np.linalg.norm(part.whole, axis=1) for name, part in found.items()}
-    sizes["dynamics"] = _dynamic(mechanism, index, t1, settings) if dynamics else np.full(INSTANTS, np.nan)
+    sizes = {name: np.linalg.norm(part.whole, axis=1) for name, part in parts.items()}
+    sizes["dynamics"] = np.full(INSTANTS, np.nan)
+    if dynamics:
+        solution = run(mechanism, t1, settings)
+        states = solution.y[:, : layout(mechanism).size]
+        sizes["dynamics"] = np.asarray(_deviations(mechanism, index, solution.time, states))
     variables: dict[str, Any] = {name: ("time", np.asarray(size), {"units": "m"}) for name, size in sizes.items()}
-    vectors = {"joint_error": found["quasi_static"].joints, "joint_play": found["play"].joints}
+    vectors = {"joint_error": parts["quasi_static"].joints, "joint_play": parts["play"].joints}
     for name, vector in vectors.items():
         variables[name] = (("time", "joint", "axis"), np.asarray(vector), {"units": "m"})
-    variables["frequency"] = ("time", np.asarray(found["quasi_static"].frequency), {"units": "Hz"})
-    drawn = picture_dataset(mechanism, np.asarray(times), {"mark_position": np.asarray(found["quasi_static"].marks)})
+    variables["frequency"] = ("time", np.asarray(parts["quasi_static"].frequency), {"units": "Hz"})
+    drawn = picture_dataset(mechanism, np.asarray(times), {"mark_position": np.asarray(parts["quasi_static"].marks)})
     drawn = drawn.rename(axis="page_axis").assign_coords(joint=joints, axis=["x", "y", "z"])
     return ErrorBudget(point, drawn.assign(variables).assign_attrs(point=point, mechanism=mechanism.name))
 
@@ -145,18 +150,18 @@ def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
     joints = ready.clearance_joints()
     ideal = ideal_states(ready, times)
 
-    def one(time, y, found):
-        at_rest = tuple(jnp.zeros_like(play) for play in found.play)
+    def at_instant(time, y, pose):
+        at_rest = tuple(jnp.zeros_like(play) for play in pose.play)
         wanted = _place(ready, index, time, displaced(time, ready, at_rest, y))
-        whole = subtract(_place(ready, index, time, found.y), wanted)
+        whole = subtract(_place(ready, index, time, pose.y), wanted)
         alone = []
         for k in range(len(joints)):
-            play = tuple(own if i == k else none for i, (own, none) in enumerate(zip(found.play, at_rest, strict=True)))
+            play = (*at_rest[:k], pose.play[k], *at_rest[k + 1 :])
             alone.append(as_array(subtract(_place(ready, index, time, displaced(time, ready, play, y)), wanted)))
-        good = are_poses(mechanism, found.errors) & jnp.all(jnp.isfinite(found.y))
-        return Parts(as_array(whole), jnp.stack(alone), good, found.frequency, mark_positions(ready, time, found.y))
+        good = are_poses(mechanism, pose.errors) & jnp.all(jnp.isfinite(pose.y))
+        return Parts(as_array(whole), jnp.stack(alone), good, pose.frequency, mark_positions(ready, time, pose.y))
 
-    return jax.vmap(one)(times, ideal, poses(times, ready, ideal))
+    return jax.vmap(at_instant)(times, ideal, poses(times, ready, ideal))
 
 
 def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any:
@@ -165,25 +170,20 @@ def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any
     return frame.point(point.at.vector)
 
 
-def _dynamic(mechanism: Mechanism, index: int, t1: float, settings: Any) -> np.ndarray:
-    solution = run(mechanism, t1, settings)
-    return np.asarray(_deviations(mechanism, index, solution.time, solution.y[:, : layout(mechanism).size]))
-
-
 @solo_jit
 def _deviations(mechanism: Mechanism, index: int, times: Array, y: Array) -> Array:
     ready = mechanism.prepare()
     rest = tuple(jnp.zeros(len(joint.joint.play())) for joint in ready.clearance_joints())
 
-    def one(time, y, ideal):
+    def at_instant(time, y, ideal):
         wanted = _place(ready, index, time, displaced(time, ready, rest, ideal))
         return jnp.linalg.norm(as_array(subtract(_place(ready, index, time, y), wanted)))
 
-    return jax.vmap(one)(times, y, ideal_states(ready, times))
+    return jax.vmap(at_instant)(times, y, ideal_states(ready, times))
 
 
 def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
-    """The same with every contact so many times stiffer: of any factor the same program."""
+    """The mechanism with contacts `factor` times as stiff; any factor uses the same program."""
 
     def stiffer(clearance):
         return dataclasses.replace(clearance, normal=Stiffened(clearance.normal, factor))
@@ -192,11 +192,11 @@ def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
 
 
 def _closed(mechanism: Mechanism) -> Mechanism:
-    """The same with next to no play."""
+    """The mechanism with nearly no play."""
 
     def closer(clearance):
-        own = {name: getattr(clearance, name, None) for name in CLEARANCES}
-        return dataclasses.replace(clearance, **{name: CLOSED * x for name, x in own.items() if x is not None})
+        sizes = {name: getattr(clearance, name, None) for name in CLEARANCES}
+        return dataclasses.replace(clearance, **{name: CLOSED * x for name, x in sizes.items() if x is not None})
 
     return change_each_play(mechanism, closer)
 
@@ -216,13 +216,13 @@ def _lines(budget: ErrorBudget):
     width = max(map(len, shares))
     yield f"{'joint'.ljust(width)}  {'share [um]':>11}  {'of play':>9}  {'of elasticity':>13}"
     for name in sorted(shares, key=lambda name: -abs(shares[name])):
-        own, rigid = shares[name] * um, play[name] * um
-        yield f"{name.ljust(width)}  {own:11.4g}  {rigid:9.4g}  {own - rigid:13.4g}"
+        share, rigid = shares[name] * um, play[name] * um
+        yield f"{name.ljust(width)}  {share:11.4g}  {rigid:9.4g}  {share - rigid:13.4g}"
     yield advice(budget)
 
 
 def advice(budget: ErrorBudget) -> str:
-    """What would help most, in a sentence."""
+    """A sentence on what reduces the error most."""
     shares, play, peaks = budget.shares, budget.play_shares, budget.peaks
     worst = max(shares, key=lambda name: abs(shares[name]))
     if np.isfinite(peaks["dynamics"]) and peaks["dynamics"] > 2 * peaks["quasi_static"]:

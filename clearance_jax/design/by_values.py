@@ -1,7 +1,8 @@
-"""The end of a search by values alone, where slopes say nothing or have misled it.
+"""A search by values alone, for the end of a search whose slopes were useless or misleading.
 
-First along a line from the best design that holds, to where a limit is met: by false position, and by bisection where
-that is slow. Of several variables then by quadratic models of values about that point, and along the line once more.
+It first goes along a line from the best feasible design to where a limit is met, by false position, or by bisection
+where that is slow. With several variables it continues by quadratic models of values about that point, and then along
+the line again.
 """
 
 from contextlib import suppress
@@ -14,19 +15,19 @@ from clearance_jax.design.optimality import optimality
 from clearance_jax.design.program import Program
 from clearance_jax.design.scaling import FLOOR, ROUND_OFF, StandsStill
 
-# A residual of the conditions of optimality below which slopes have not misled.
+# The residual of the conditions of optimality below which a design counts as an optimum.
 SETTLED = 0.05
-# How near to its bound a limit, and how short an interval in logarithms, ends a search along a line.
+# A line search ends if a limit is so near to its bound, or the interval so short, in logarithms.
 MET, SHORT = 1e-5, 1e-4
-# The first step along a line, and the factor of the next one.
+# The first step along a line, and the factor of the next ones.
 STEP, LONGER = 0.01, 2.0
-# Radius of the first model of values, in logarithms, and of the last one; evaluations for each variable.
+# Radius of the first and the last quadratic model, in logarithms; evaluations for each variable.
 RADIUS, LEAST_RADIUS, EACH = 0.1, 1e-3, 15
 
 
 def is_settled(program: Program, method: Method) -> bool:
-    """Whether the best design is decided by limits that it meets, or by the bounds of its variables; by slopes, if the
-    method uses them.
+    """Whether the best design is at active limits or at the bounds of its variables; if the method uses gradients, also
+    whether it satisfies the conditions of optimality.
     """
     best = program.found
     if best is None or np.all(_room(program, best, _gaining(program, best)) <= 0):
@@ -38,9 +39,9 @@ def is_settled(program: Program, method: Method) -> bool:
 
 
 def by_values(program: Program, method: Method) -> bool:
-    """Search on from the best design that holds, by values alone, and say so; not if it is decided.
+    """Continue from the best feasible design by values alone, unless it is settled; returns whether it did.
 
-    Of a program with a cheaper one beside it, whose evaluations are dear, only along a line.
+    A program with a `cheap` model has expensive evaluations, and is searched along a line only.
     """
     if is_settled(program, method):
         return False
@@ -59,14 +60,14 @@ def _best(program: Program) -> Evaluation:
 
 
 def _outwards(program: Program, gradient: bool) -> None:
-    """Go along the line on which all variables gain alike, until a limit is met or all are at their bounds."""
+    """Change all variables by the same factor towards a lower objective, until a limit is met or all are at bounds."""
     best = _best(program)
     z, way = np.log(best.x), _gaining(program, best)
     end = float(_room(program, best, way).max())
     low, high, step, narrow = (0.0, _excess(program, best)), None, STEP, np.inf
     while low[0] < end and (high is None or (low[1] < -MET and high[0] - low[0] > SHORT)):
         if high is None:
-            # Errors grow about as clearances do.
+            # Errors are about proportional to clearances.
             s, step = min(low[0] + max(step, -1.01 * low[1]), end), LONGER * step
         else:
             s, narrow = _between(low, high, narrow), high[0] - low[0]
@@ -75,28 +76,28 @@ def _outwards(program: Program, gradient: bool) -> None:
 
 
 def _between(low: tuple[float, float], high: tuple[float, float], before: float) -> float:
-    """The next place of a bracket: where a line between its ends meets the bound, and their middle if that was slow."""
+    """The next place in a bracket: by false position, or its middle if the last step hardly narrowed it."""
     width = high[0] - low[0]
     if not np.isfinite(high[1]) or width > 0.5 * before:
         return low[0] + 0.5 * width
     share = -low[1] / (high[1] - low[1])
-    # Off the ends, of which one would come again and again.
+    # Not near the ends: one of them would be approached again and again.
     return low[0] + width * float(np.clip(share, 0.02, 0.98))
 
 
 def _excess(program: Program, point: Evaluation) -> float:
-    """The most violated limit as a logarithm, in which errors are nearly proportional to clearances."""
+    """The logarithm of the most violated limit (value over bound), which is nearly linear in those of clearances."""
     return float(np.log(max(1 + point.worst, FLOOR))) + program.inside
 
 
 def _room(program: Program, best: Evaluation, way: np.ndarray) -> np.ndarray:
-    """How far each variable can go in a direction until its bound, in logarithms."""
+    """How far each variable (n,) is from its bound in a direction, in logarithms."""
     room = np.where(way > 0, np.log(program.upper / best.x), np.log(best.x / program.lower))
     return np.where((way == 0) | (room < ROUND_OFF), 0.0, room)
 
 
 def _gaining(program: Program, best: Evaluation) -> np.ndarray:
-    """Of each variable the sign of the change that lowers the objective."""
+    """The sign of the change of each variable (n,) that lowers the objective."""
     if best.gradient is not None:
         return -np.sign(best.gradient)
     logs = np.log([point.x for point in program.asked])

@@ -1,4 +1,4 @@
-"""What a verification has found of a design, as a statement that a person can read."""
+"""The certificate of a design: the results of its verification, in numbers and sentences."""
 
 import dataclasses
 
@@ -7,13 +7,13 @@ import numpy as np
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.units import format_quantity
 
-# A limit counts as held in a fresh simulation if it is violated by no more than this share of its bound.
+# A limit holds in a fresh simulation if it is violated by at most this share of its bound.
 HELD = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """What a check of a design found. It prints itself in sentences.
+    """The results of the verification of a design. It prints itself in sentences.
 
     - `names`: the variables, with their units; `x` (n,): their values; `objective`: the cost, or minus the common
       clearance.
@@ -25,9 +25,9 @@ class Certificate:
     - `residual`: that of the Karush-Kuhn-Tucker conditions, relative to the gradient of the objective, in logarithms;
       `prices`: for each active limit, the relative change of the objective per relative change of its bound.
     - `price_checks`: name -> (price, price by solving again with the bound 1 % up and down), if asked for.
-    - `among`: among which parts each limit is judged at once, in words: then neither a scale nor slopes say anything.
-    - `optimality`: of chosen classes what is known instead, in words; `least`: the most violated scaled limit with
-      every clearance at the least of its class; `target`: which yield was asked for.
+    - `among`: among which parts each limit is judged at once, in words; then there is no scale and no residual.
+    - `optimality`: for chosen classes a statement instead of the residual; `least`: the most violated scaled limit with
+      every clearance at the least of its class; `target`: the yield that was asked for.
     - `yield_estimate`: of a `Yield`, on fresh samples; `static`: for each limit on a point's error, how far play alone
       can move the point of the mechanism at rest [m].
     - `starts`: the objectives that other starts led to; `goal`: what a looser bound does, in words.
@@ -56,14 +56,14 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether the limits hold in the fresh simulation, to a millionth of their bounds; of chosen classes at both
-        ends.
+        """Whether the limits hold in the fresh simulation, to a millionth of their bounds; with chosen classes at both
+        ends of these.
         """
         return self.worst <= HELD and (self.least is None or self.least <= HELD)
 
     @property
     def yields(self) -> bool:
-        """Whether the share of the fresh samples that holds all limits is at least its target."""
+        """Whether the share of fresh samples that hold all limits is at least the target."""
         return self.yield_estimate is None or self.target is None or self.yield_estimate.share >= self.target
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""The cheapest classes that hold every limit, from the continuous design."""
+"""The search for the cheapest tolerance classes that hold every limit, from the continuous design."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.place import Place
+from clearance_jax.ask.place import SolvePlace
 from clearance_jax.design.answer import Design
-from clearance_jax.design.branch_and_bound import BranchAndBound, Found
+from clearance_jax.design.branch_and_bound import BoundedOptimum, BranchAndBound
 from clearance_jax.design.classes import ChosenClasses, ToleranceClass, least_ends
 from clearance_jax.design.evaluate import FEW, simulations_of
 from clearance_jax.design.evaluation import SLACK, Evaluation
@@ -18,7 +18,7 @@ from clearance_jax.design.scenarios import scenarios_of
 
 
 def choose_classes(
-    design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: Place, **options: Any
+    design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: SolvePlace, **options: Any
 ) -> Design:
     """The cheapest combination of `classes` that holds every limit, by branch and bound from a continuous design.
 
@@ -28,65 +28,62 @@ def choose_classes(
     **Arguments:** `classes`: by variable, the tightest first; `options`: of the design's method.
     """
     program, places = design.program, {name: i for i, name in enumerate(design.program.names)}
-    lists = {places[name]: np.array([one.greatest for one in listed]) for name, listed in classes.items()}
+    lists = {places[name]: np.array([entry.greatest for entry in listed]) for name, listed in classes.items()}
     before = program.solves
     ends = _Least(design, classes, place)
 
     def relax(box: Program, start: np.ndarray) -> str:
         return run(box, design.method, start, **options)
 
-    costs = _sums(design, lists) if len(lists) == len(program.names) else None
-    # What nobody has said of a method is as coarse as how it meets limits.
+    costs, laws = None, design.specification.costs
+    if len(lists) == len(program.names):
+        costs = {i: np.array([float(laws[i](value)) for value in values]) for i, values in lists.items()}
+    # Without a tolerance the resolution is that to which the method meets limits.
     how = {"gradients": design.method.gradients, "resolution": options.get("tolerance", design.method.slack)}
-    found = BranchAndBound(program, lists, relax, ends.hold, costs, **how).search(design.evaluation.x)
-    chosen = {} if found.best is None else _names(program, classes, found.best.x)
+    outcome = BranchAndBound(program, lists, relax, ends.hold, costs, **how).search(design.evaluation.x)
+    chosen = {} if outcome.best is None else _names(program, classes, outcome.best.x)
     result = ChosenClasses(
         chosen,
-        np.nan if found.best is None else found.best.objective,
-        found.bound,
-        np.nan if found.relaxed is None else found.relaxed.objective,
-        found.nodes,
+        np.nan if outcome.best is None else outcome.best.objective,
+        outcome.bound,
+        np.nan if outcome.relaxed is None else outcome.relaxed.objective,
+        outcome.nodes,
         program.solves - before + ends.solves,
         int(np.prod([len(listed) for listed in classes.values()])),
-        found.doubts,
+        outcome.doubts,
     )
-    return _design(design, result, found, lists)
-
-
-def _sums(design: Design, lists: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
-    costs = design.specification.costs
-    return {i: np.array([float(costs[i](value)) for value in values]) for i, values in lists.items()}
+    return _design(design, result, outcome, lists)
 
 
 def _names(program: Program, classes: Mapping[str, tuple[ToleranceClass, ...]], x: np.ndarray):
     worth = dict(zip(program.names, x, strict=True))
-    return {n: min(listed, key=lambda one: abs(one.greatest - worth[n])) for n, listed in classes.items()}
+    return {n: min(listed, key=lambda entry: abs(entry.greatest - worth[n])) for n, listed in classes.items()}
 
 
-def _design(design: Design, result: ChosenClasses, found: Found, lists: Mapping[int, np.ndarray]) -> Design:
-    """The design with what was chosen. Where nothing holds it is the tightest combination, and says so."""
-    stopped = {"stop_reason": design.stop_reason or found.stop_reason, "classes": result}
-    if found.best is not None:
-        return dataclasses.replace(design, evaluation=found.best, **stopped)
-    if found.stop_reason:
-        return without_classes(design, result, found.stop_reason)
+def _design(design: Design, result: ChosenClasses, outcome: BoundedOptimum, lists: Mapping[int, np.ndarray]) -> Design:
+    """The design with the chosen classes; if no combination holds, the tightest one with a note."""
+    stopped = {"stop_reason": design.stop_reason or outcome.stop_reason, "classes": result}
+    if outcome.best is not None:
+        return dataclasses.replace(design, evaluation=outcome.best, **stopped)
+    if outcome.stop_reason:
+        return without_classes(design, result, outcome.stop_reason)
     x = design.evaluation.x.copy()
     for i, values in lists.items():
         x[i] = values[0]
     tightest = design.program.at(x, design.method.gradients)
-    note = f"{design.note}; " * bool(design.note) + _refusal(design, tightest, lists, found.doubts)
+    note = f"{design.note}; " * bool(design.note) + _refusal(design, tightest, lists, outcome.doubts)
     return dataclasses.replace(design, evaluation=tightest, **{**stopped, "note": note})
 
 
 def without_classes(design: Design, result: ChosenClasses, stop_reason: str) -> Design:
-    """The continuous design of a search that was stopped before it had found a combination that holds."""
+    """The continuous design, if the search was stopped before it had found a feasible combination."""
     note = "stopped before any class was chosen: the clearances are those of a continuous design"
     note = "; ".join(text for text in (design.note, note) if text)
     return dataclasses.replace(design, stop_reason=design.stop_reason or stop_reason, classes=result, note=note)
 
 
 def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray], doubts: tuple[str, ...]) -> str:
-    """Why no combination of classes will do, and what would help."""
+    """A note on why no combination of classes holds, and what would help."""
     program, cost = design.program, f"{design.objective:.6g} {design.specification.cost_unit}"
     none = "no combination of the classes holds every limit"
     if doubts:
@@ -106,9 +103,9 @@ def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarra
 
 
 class _Least:
-    """Whether combinations hold with every clearance at its least."""
+    """Checks combinations with every clearance at the least of its class."""
 
-    def __init__(self, design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: Place):
+    def __init__(self, design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: SolvePlace):
         specification = design.specification.as_designed()
         self._program, self._classes = design.program, classes
         self._simulations, self._scenarios = simulations_of(specification, place=place), scenarios_of(specification)
@@ -116,7 +113,7 @@ class _Least:
         self.solves = 0
 
     def hold(self, x: np.ndarray) -> bool:
-        """Whether the combination whose greatest clearances are `x` (n,) holds."""
+        """Whether the combination with the greatest clearances `x` (n,) holds with its least ones."""
         least = least_ends(self._program.names, x, _names(self._program, self._classes, x))
         self.solves += 1
         return float(np.max(self._simulations.worst(least, self._scenarios, self._exact))) <= SLACK

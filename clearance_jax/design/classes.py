@@ -1,4 +1,4 @@
-"""Classes that a clearance can be made in: ISO 286 fits, or clearances between limits, and what each costs."""
+"""Tolerance classes of a clearance: ISO 286 fits, or clearances between limits, with their costs."""
 
 import dataclasses
 import itertools
@@ -18,15 +18,15 @@ from clearance_jax.parameters import parameters
 from clearance_jax.units import format_quantity
 
 CLEARANCE, RADIUS = ".radial_clearance", ".pin_radius"
-# A class that begins at contact has a joint that just turns.
+# The least clearance of a class that begins at contact [m]: the joint must turn.
 SMALLEST = 1e-7
-# A gap below which a choice is the cheapest one, to what solves resolve.
+# A choice counts as the cheapest below this relative gap, which solves do not resolve.
 CHEAPEST = 1e-5
 
 
 class ToleranceClass(NamedTuple):
-    """A class that a clearance can be made in: its `name`, the `least` and the `greatest` value that is made [m], its
-    `cost` (`None`: that of the greatest value by the variable's cost law), and the ISO 286 `fit` if it is one.
+    """A tolerance class of a clearance: its `name`, the `least` and the `greatest` value that is made [m], its `cost`
+    (`None`: that of the greatest value by the variable's cost law), and the ISO 286 `fit` if it is one.
     """
 
     name: str
@@ -40,12 +40,12 @@ class ToleranceClass(NamedTuple):
 
 
 Candidates = Mapping[str, Sequence[str | ToleranceClass] | Mapping[str, float]]
-"""By variable the classes to choose from: names of fits, fits with their costs, or classes of your own."""
+"""The classes to choose from by variable: names of fits, fits with their costs, or classes of your own."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ChosenClasses:
-    """Which classes a search has chosen, and how good they are.
+    """The classes that a search has chosen, and how good they are.
 
     - `chosen`: the class of each variable that has classes; empty where no combination was found that holds.
     - `cost` of them, and `bound`: what the cheapest combination costs at least, as far as the optima of the continuous
@@ -66,12 +66,12 @@ class ChosenClasses:
 
     @property
     def gap(self) -> float:
-        """By what part of its cost the choice may be dearer than the cheapest one; infinite where none was found."""
+        """The relative gap between the cost and its lower bound; infinite if nothing was chosen."""
         return max(0.0, (self.cost - self.bound) / abs(self.cost)) if self.chosen else np.inf
 
     @property
     def optimality(self) -> str:
-        """How good the choice is, in words."""
+        """A sentence on how good the choice is."""
         least = "By the bounds of the search no combination of classes is cheaper"
         if not np.isfinite(self.gap):
             return "The search has no bound yet, so another combination of classes may be cheaper"
@@ -80,7 +80,7 @@ class ChosenClasses:
 
     @property
     def sentences(self) -> list[str]:
-        """How the search went, and how good the choice is."""
+        """Sentences on the search and on how good the choice is."""
         searched = f"branch and bound: {self.nodes} nodes, {self.solves} solves for {self.combinations} combinations"
         lines = [searched]
         if self.chosen:
@@ -90,16 +90,16 @@ class ChosenClasses:
 
 
 NONE_CHOSEN = ChosenClasses({}, np.nan, -np.inf, np.nan, 0, 0, 0, ())
-"""Of a search that was stopped before its first box."""
+"""The result of a search that was stopped before its first node."""
 
 
 def least_ends(names: Sequence[str], x: np.ndarray, chosen: Mapping[str, ToleranceClass]) -> np.ndarray:
-    """Variables (n,) of these names, of which those with classes are at the least value that is made."""
+    """The variables (n,), those with classes at the least value of their class."""
     return np.array([max(chosen[n].least, SMALLEST) if n in chosen else v for n, v in zip(names, x, strict=True)])
 
 
 def fit_costs(names: Iterable[str], diameter: float, hole: AbstractCost, shaft: AbstractCost) -> dict[str, float]:
-    """What fits cost: the cost of the hole's tolerance by its process, and of the shaft's by its own.
+    """The costs of fits by name: the cost of the hole's tolerance plus that of the shaft's.
 
     **Arguments:** `names` such as "H7/g6"; `diameter`: the nominal one [m]; `hole`, `shaft`: cost laws of the
     tolerance of a diameter [m], each of one process (boring, reaming, grinding), with constants of your shop.
@@ -113,7 +113,7 @@ def fit_costs(names: Iterable[str], diameter: float, hole: AbstractCost, shaft: 
 
 
 def diameters_of(mechanism: Mechanism, names: Iterable[str]) -> dict[str, float]:
-    """By variable the nominal diameter of its joint [m], twice the pin's radius; of radial clearances."""
+    """The nominal diameter [m] of the joint of each radial clearance: twice the pin's radius."""
     known = parameters(mechanism)
     joints = [name.removesuffix(CLEARANCE) for name in names if name.endswith(CLEARANCE)]
     return {j + CLEARANCE: 2 * float(known[j + RADIUS].value) for j in joints if j + RADIUS in known}
@@ -133,16 +133,16 @@ def classes_of(
     sizes = {**diameters_of(specification.mechanism, specification.variables), **(diameters or {})}
     if not candidates:
         raise ClearanceError("`classes` wants at least one variable with classes to choose from.")
-    found = {}
+    classes = {}
     for name, given in candidates.items():
         if name not in specification.variables:
             raise ClearanceError(
                 f"There are classes for `{name}`, which is no variable. " + suggest(name, list(specification.variables))
             )
         costs = given if isinstance(given, Mapping) else {}
-        read = [_class(name, one, costs.get(one), sizes.get(name)) for one in given]
-        found[name] = _within(name, read, specification.variables[name])
-    return {name: found[name] for name in specification.variables if name in found}
+        read = [_class(name, entry, costs.get(entry), sizes.get(name)) for entry in given]
+        classes[name] = _within(name, read, specification.variables[name])
+    return {name: classes[name] for name in specification.variables if name in classes}
 
 
 def _class(variable: str, name: str | ToleranceClass, cost: float | None, diameter: float | None) -> ToleranceClass:
@@ -171,16 +171,16 @@ def _class(variable: str, name: str | ToleranceClass, cost: float | None, diamet
 def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float, float]) -> tuple[ToleranceClass, ...]:
     if not read:
         raise ClearanceError(f"There is no class for `{variable}`. Give at least one, or leave the variable out.")
-    priced = [one.cost is not None for one in read]
+    priced = [entry.cost is not None for entry in read]
     if any(priced) and not all(priced):
         raise ClearanceError(f"Some classes of `{variable}` have a cost and some have none. Give all a cost, or none.")
     low, high = between
     kept: dict[float, ToleranceClass] = {}
-    for one in sorted(read, key=lambda one: (one.greatest, one.cost or 0.0)):
-        if low <= one.greatest <= high:
-            kept.setdefault(one.greatest, one)
+    for entry in sorted(read, key=lambda entry: (entry.greatest, entry.cost or 0.0)):
+        if low <= entry.greatest <= high:
+            kept.setdefault(entry.greatest, entry)
     if not kept:
-        listed = ", ".join(f"{one.name} {format_quantity(one.greatest, 'm')}" for one in read)
+        listed = ", ".join(f"{entry.name} {format_quantity(entry.greatest, 'm')}" for entry in read)
         raise ClearanceError(
             f"No class of `{variable}` has its greatest clearance within the variable's bounds, "
             f"{format_quantity(low, 'm')} to {format_quantity(high, 'm')} ({listed}). Change the one or the other."
@@ -189,28 +189,28 @@ def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float,
 
 
 def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceClass, ...]]) -> Specification:
-    """The same problem, in which a variable whose classes have costs costs what they do, with a curve between them.
+    """The problem with cost curves through the costs of classes, for variables whose classes have costs.
 
-    **Raises:** `ClearanceError` where a variable then has no cost, and where a looser class costs more.
+    **Raises:** `ClearanceError` if a variable has no cost then, or if a looser class costs more.
     """
-    own = dict(zip(specification.variables, specification.costs, strict=False))
-    own |= {name: _curve(listed) for name, listed in classes.items() if listed[0].cost is not None}
+    laws = dict(zip(specification.variables, specification.costs, strict=False))
+    laws |= {name: _curve(listed) for name, listed in classes.items() if listed[0].cost is not None}
     for name in specification.variables:
-        if name not in own:
+        if name not in laws:
             raise ClearanceError(
                 f"Classes are chosen by cost, but `{name}` has none. Give every variable a cost, or its classes costs."
             )
     for name, listed in classes.items():
-        costs = [float(own[name](one.greatest)) for one in listed]
+        costs = [float(laws[name](entry.greatest)) for entry in listed]
         for (tight, less), (loose, more) in itertools.pairwise(zip(listed, costs, strict=True)):
             if more > less * (1 + CHEAPEST):
                 raise ClearanceError(
                     f"The class {loose.name} of `{name}` costs more ({more:g}) than the tighter one {tight.name} "
                     f"({less:g}), but the search wants costs that fall as the clearance grows. Leave {loose.name} out."
                 )
-    return dataclasses.replace(specification, costs=tuple(own[name] for name in specification.variables))
+    return dataclasses.replace(specification, costs=tuple(laws[name] for name in specification.variables))
 
 
 def _curve(listed: Sequence[ToleranceClass]) -> CostTable:
-    x, y = np.array([one.greatest for one in listed]), [one.cost for one in listed]
+    x, y = np.array([entry.greatest for entry in listed]), [entry.cost for entry in listed]
     return CostTable(x, y) if len(x) > 1 else CostTable([0.5 * x[0], x[0]], [y[0], y[0]])

@@ -1,6 +1,6 @@
 """Conditions of a design as a product: each trajectory with each payload at each speed.
 
-A condition is values by name. All conditions of a product set the same names, so that one program solves them together.
+A condition is a set of values by name. All conditions of a product set the same names, so that one program solves all.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ from clearance_jax.parameters import Leaf, parameters, replace
 from clearance_jax.units import time_power
 
 Values = dict[str, Any]
-# Of a payload's effect on its body, what is left of it where the body has no number for it: a part of its size.
+# Relative size of a payload's effect below which its body need not have a number for it.
 ROUNDED = 1e-12
 
 
@@ -48,29 +48,29 @@ class Payload:
             raise ClearanceError(f"The mass of a payload must not be negative, but it is {self.mass} kg.")
 
     def values(self, mechanism: Mechanism) -> Values:
-        """What it makes of its body's numbers, by name. **Raises** `ClearanceError` where they cannot say it."""
+        """The numbers of the body with the payload, by name. **Raises** `ClearanceError` if the body lacks one."""
         names = [body.name for body in mechanism.bodies]
         if self.body not in names:
             raise ClearanceError(f"There is no body `{self.body}` to carry a payload. " + suggest(self.body, names))
         body = mechanism.bodies[names.index(self.body)]
         if body.mass is None:
             raise ClearanceError(f"Body `{body.name}` is a massless link, which no payload can change: give it a mass.")
-        own, place = float(body.mass), _three(body.center_of_mass.vector)
-        mass, given = own + self.mass, _three(self.center_of_mass)
-        centre = (own * place + self.mass * given) / mass
-        about = _tensor(body.inertia) + _steiner(own, place - centre)
+        bare, place = float(body.mass), _three(body.center_of_mass.vector)
+        mass, given = bare + self.mass, _three(self.center_of_mass)
+        centre = (bare * place + self.mass * given) / mass
+        about = _tensor(body.inertia) + _steiner(bare, place - centre)
         about += _tensor(self.inertia) + _steiner(self.mass, given - centre)
-        found = {"mass": mass} | {f"center_of_mass.{x}": c for x, c in zip("xyz", centre, strict=True)}
-        found |= _inertia(body, about)
+        numbers = {"mass": mass} | {f"center_of_mass.{x}": c for x, c in zip("xyz", centre, strict=True)}
+        numbers |= _inertia(body, about)
         known = {name.removeprefix(f"{body.name}.") for name in parameters(body)}
         size = self.mass * float(np.max(np.abs(np.concatenate([given, place, [ROUNDED]]))))
-        for name, value in found.items():
+        for name, value in numbers.items():
             if name not in known and abs(value) > ROUNDED * max(size, 1.0):
                 raise ClearanceError(
                     f"The payload on `{body.name}` changes `{body.name}.{name}`, which this body does not have as a "
                     "number: give the body one (it may be zero)."
                 )
-        return {f"{body.name}.{name}": value for name, value in found.items() if name in known}
+        return {f"{body.name}.{name}": value for name, value in numbers.items() if name in known}
 
 
 def condition_product(
@@ -100,78 +100,78 @@ def condition_product(
     given = {name: _trajectory(name, drives, mechanism) for name, drives in (trajectories or {}).items()}
     loads = {name: payload.values(mechanism) for name, payload in (payloads or {}).items()}
     axes = [list(axis.items()) or [("", {})] for axis in (given, loads, dict(others or {}))]
-    found = {}
+    conditions = {}
     for moved, loaded, other in itertools.product(*axes):
         values = _apart((moved, loaded, other))
         for name, factor in faster.items() or [("", 1.0)]:
-            own = _scaled(mechanism, values, float(factor), name) if faster else {}
-            kept = {n: value for n, value in values.items() if n.rpartition(".")[0] not in own}  # entries are in arrays
-            found[", ".join(n for n in (moved[0], loaded[0], other[0], name) if n) or "as given"] = kept | own
-    return found
+            scaled = _scaled(mechanism, values, float(factor), name) if faster else {}
+            kept = {
+                n: value for n, value in values.items() if n.rpartition(".")[0] not in scaled
+            }  # entries are in arrays
+            conditions[", ".join(n for n in (moved[0], loaded[0], other[0], name) if n) or "as given"] = kept | scaled
+    return conditions
 
 
 def _apart(parts: Sequence[tuple[str, Values]]) -> Values:
-    """All values together, each set once."""
+    """The values of all parts. **Raises** `ClearanceError` for a value that two parts set."""
     values: Values = {}
-    for name, own in parts:
-        for twice in (given for given in own if sets(values, given)):
+    for name, part in parts:
+        for twice in (given for given in part if sets(values, given)):
             raise ClearanceError(f"`{name}` sets `{twice}`, which another part of the same condition sets too.")
-        values |= own
+        values |= part
     return values
 
 
 def _trajectory(name: str, drives: Mapping[str, AbstractMotionLaw], mechanism: Mechanism) -> Values:
     """The numbers of a trajectory's drives, by name."""
     moved = mechanism.with_drives(drives)
-    own, known = parameters(moved), parameters(mechanism)
-    alike = jax.tree.structure(moved) == jax.tree.structure(mechanism) and own.keys() == known.keys()
-    if not alike or any(np.shape(own[n].value) != np.shape(known[n].value) for n in known):
+    numbers, known = parameters(moved), parameters(mechanism)
+    alike = jax.tree.structure(moved) == jax.tree.structure(mechanism) and numbers.keys() == known.keys()
+    if not alike or any(np.shape(numbers[n].value) != np.shape(known[n].value) for n in known):
         raise ClearanceError(
             f"The drives of trajectory `{name}` have another form than the mechanism's: give all trajectories as "
             "drives of the same kinds with as many points, and drive the mechanism by one of them first "
             "(`with_drives`)."
         )
     begins = tuple(f"drive.{coordinate}." for coordinate in drives)
-    return {n: np.asarray(leaf.value, float) for n, leaf in own.items() if n.startswith(begins)}
+    return {n: np.asarray(leaf.value, float) for n, leaf in numbers.items() if n.startswith(begins)}
 
 
 def _scaled(mechanism: Mechanism, values: Values, factor: float, name: str) -> Values:
-    """All that is a course in time, with its values in a condition, so many times as fast."""
+    """The numbers of all courses in time, for a motion `factor` times as fast with the values of a condition."""
     if not (np.isfinite(factor) and factor > 0):
         raise ClearanceError(f"`{name}`: a speed must be a positive number, but it is {factor}.")
     if mechanism.controllers:
         raise ClearanceError("Speeds scale drives, and controllers follow references of their own: set their numbers.")
-    found, once = {}, replace(mechanism, values)
+    scaled, once = {}, replace(mechanism, values)
     for n, leaf in parameters(once).items():
         power = time_power(leaf.unit) if _is_course(leaf) else 0
         if power:
-            found[n] = np.asarray(leaf.value, float) * factor**-power
-    _check_scaled(once, replace(once, found), factor, name)
-    return found
+            scaled[n] = np.asarray(leaf.value, float) * factor**-power
+    _check_scaled(once, replace(once, scaled), factor, name)
+    return scaled
 
 
 def _check_scaled(once: Mechanism, scaled: Mechanism, factor: float, name: str) -> None:
-    """Raise where a course in time is not the same at another speed, as one by an expression of numbers without units
-    is not.
-    """
+    """Raise `ClearanceError` if a course in time changes otherwise than in speed."""
     laws = [[c.motion.drive for c in m.coordinates()] + [w.course for w in m.wrenches] for m in (once, scaled)]
     breaks = np.asarray(drive_breaks(once))
     times = np.array([0.13, 0.37, 0.61, 0.89]) * (np.max(breaks) if breaks.size and np.max(breaks) > 0 else 1.0)
-    for own, other in zip(*laws, strict=True):
-        if own is None or other is None:
+    for law, other in zip(*laws, strict=True):
+        if law is None or other is None:
             continue
         for time in times:
-            before, after = float(own(jnp.asarray(time))[0]), float(other(jnp.asarray(time / factor))[0])
+            before, after = float(law(jnp.asarray(time))[0]), float(other(jnp.asarray(time / factor))[0])
             if not np.isclose(before, after, rtol=1e-9, atol=1e-9 * (1 + abs(before))):
                 raise ClearanceError(
-                    f"`{name}`: a drive of the kind {type(own).__name__} does not say which of its numbers are "
+                    f"`{name}`: a drive of the kind {type(law).__name__} does not say which of its numbers are "
                     "times, so its speed cannot be scaled: set its numbers in a condition of your own, or take another "
                     "drive."
                 )
 
 
 def _is_course(leaf: Leaf) -> bool:
-    """Whether a number says how something goes in time: of a drive, a load's course, or a payload that comes."""
+    """Whether a number belongs to a course in time: of a drive, a load, or a payload that is picked up."""
     return bool({"drive", "course", "picked_up", "put_down"} & set(leaf.path))
 
 
@@ -184,15 +184,15 @@ def _three(vector: Sequence[Any]) -> np.ndarray:
 
 
 def _steiner(mass: float, arm: np.ndarray) -> np.ndarray:
-    """The inertia of a point mass."""
+    """The inertia tensor (3, 3) of a point mass at `arm` [m]."""
     return mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
 
 
 def _tensor(inertia: Any) -> np.ndarray:
-    """A tensor (3, 3); of one number, about z, and of none."""
+    """The inertia tensor (3, 3) of an `Inertia`, of three or six numbers, of one number (about z), or of `None`."""
     if isinstance(inertia, Inertia):
-        own = inertia.symmetric
-        return np.array([[float(own.entry(i, j)) for j in range(3)] for i in range(3)])
+        tensor = inertia.symmetric
+        return np.array([[float(tensor.entry(i, j)) for j in range(3)] for i in range(3)])
     numbers = np.atleast_1d(np.asarray([] if inertia is None else inertia, float))
     if len(numbers) < 2:
         return np.diag([0.0, 0.0, *numbers]) if len(numbers) else np.zeros((3, 3))
@@ -200,7 +200,7 @@ def _tensor(inertia: Any) -> np.ndarray:
 
 
 def _inertia(body: Body, tensor: np.ndarray) -> Values:
-    """A tensor's entries by the names of a body's numbers."""
+    """The entries of a tensor (3, 3) by the names of a body's numbers."""
     if not isinstance(body.inertia, Inertia):
         return {"inertia": float(tensor[2, 2])}
     pairs = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}

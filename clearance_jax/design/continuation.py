@@ -1,5 +1,5 @@
-"""A design by continuation: searched for with smoothed contact laws of smaller and smaller width, and last of all with
-the laws themselves, from the answer of the width before.
+"""Design by continuation: searches with contact laws smoothed over smaller and smaller widths, and at last with the
+laws themselves, each from the design of the one before.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from clearance_jax.mechanism.play import change_each_play
 
 
 def smoothed(mechanism: Mechanism, width: float) -> Mechanism:
-    """The same mechanism with a smooth onset of every normal law over a width [m]."""
+    """The mechanism with a smooth onset of every normal law over a width [m]."""
     return change_each_play(mechanism, lambda play: dataclasses.replace(play, normal=play.normal.smoothed(width)))
 
 
@@ -31,10 +31,10 @@ def continued(
     record: str | Path | None,
     **options: Any,
 ) -> Design:
-    """The best design of the laws themselves, from those of laws that are smoothed over `widths` [m], of which the last
-    is 0; what is left are the arguments of `search`.
+    """The best design of the laws themselves, from designs of laws smoothed over `widths` [m], the last of which is 0.
 
-    Further starts are those of the first width. Every width has a record of its own beside the `record`.
+    Only the first width has further `starts`. Every width has its own record beside the `record`. Other arguments as
+    those of `search`.
 
     **Raises:** `ClearanceError` for widths that do not fall to 0, and for classes.
     """

@@ -1,4 +1,4 @@
-"""What a clearance costs to make: the cost functions of the tolerancing literature, decreasing in the clearance.
+"""Cost functions of a clearance from the tolerancing literature; costs fall as the clearance grows.
 
 Lengths in metres, costs in any currency; so are the constants. Sources: reciprocal (Chase and Greenwood 1988), its
 square (Spotts 1973), a power (Sutherland and Roth 1975), exponential (Speckhart 1972), exponential with reciprocal
@@ -17,7 +17,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import PARAMETER, physical
 
-# The unit of a factor, of which a power of the clearance takes its own away.
+# The unit of a factor: that of the power of the clearance that it is divided by.
 POWER = f"{PARAMETER} to the power"
 
 
@@ -110,4 +110,4 @@ COSTS: dict[str, type[AbstractCost]] = {
     "exponential-reciprocal": ExponentialReciprocal,
     "table": CostTable,
 }
-"""By the words that studies have for them."""
+"""Cost functions by their names in a study."""

@@ -1,22 +1,21 @@
-"""What the drawing of each clearance joint says: nominal diameter, and the deviations of hole and shaft."""
+"""Data for the drawing of each clearance joint: nominal diameter, clearance, fit."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
+from clearance_jax.design.classes import CLEARANCE
 from clearance_jax.design.loads import first_clearance, pin_size
 from clearance_jax.joints.fits import Fit
 
-CLEARANCE = ".radial_clearance"
-
 
 class JointDrawing(NamedTuple):
-    """What a drawing says of a clearance `joint`.
+    """The data for the drawing of a clearance `joint`.
 
-    - `diameter` [m]: the nominal one; `clearance` [m]: the radial one. If it is `designed`, it is the largest that is
-      allowed, and otherwise that of the mechanism.
-    - `fit`: as of `nearest_fits`; `None`: not known. `remark`: where it goes beyond what is allowed by itself.
+    - `diameter`: the nominal one [m]; `clearance`: the radial one [m], the largest allowed if it is `designed`,
+      otherwise that of the mechanism.
+    - `fit`: as of `nearest_fits` (`None`: not known); `remark`: where the fit exceeds the designed clearance or bounds.
     """
 
     joint: str
@@ -30,7 +29,7 @@ class JointDrawing(NamedTuple):
 def joint_drawings(
     design: Design, fits: Mapping[str, Fit], remarks: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[JointDrawing, ...]:
-    """Of every clearance joint of a design, whose fits, and what is to be said of them, are known by variable."""
+    """The drawings of all clearance joints of a design, with fits and remarks by variable."""
     return tuple(
         JointDrawing(
             joint.name,

@@ -1,6 +1,7 @@
-"""Designs as simulations: the limits of a design in scenarios, with derivatives by its variables.
+"""Simulations of a design: its limits in scenarios, with derivatives by its variables.
 
-What is to hold while a joint wears is many motions in a row, block by block: it is asked one by one, here, in threads.
+A limit that must hold while a joint wears needs many motions one after another. Its scenarios are solved in threads of
+this process.
 """
 
 import itertools
@@ -13,11 +14,11 @@ import numpy as np
 
 from clearance_jax.ask.answers import answers, as_lanes
 from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.ask.question import Question, shapes_of
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.worn import own, values_for
+from clearance_jax.design.worn import values_for, without_wear
 from clearance_jax.design.yields import YieldEstimate, estimate_yield, samples_to_judge
 from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -26,14 +27,15 @@ from clearance_jax.solve.batch import cores_here, side_by_side, usual_cores
 from clearance_jax.solve.settings import QUASI_STATIC, Settings
 from clearance_jax.wear import AbstractAged
 
-# Variables up to which derivatives come along with every evaluation.
+# The largest number of variables for which every evaluation has derivatives.
 FEW = 5
 
 
 class Simulations:
-    """Metrics of a mechanism whose numbers `names` are a design's; limits are (value / bound - 1).
+    """The simulations of designs, whose variables are the numbers `names` of a mechanism.
 
-    **Arguments:** `metrics` with their `bounds`; `t1` [s]; `solve`: how; `place`: where, if there are many.
+    **Arguments:** `metrics` with their `bounds`: scaled limits are value / bound - 1; `t1` [s]; `solve`: the settings;
+    `place`: where many simulations are solved.
     """
 
     def __init__(
@@ -44,12 +46,12 @@ class Simulations:
         names: Sequence[str],
         t1: float,
         solve: Settings,
-        place: Place = HERE,
+        place: SolvePlace = HERE,
     ):
         self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
         self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
         self._sizes: dict[int, int] = {}
-        # Those of one motion, which one solve has together.
+        # Metrics of one motion are solved together; those of wear one by one.
         self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
         if self._aged and solve.fidelity == QUASI_STATIC:
             raise ClearanceError(
@@ -59,7 +61,7 @@ class Simulations:
         self._plain = {str(i): metric.base_metric for i, metric in enumerate(self.metrics) if i not in self._aged}
 
     def sizes(self) -> list[int]:
-        """How many numbers each metric is."""
+        """The number of values of each metric."""
         return [self._size(i) for i in range(len(self.metrics))]
 
     def _size(self, i: int) -> int:
@@ -72,10 +74,9 @@ class Simulations:
     def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n).
 
-        A part that wears out early has no numbers there, and one as made whose wear cannot be followed has none either:
-        both have failed.
+        Limits are NaN for a part that wears through, and for a part as made whose wear cannot be simulated.
 
-        **Raises:** `ClearanceError` where the wear of the design itself cannot be followed.
+        **Raises:** `ClearanceError` if the wear of the design itself cannot be simulated.
         """
         values, slopes = self._all(x, scenario, gradient)
         bounds = np.concatenate([np.full(np.size(v), bound) for v, bound in zip(values, self.bounds, strict=True)])
@@ -88,54 +89,52 @@ class Simulations:
     def together(
         self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """`limits` of a design in every scenario, shape (scenarios, m), and derivatives (scenarios, m, n); not a number
-        where there is no motion to the end. Scenarios of one condition must follow each other.
+        """`limits` of a design in every scenario (scenarios, m), and derivatives (scenarios, m, n); NaN if a motion did
+        not reach its end. Scenarios of one condition must be neighbours in the list.
         """
-        # Of an array entries can be named, one by one; of an array of arrays not.
+        # Lanes take entries of arrays by name, but not entries of arrays of higher rank.
         if self._aged or any(np.ndim(value) > 1 for value in scenarios[0].values.values()):
             limits, rows = zip(*self._one_by_one(x, scenarios, gradient), strict=True)
             return np.stack(limits), np.stack(rows) if gradient else None
         # Conditions apart: they may set different names.
-        parts = [list(part) for _, part in itertools.groupby(scenarios, lambda one: one.values.keys())]
-        found = [self._alike(x, part, gradient) for part in parts]
-        limits, rows = zip(*found, strict=True)
+        parts = [list(part) for _, part in itertools.groupby(scenarios, lambda scenario: scenario.values.keys())]
+        limits, rows = zip(*(self._alike(x, part, gradient) for part in parts), strict=True)
         return np.concatenate(limits), np.concatenate(rows) if gradient else None
 
     def _one_by_one(self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool) -> Iterator[tuple]:
-        """`limits` in every scenario, several beside each other. The first compiles for all."""
+        """`limits` in every scenario, in threads. The first one compiles for all."""
         yield self.limits(x, scenarios[0], gradient)
-        # A life is host work between small solves, also where solves are those of a GPU.
+        # Wear is mostly work of the host between small solves, also with a GPU.
         usual = cores_here() if self._aged else usual_cores()
         with ThreadPoolExecutor(min(self.place.cores or usual, side_by_side())) as pool:
             yield from pool.map(lambda scenario: self.limits(x, scenario, gradient), scenarios[1:])
 
     def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
-        """The most violated scaled limit of a design in each scenario, shape (scenarios,); infinite where there is no
-        motion to the end. Few are solved with derivatives (`exact`) if that program is compiled; lives, which take
-        longer than to compile, are not.
+        """The most violated scaled limit of a design in each scenario (scenarios,), infinite if a motion did not reach
+        its end. `exact`: solve few scenarios with derivatives, by a program that is compiled already.
         """
         exact = exact and not self._aged and not as_lanes(len(scenarios), self.place)
-        found = self.together(x, scenarios, exact)[0].max(axis=1)
-        return np.where(np.isfinite(found), found, np.inf)
+        worst = self.together(x, scenarios, exact)[0].max(axis=1)
+        return np.where(np.isfinite(worst), worst, np.inf)
 
     def _question(self, gradient: bool) -> Question:
-        """What one motion is asked."""
+        """The question to one motion."""
         return Question(self.mechanism, self._plain, self.t1, self.solve, self.names if gradient else ())
 
-    def _in_order(self, found: Mapping[str, Any]) -> list:
-        """By the metrics of one motion, in their order; nothing of nothing."""
-        return [np.asarray(found[name]) for name in self._plain] if found else []
+    def _in_order(self, by_metric: Mapping[str, Any]) -> list:
+        """The values by metric of one motion as a list in order; empty if there are none."""
+        return [np.asarray(by_metric[name]) for name in self._plain] if by_metric else []
 
     def _all(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[list, list]:
-        """The metrics' values and, with a gradient, derivatives by the variables as made (else none)."""
+        """The values of all metrics and, with `gradient`, their derivatives by the variables as made."""
         values, slopes = [], []
         if self._plain:
-            # Numbers of wear are no numbers of the mechanism, and move no metric of one motion.
-            given = own(self.mechanism, self.metrics, scenario.values)
+            # Numbers of wear do not belong to the mechanism, and do not affect metrics of one motion.
+            given = without_wear(self.mechanism, self.metrics, scenario.values)
             question = self._question(gradient)
             made = dict(zip(self.names, x * scenario.factors, strict=True))
-            found = answer(question.at(given) if given else question, made)
-            values, slopes = self._in_order(found.values), self._in_order(found.slopes)
+            answered = answer(question.at(given) if given else question, made)
+            values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         for i in self._aged:
             value, slope = self._worn_values(i, x, scenario, self.names if gradient else ())
             values.insert(i, value)
@@ -152,7 +151,7 @@ class Simulations:
         except WearFailure:
             if scenario.designed is None:
                 raise
-            # Is it this part, or the design, of which no part says what is wrong? The design itself does, here.
+            # If the design itself fails too, this raises its error.
             with suppress(WornThrough):
                 self._simulate_wear(i, x, scenario.designed, ())
         count = self._size(i)
@@ -166,14 +165,16 @@ class Simulations:
         return metric.of(self.mechanism, values, self.t1, by, **how)
 
     def _alike(self, x: np.ndarray, scenarios: list[Scenario], gradient: bool):
-        """`together` of scenarios that set the same names, of one motion each."""
+        """`together` for scenarios that set the same names, without metrics of wear."""
         factors = np.stack([scenario.factors for scenario in scenarios])
         numbers = dict(zip(self.names, (x * factors).T, strict=True))
         for name in scenarios[0].values:
             column = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
-            numbers |= {name: column} if column.ndim == 1 else {f"{name}.{i}": one for i, one in enumerate(column.T)}
-        found, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
-        values, slopes = self._in_order(found.values), self._in_order(found.slopes)
+            numbers |= (
+                {name: column} if column.ndim == 1 else {f"{name}.{i}": entry for i, entry in enumerate(column.T)}
+            )
+        answered, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
+        values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         scaled = [v.reshape(count, -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
         rows = [s.reshape(count, -1, len(x)) / bound for s, bound in zip(slopes, self.bounds, strict=gradient)]
         limits = np.concatenate(scaled, axis=1)
@@ -181,9 +182,9 @@ class Simulations:
 
 
 def simulations_of(
-    specification: Specification, rtol: float | None = None, solver: str | None = None, place: Place = HERE
+    specification: Specification, rtol: float | None = None, solver: str | None = None, place: SolvePlace = HERE
 ) -> Simulations:
-    """What designs are simulated by, to the given accuracy, which is also that of what goes from age to age."""
+    """The simulations of a problem's designs, with the given accuracy, also of wear."""
     changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
     finer = 1.0 if rtol is None else specification.rtol / rtol
     metrics = [limit.simulation_metric.finer(finer) for limit in specification.limits]
@@ -204,19 +205,19 @@ def yield_of(
     x: np.ndarray,
     sampled: Sequence[Scenario],
     exact: bool = False,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
 ) -> YieldEstimate:
-    """In how many scenarios, as many of each condition, a design holds all limits; the worst condition's."""
+    """The yield of a design on `sampled` scenarios, the same number in each condition; that of the worst condition."""
     worst = simulations_of(specification, place=place).worst(specification.values(x), sampled, exact)
-    held = worst.reshape(len(specification.conditions), -1) <= 0
-    return min((estimate_yield(row) for row in held), key=lambda y: y.share)
+    holds = worst.reshape(len(specification.conditions), -1) <= 0
+    return min((estimate_yield(row) for row in holds), key=lambda y: y.share)
 
 
 def fresh_yield(
-    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: Place = HERE
+    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: SolvePlace = HERE
 ) -> YieldEstimate:
-    """The yield of a design (its variables, shape (n,)) on fresh samples (default: as many as its target needs); the
-    worst condition's.
+    """The yield of a design (variables (n,)) on fresh samples (default: as many as its target needs), in the worst
+    condition.
     """
     if not specification.manufacture.is_sampled:
         raise ClearanceError("Only a problem with `manufacture=Yield(...)` has a yield.")

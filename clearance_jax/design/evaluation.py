@@ -1,4 +1,4 @@
-"""An evaluated design: its numbers, and whether it holds its limits."""
+"""The record of an evaluated design."""
 
 import math
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance_jax.solve.settings import DYNAMICS
 
-# A limit counts as held if it is violated by no more than this share of its bound: a solver ends on the limit itself.
+# A limit counts as held if it is violated by at most this share of its bound, as solvers end on the limit itself.
 SLACK = 1e-9
 
 
@@ -28,7 +28,7 @@ class Evaluation(NamedTuple):
 
     @property
     def worst(self) -> float:
-        """The most violated limit (minus infinity where there is none); infinite where a value is not a number."""
+        """The most violated limit; minus infinity without limits, infinite if a number is not finite."""
         if not math.isfinite(self.objective) or not np.all(np.isfinite(self.limits)):
             return math.inf
         return float(np.max(self.limits, initial=-math.inf))

@@ -1,4 +1,4 @@
-"""Why an answer is what it is: what each clearance contributes to an error, and what a looser bound would save."""
+"""Explanations of a design: the contribution of each clearance to a limit, and trade-offs between bound and cost."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.ask.place import Place, place_of
+from clearance_jax.ask.place import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.evaluation import SLACK, Evaluation
@@ -38,15 +38,14 @@ class Response(NamedTuple):
     units: dict[str, str]
     slopes: dict[str, float]
     contributions: dict[str, float]
-    """Slope times clearance: what each variable has in the value, to first order."""
 
     @property
     def rest(self) -> float:
-        """What no variable's contribution explains: deformation, inertia, play that is not a variable."""
+        """The value minus all contributions: from deformation, inertia, play that is not a variable."""
         return self.value - sum(self.contributions.values())
 
     def share(self, part: float) -> float:
-        """Of the bound."""
+        """A part of the value over the bound."""
         return part / self.bound
 
     def sensitivity(self, name: str) -> str:
@@ -76,17 +75,17 @@ def responses(design: Design) -> tuple[Response, ...]:
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
     asked, specification = design.specification, design.specification.nominal()
-    if asked.manufacture.among:  # slopes of the dynamics say nothing
+    if asked.manufacture.among:  # slopes of the dynamics are useless
         specification = specification.judged_by(QUASI_STATIC)
     x, simulations = specification.values(design.evaluation.x), simulations_of(specification)
     by = " by quasi-static poses" * bool(asked.manufacture.among)
-    found = [(scenario.title, *simulations.limits(x, scenario, True)) for scenario in scenarios_of(specification)]
+    solved = [(scenario.title, *simulations.limits(x, scenario, True)) for scenario in scenarios_of(specification)]
     ends = np.cumsum([0, *simulations.sizes()])
     out = []
     for i, limit in enumerate(specification.limits):
         # The scenario and the peak in it that come nearest to the bound.
         rows = slice(ends[i], ends[i + 1])
-        title, limits, slopes = max(found, key=lambda f: np.max(f[1][rows]))
+        title, limits, slopes = max(solved, key=lambda f: np.max(f[1][rows]))
         k = ends[i] + int(np.argmax(limits[rows]))
         by_name = dict(zip(specification.variables, (slopes[k] * limit.bound).tolist(), strict=True))
         out.append(
@@ -125,9 +124,9 @@ class Tradeoff(NamedTuple):
         lines = [f"Trade-off of {self.label}:"]
         for bound, objective, at in zip(self.bounds, self.objectives, self.designs, strict=True):
             # The objective of a largest clearance is minus that.
-            found = [f"cost {objective:.6g}"] if objective > 0 else []
-            found += [f"{n} = {format_quantity(x, self.units.get(n, ''), 5)}" for n, x in (at or {}).items()]
-            told = ", ".join(found) or "no design was found"
+            words = [f"cost {objective:.6g}"] if objective > 0 else []
+            words += [f"{n} = {format_quantity(x, self.units.get(n, ''), 5)}" for n, x in (at or {}).items()]
+            told = ", ".join(words) or "no design was found"
             lines.append(f"  bound {format_quantity(float(bound), self.unit, 5)}: {told}")
         return "\n".join(lines)
 
@@ -159,7 +158,7 @@ def tradeoff(
     with place_of(cluster) as place:
         program = _traded(design, limit, factors, progress, place)
     ends = [_best(program, limit, factor) for factor in factors]
-    asked = {own.title: own for own in design.specification.limits}.get(limit)
+    asked = {wanted.title: wanted for wanted in design.specification.limits}.get(limit)
     bound, unit, label = (1.0, "", limit) if asked is None else (asked.bound, asked.metric.unit, asked.label)
     return Tradeoff(
         limit,
@@ -174,38 +173,38 @@ def tradeoff(
 
 
 def _traded(
-    design: Design, limit: str, factors: Sequence[float], progress: Callable[[str], None] | None, place: Place
+    design: Design, limit: str, factors: Sequence[float], progress: Callable[[str], None] | None, place: SolvePlace
 ) -> Program:
-    """The problem of a design with every point that its bounds were searched by."""
-    said = ""
+    """The program of a design with all points of the searches for the bounds."""
+    words = ""
 
     def tell(_: Evaluation) -> None:
         if progress is not None:
-            progress(f"{said}, {program.solves} designs")
+            progress(f"{words}, {program.solves} designs")
 
-    # What the record holds need not be known twice.
+    # Points of the record are read from it.
     known = {"record": design.program.record} if design.program.record else {"known": design.program.points}
     program = formulate(design.specification, place=place, progress=tell, **known)
-    # From the bound before and not from the best point that is known: read back from a record, a search takes the same
-    # way again, and solves nothing.
+    # Start from the answer of the bound before, not from the best known point: so a search that is repeated with a
+    # record takes the same way, and solves nothing.
     answers = {1.0: design.evaluation.x}
     outwards = sorted({f for f in factors if f != 1.0}, key=lambda f: abs(math.log(f)))
     for i, factor in enumerate(outwards):
-        said = f"trade-off, bound {i + 1} of {len(outwards)} ({factor:g} times)"
+        words = f"trade-off, bound {i + 1} of {len(outwards)} ({factor:g} times)"
         if progress is not None:
-            progress(said)
+            progress(words)
         moved = program.with_bound(limit, factor)
         nearest = min(answers, key=lambda f: abs(math.log(f / factor)))
         if run(moved, design.method, answers[nearest]) == INTERRUPTED:
             raise KeyboardInterrupt
-        held = [point for point in moved.asked if point.feasible]
-        if held:
-            answers[factor] = min(held, key=lambda point: point.objective).x
+        feasible = [point for point in moved.asked if point.feasible]
+        if feasible:
+            answers[factor] = min(feasible, key=lambda point: point.objective).x
     return program
 
 
 def _best(program: Program, limit: str, factor: float) -> Evaluation | None:
-    """Of all that was evaluated, for whichever bound."""
+    """The best of all evaluated points that hold the limit with this factor on its bound."""
     moved = np.where([group == limit for group in program.groups], factor, 1.0)
-    held = [p for p in program.history if np.all((1 + p.limits) / moved - 1 <= SLACK)]
-    return min(held, key=lambda p: p.objective, default=None)
+    feasible = [p for p in program.history if np.all((1 + p.limits) / moved - 1 <= SLACK)]
+    return min(feasible, key=lambda p: p.objective, default=None)

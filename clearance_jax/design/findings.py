@@ -1,4 +1,4 @@
-"""All that can be said of a design, for a report."""
+"""The findings about a design, for a report: limits, loads, pictures, contributions, fits, maintenance."""
 
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,7 +29,7 @@ from clearance_jax.solve.settings import QUASI_STATIC
 CUT_SHORT = "Interrupted before every statement was made."
 NO_CLASSES = "No classes were chosen, so there is nothing to explain or to verify."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
-# Parts that are tried with standard fits where each is a life and no yield is asked for: 86 % can be proved.
+# Samples for standard fits if each needs a wear simulation and no yield is asked for; they can prove 86 %.
 LIVED = 20
 OF_DYNAMICS = "Loads and pictures are those of the dynamics; the limits are judged by quasi-static poses."
 NO_TRADE = "There is no trade-off where a design is judged among neighbours, or chosen from classes."
@@ -64,25 +64,25 @@ class Findings(NamedTuple):
 
     @property
     def good(self) -> bool:
-        """Whether the limits are held, by as many parts as were asked for, for all that is known."""
+        """Whether the design is feasible, and its certificate, if there is one, confirms limits and yield."""
         proof = self.certificate
         return self.design.feasible and (proof is None or (proof.holds and proof.yields))
 
     @property
     def outline(self) -> Outline | None:
-        """How the mechanism is drawn, in the first condition."""
+        """The outline of the mechanism, in the first condition."""
         return next((outline(motion) for motion in self.motions.values()), None)
 
     @property
     def worst(self) -> dict[str, str]:
-        """By joint the condition in which its force is largest, first falls left out."""
+        """The condition of the largest force by joint, without first falls."""
         rising = sorted(self.loads, key=lambda load: load.largest if load.after is None else load.after)
-        found = {load.joint: load.condition for load in rising}
-        return {load.joint: found[load.joint] for load in self.loads}
+        conditions = {load.joint: load.condition for load in rising}
+        return {load.joint: conditions[load.joint] for load in self.loads}
 
     @property
     def verdict(self) -> str:
-        """Whether the limits are held, and who says so."""
+        """A sentence on whether the limits are held, and by which evidence."""
         design = self.design
         if not design.feasible:
             return f"No feasible design: {design.lack}."
@@ -90,12 +90,12 @@ class Findings(NamedTuple):
             return "Every limit is held. Not verified by another solver."
         if self.certificate.holds and not self.certificate.yields:
             return f"The yield is below its target, {self.certificate.target:.4%}. {self.certificate.yield_estimate}"
-        held = "are held" if self.certificate.holds else "are NOT held"
-        return f"The limits {held} in a fresh simulation by another solver ({self.certificate.solver})."
+        verb = "are held" if self.certificate.holds else "are NOT held"
+        return f"The limits {verb} in a fresh simulation by another solver ({self.certificate.solver})."
 
 
 def known_findings(design: Design, certificate: Certificate | None = None) -> Findings:
-    """What can be said of a `design`, and its `certificate` if there is one, without another solve."""
+    """The findings about a `design` and its `certificate`, if there is one, that need no solve."""
     doubt = design.specification.manufacture.doubt
     lack = () if design.feasible else (NO_CLASSES if design.evaluation.feasible else INFEASIBLE,)
     software = f"clearance_jax {__version__}, jax {version('jax')}, Python {platform.python_version()}"
@@ -116,7 +116,7 @@ def findings(
     cluster: Any = None,
     trade: Mapping[str, Any] | None = None,
 ) -> Findings:
-    """Limits, loads, pictures, contributions and nearest fits of a design, as far as its problem has them.
+    """All findings about a design that its problem allows: limits, loads, pictures, contributions, nearest fits.
 
     **Arguments:** `design`: the answer of a problem; `certificate`: of `design.verify()`, if there is one; `progress`:
     called with what comes next, in words; `cluster`: as of `ToleranceProblem.solve`, for the samples of fits and a
@@ -125,60 +125,59 @@ def findings(
 
     If you interrupt it, it returns what it has found until then, with the note `CUT_SHORT`.
     """
-    found = known_findings(design, certificate)
-    return _go_on(found, _steps(design, cluster), progress, trade, cluster)
+    return _go_on(known_findings(design, certificate), _steps(design, cluster), progress, trade, cluster)
 
 
 def with_tradeoff(
-    found: Findings,
+    findings: Findings,
     progress: Callable[[str], None] | None = None,
     cluster: Any = None,
     trade: Mapping[str, Any] | None = None,
 ) -> Findings:
-    """The same findings and a trade-off, if one is asked for; arguments as of `findings`."""
-    return _go_on(found, (), progress, trade, cluster)
+    """The findings with a trade-off, if `trade` is given; arguments as those of the function `findings`."""
+    return _go_on(findings, (), progress, trade, cluster)
 
 
 def _go_on(
-    found: Findings,
+    findings: Findings,
     steps: Iterable[tuple[str, Callable[[Findings], Findings]]],
     progress: Callable[[str], None] | None,
     trade: Mapping[str, Any] | None,
     cluster: Any,
 ) -> Findings:
-    """Step by step, last the trade-off; what there is by then, if it is interrupted."""
+    """Apply the steps to the findings, and then the trade-off; an interruption keeps the findings so far."""
     try:
         for name, step in steps:
             if progress is not None:
                 progress(name)
-            found = step(found)
-        if trade is not None and found.design.feasible:
-            found = _trade(found, trade, progress, cluster)
+            findings = step(findings)
+        if trade is not None and findings.design.feasible:
+            findings = _trade(findings, trade, progress, cluster)
     except KeyboardInterrupt:
-        found = _note(found, CUT_SHORT)
-    return found
+        findings = _note(findings, CUT_SHORT)
+    return findings
 
 
 def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
     yield "loads and pictures", _see
     if design.feasible:
-        yield "contributions", _explain
-        yield "standard fits", lambda found: _fit(found, cluster)
+        yield "contributions", _step("responses", responses)
+        yield "standard fits", lambda findings: _fit(findings, cluster)
         if any(limit.ages for limit in design.specification.limits):
-            yield "maintenance intervals", _maintain
+            yield "maintenance intervals", _step("maintenance", maintenances)
 
 
-def _note(found: Findings, note: str) -> Findings:
-    return found._replace(notes=(*found.notes, note))
+def _note(findings: Findings, note: str) -> Findings:
+    return findings._replace(notes=(*findings.notes, note))
 
 
-def _see(found: Findings) -> Findings:
-    """With what the mechanism does at the design."""
-    design = found.design
+def _see(findings: Findings) -> Findings:
+    """Add standings, time histories, loads and motions of the design."""
+    design = findings.design
     specification = design.specification
     parts, times = specification.nominal(), sample_times(specification)
     if specification.fidelity == QUASI_STATIC:
-        found = _note(found, OF_DYNAMICS)
+        findings = _note(findings, OF_DYNAMICS)
     seen: dict[str, Observed] = {}
     loads: list[JointLoad] = []
     motions: dict[str, xr.Dataset] = {}
@@ -195,7 +194,7 @@ def _see(found: Findings) -> Findings:
     def look(scenario: Scenario) -> Observed | None:
         return observe(specification, design.evaluation.x, scenario)
 
-    return found._replace(
+    return findings._replace(
         standings=standings(design, look),
         time_histories=histories_of(specification, times, {name: now.signals for name, now in seen.items()}),
         loads=tuple(loads),
@@ -203,38 +202,36 @@ def _see(found: Findings) -> Findings:
     )
 
 
-def _explain(found: Findings) -> Findings:
-    try:
-        return found._replace(responses=responses(found.design))
-    except ClearanceError as error:
-        return _note(found, str(error))
+def _step(field: str, compute: Callable[[Design], Any]) -> Callable[[Findings], Findings]:
+    """The step that sets a field by a function of the design, or notes why that is not possible."""
 
+    def step(findings: Findings) -> Findings:
+        try:
+            return findings._replace(**{field: compute(findings.design)})
+        except ClearanceError as error:
+            return _note(findings, str(error))
 
-def _maintain(found: Findings) -> Findings:
-    try:
-        return found._replace(maintenance=maintenances(found.design))
-    except ClearanceError as error:
-        return _note(found, str(error))
+    return step
 
 
 def _trade(
-    found: Findings, options: Mapping[str, Any], progress: Callable[[str], None] | None, cluster: Any
+    findings: Findings, options: Mapping[str, Any], progress: Callable[[str], None] | None, cluster: Any
 ) -> Findings:
-    if found.design.specification.manufacture.among or found.design.classes is not None:
-        return _note(found, NO_TRADE)
-    return found._replace(tradeoff=tradeoff(found.design, **options, progress=progress, cluster=cluster))
+    if findings.design.specification.manufacture.among or findings.design.classes is not None:
+        return _note(findings, NO_TRADE)
+    return findings._replace(tradeoff=tradeoff(findings.design, **options, progress=progress, cluster=cluster))
 
 
-def _fit(found: Findings, cluster: Any) -> Findings:
-    asked, samples = found.design.specification, None
+def _fit(findings: Findings, cluster: Any) -> Findings:
+    asked, samples = findings.design.specification, None
     if any(limit.ages for limit in asked.limits):
         target = getattr(asked.manufacture, "target", None)
         samples = LIVED if target is None else samples_needed(target)
-    choose = nearest_fits if found.design.classes is None else chosen_fits
+    choose = nearest_fits if findings.design.classes is None else chosen_fits
     try:
-        fits = choose(found.design, samples=samples, cluster=cluster)
+        fits = choose(findings.design, samples=samples, cluster=cluster)
     except ClearanceError as error:
-        return _note(found, str(error))
+        return _note(findings, str(error))
     if fits is None:
-        return _note(found, NO_FITS)
-    return found._replace(fits=fits, drawings=joint_drawings(found.design, fits.fits, fits.remarks))
+        return _note(findings, NO_FITS)
+    return findings._replace(fits=fits, drawings=joint_drawings(findings.design, fits.fits, fits.remarks))

@@ -1,4 +1,4 @@
-"""From what is asked to a program of numbers: objective, scaled limits and their derivatives at a point."""
+"""Build the program of a specification: objective, scaled limits and their derivatives at a point."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import AsDesigned
@@ -20,7 +20,7 @@ from clearance_jax.runs.identity import numbers, short, versions
 from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.settings import QUASI_STATIC
 
-# By which share of their bounds limits stay inside, over the tolerance of the solves: about what two solvers differ by.
+# The distance of active limits to their bounds, over the tolerance of the solves: about what two solvers differ by.
 RESOLVED = 0.3
 
 
@@ -28,10 +28,10 @@ def formulate(
     specification: Specification,
     rtol: float | None = None,
     solver: str | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     **options: Any,
 ) -> Program:
-    """The `specification` as a program of numbers, solved with the accuracy `rtol` by a `solver` (by default its own).
+    """The program of a `specification`, solved with the accuracy `rtol` by a `solver` (by default its own).
 
     **Arguments:** `place`: where many simulations are solved; `options`: as `Program`'s. With `fidelity="auto"` it has
     the problem of quasi-static poses beside it, in the same record.
@@ -46,7 +46,7 @@ def formulate(
 
 
 def unposed(specification: Specification) -> str:
-    """Why quasi-static poses cannot judge designs, in words; empty where they can."""
+    """Why quasi-static poses cannot judge designs, in words; empty if they can."""
     try:
         simulations_of(_posed(specification)).sizes()
     except ClearanceError as error:
@@ -55,7 +55,7 @@ def unposed(specification: Specification) -> str:
 
 
 def _posed(specification: Specification) -> Specification:
-    """As quasi-static poses judge it. They have no neighbours that differ."""
+    """The problem by quasi-static poses, which need no neighbours."""
     plain = specification.nominal() if specification.manufacture.among else specification
     return plain.judged_by(QUASI_STATIC)
 
@@ -65,8 +65,7 @@ def _program(specification: Specification, simulations: Simulations, **options: 
     titles, groups = _titles(specification, simulations, scenarios)
 
     def evaluate(x, gradient):
-        # To do without derivatives is another program to compile, which for a few variables takes longer than it can
-        # save.
+        # For few variables another program without derivatives costs more to compile than it saves.
         gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
         return _evaluate(specification, x, gradient, scenarios, simulations)
 
@@ -95,7 +94,7 @@ def _program(specification: Specification, simulations: Simulations, **options: 
 
 
 def _leaders(specification: Specification, simulations: Simulations, count: int) -> np.ndarray:
-    """Of every limit the place of the highest peak of its motion: the lower ones are others in another model."""
+    """For every limit the index of the highest peak of its motion, as lower peaks do not correspond between models."""
     if specification.manufacture.title:
         return np.arange(count)
     sizes = simulations.sizes()
@@ -107,32 +106,32 @@ def _leaders(specification: Specification, simulations: Simulations, count: int)
 def _titles(
     specification: Specification, simulations: Simulations, scenarios: Sequence[Scenario]
 ) -> tuple[list[str], list[str]]:
-    """Of every limit of the program its title, and the designer's limit that it belongs to."""
+    """The title of every limit of the program, and that of the designer's limit that it belongs to."""
     if of_all := specification.manufacture.title:
         titles = [of_all + specification.suffix(condition) for condition in specification.conditions]
         return titles, titles
     if of_each := specification.manufacture.among:  # one number for all parts of a condition
-        scenarios = [one._replace(title=one.title + of_each) for one in scenarios if one.designed is None]
+        scenarios = [s._replace(title=s.title + of_each) for s in scenarios if s.designed is None]
     pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
     titles = [label + scenario.title for scenario in scenarios for limit, size in pairs for label in limit.labels(size)]
     return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
 
 
 def _identity(specification: Specification, simulations: Simulations) -> dict[str, Any]:
-    """What another problem does not have, by names."""
-    found = versions() | numbers(specification.mechanism)
+    """The description of the problem, by names, which tells it from others."""
+    described = versions() | numbers(specification.mechanism)
     limits = zip(specification.limits, simulations.metrics, simulations.bounds, strict=True)
     for limit, metric, bound in limits:
-        found |= numbers(metric, f" (limit {limit.title})") | {f"bound ({limit.title})": float(bound)}
+        described |= numbers(metric, f" (limit {limit.title})") | {f"bound ({limit.title})": float(bound)}
     for name, cost in zip(specification.variables, specification.costs, strict=False):
-        found |= numbers(cost, f" (cost of {name})")
-    found |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
-    found |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
+        described |= numbers(cost, f" (cost of {name})")
+    described |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
+    described |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
     asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
     if specification.manufacture.among:  # what a search makes of a problem
         asked["manufacture"] = AsDesigned()
     solving = simulations.solve._asdict() | {"fidelity": specification.fidelity}
-    return found | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
+    return described | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
 
 
 def _evaluate(
@@ -145,7 +144,7 @@ def _evaluate(
 def _evaluate_points(
     specification: Specification, points: Sequence[np.ndarray], scenarios: Sequence[Scenario], simulations: Simulations
 ) -> list[Evaluation]:
-    """Several points, all of their simulations together."""
+    """Evaluate several points, with all of their simulations in one batch."""
     first = specification.values(points[0])
     factors = [specification.values(x) / first for x in points]
     every = [s._replace(factors=s.factors * factor) for s in scenarios for factor in factors]
@@ -155,7 +154,7 @@ def _evaluate_points(
 
 
 def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray | None) -> Evaluation:
-    """The point at `x` from its scaled limits in every scenario (scenarios, m), and their slopes (scenarios, m, n)."""
+    """The evaluation at `x` from scaled limits in every scenario (scenarios, m) and slopes (scenarios, m, n)."""
     clearances, gradient = specification.values(x), jacobian is not None
     count = len(specification.conditions)
     slopes = [None] * count if jacobian is None else np.split(jacobian, count)

@@ -1,7 +1,7 @@
-"""Tables of motions in the conditions of a design: what holds after the end of a table.
+"""Splines of the conditions of a design: they hold their last value after the end of their tables.
 
-A `Spline` goes on with its last cubic after its table. In a condition that is faster than others its table ends before
-the motion does: there it comes to rest at the end of its table, and stays at its last value.
+A `Spline` continues with its last cubic after its table. In a faster condition the table ends before the motion does;
+there the spline must end at rest and then keeps its last value.
 """
 
 import dataclasses
@@ -18,48 +18,46 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import HeldSpline, Spline
 from clearance_jax.parameters import follow, leaves
 
-# A motion ends at rest if its speed at the end is at most this part of its largest one. Of few rows a cubic says so
-# only roughly: a quintic from rest to rest over n intervals seems to end at about 30 / n^3 of its largest speed.
+# A motion ends at rest if its speed at the end is at most this part of its largest one. With few rows a cubic shows
+# that only roughly: a quintic from rest to rest over n intervals ends at about 30 / n^3 of its largest speed.
 REST, ROUGH, MOST = 0.01, 50.0, 0.25
-# What is no motion at all: a change of a coordinate, relative to its size or to 1 rad or 1 m.
+# A change of a coordinate that is no motion, relative to its size or to 1 rad or 1 m.
 STILL = 1e-9
 
 
 class Course(NamedTuple):
-    """A spline of a mechanism: what its numbers' names begin with ("drive.crank."), and the path to it."""
+    """A spline of a mechanism: the prefix of its numbers' names ("drive.crank."), and the path to it."""
 
     begin: str
     path: tuple[str, ...]
 
 
 def with_held_ends(specification: Specification) -> Specification:
-    """The same problem, whose splines keep their last values after their tables.
+    """The problem with splines that keep their last values after their tables, if a table ends before the motion.
 
-    Nothing changes where every table covers the motion in every condition.
-
-    **Raises:** `ClearanceError` where a table begins after the motion does, or ends before it, and not at rest.
+    **Raises:** `ClearanceError` if a table begins after the motion, or ends before it and not at rest.
     """
     t0, t1 = specification.t0, specification.t1
     courses = _courses(specification.mechanism)
     moved = {n: specification.move(specification.mechanism, values) for n, values in specification.conditions.items()}
     speeds: dict[str, dict[str, float]] = {}
     for course in courses:
-        found = {}
+        ends = {}
         for name, mechanism in moved.items():
             try:
-                found[name] = _end_speed(follow(mechanism, course.path), course.begin[:-1], t0, t1)
+                ends[name] = _end_speed(follow(mechanism, course.path), course.begin[:-1], t0, t1)
             except ClearanceError as error:
                 raise ClearanceError(f"In `{name}`: {error}") from None
-        if any(rests for _, rests in found.values()):
-            speeds[course.begin] = {name: speed for name, (speed, _) in found.items()}
+        if any(rests for _, rests in ends.values()):
+            speeds[course.begin] = {name: speed for name, (speed, _) in ends.items()}
     if not speeds:
         return specification
     mechanism = specification.mechanism
-    for course in (one for one in courses if one.begin in speeds):
-        # What any condition without an entry of its own has; all of them have one.
-        mechanism = _held(mechanism, course, next(iter(speeds[course.begin].values())))
+    for course in courses:
+        if course.begin in speeds:  # any of the speeds: every condition sets its own
+            mechanism = _held(mechanism, course, next(iter(speeds[course.begin].values())))
     conditions = {
-        name: {**values, **{f"{begin}end_speed": own[name] for begin, own in speeds.items()}}
+        name: {**values, **{f"{begin}end_speed": by_condition[name] for begin, by_condition in speeds.items()}}
         for name, values in specification.conditions.items()
     }
     return dataclasses.replace(specification, mechanism=mechanism, conditions=conditions)
@@ -72,12 +70,11 @@ def _courses(mechanism: Mechanism) -> list[Course]:
 
 
 def _held(mechanism: Mechanism, course: Course, speed: float) -> Mechanism:
-    held = HeldSpline(follow(mechanism, course.path), speed)
-    return eqx.tree_at(lambda m: follow(m, course.path), mechanism, held)
+    return eqx.tree_at(lambda m: follow(m, course.path), mechanism, HeldSpline(follow(mechanism, course.path), speed))
 
 
 def _end_speed(spline: Spline, name: str, t0: float, t1: float) -> tuple[float, bool]:
-    """The speed at the end of a table, and whether it rests from there on, as the motion goes further."""
+    """The speed at the end of a table, and whether the spline must rest there as the motion goes further."""
     times, values = np.asarray(spline.times), np.asarray(spline.values)
     hair = 1e-9 * (times[-1] - times[0])
     if t0 < times[0] - hair:

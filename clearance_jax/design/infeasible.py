@@ -1,4 +1,4 @@
-"""Why a search has found no design that holds every limit, in words, and what would help."""
+"""Explanations of why a search has found no feasible design, and what would help."""
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from clearance_jax.solve.simulate import simulate
 
 
 def why_infeasible(specification: Specification, program: Program) -> str:
-    """Why no design of a search that has ended holds every limit.
+    """Why no design of a finished search holds every limit, in words.
 
-    It asks the smallest clearances, by quasi-static poses too, so it may evaluate one more design.
+    It evaluates the smallest clearances, also by quasi-static poses.
     """
     finite = [point for point in program.history if np.isfinite(point.worst)]
     if not finite:
@@ -31,42 +31,42 @@ def why_infeasible(specification: Specification, program: Program) -> str:
             "each limit holds at some design that was evaluated, but no design holds all of them: they contradict each "
             f"other. Loosen one of {', '.join(f'`{title}`' for title in least)}, or let the variables go further"
         )
-    title = max(never, key=lambda one: least[one])
-    said = _carried(specification, program, title) or _posed(specification, program, title)
-    return said or _seen(program, finite, title, least[title])
+    title = max(never, key=lambda title: least[title])
+    reason = _carried(specification, program, title) or _posed(specification, program, title)
+    return reason or _seen(program, finite, title, least[title])
 
 
 def _least(program: Program, points: list[Evaluation]) -> dict[str, float]:
-    """The least violation of each of the designer's limits at any point."""
+    """The least violation of each of the designer's limits over all points."""
     groups = np.array(program.groups)
     return {title: min(float(p.limits[groups == title].max()) for p in points) for title in dict.fromkeys(groups)}
 
 
 def _no_motion(specification: Specification, program: Program) -> str:
-    """Why there are no numbers: what the solve of the last design says."""
-    said = f"none of {program.solves} designs that were tried has a motion to its end"
+    """Why no motion reached its end: the message of the solve of the last design."""
+    failure = f"none of {program.solves} designs that were tried has a motion to its end"
     if not program.history:
-        return said
+        return failure
     values, nominal = specification.clearances(program.history[-1].x), specification.nominal()
     for scenario in scenarios_of(nominal):
         why = _ending(nominal, replace(nominal.move(nominal.mechanism, scenario.values), values))
         if why:
-            return f"{said}. At the last one{scenario.title} {why}"
-    return said
+            return f"{failure}. At the last one{scenario.title} {why}"
+    return failure
 
 
 def _ending(specification: Specification, mechanism: Mechanism) -> str:
-    """Why a motion has no end, in words; empty where it has one."""
+    """Why a motion does not reach its end, in words; empty if it does."""
     try:
-        found = simulate(mechanism, specification.t1, throw=False, **specification.solving)
+        solution = simulate(mechanism, specification.t1, throw=False, **specification.solving)
     except ClearanceError as error:
         return f"a solve says: {error}"
-    return "" if bool(found.succeeded) else found.message
+    return "" if bool(solution.succeeded) else solution.message
 
 
 def _carried(specification: Specification, program: Program, title: str) -> str:
-    """What the ideal mechanism says of a limit on a force or an acceleration, at the smallest clearances."""
-    limit = next((one for one in specification.limits if one.title == title), None)
+    """Whether the ideal mechanism already exceeds a limit on a force or an acceleration, in words; else empty."""
+    limit = next((limit for limit in specification.limits if limit.title == title), None)
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
     plain = all(name.endswith(CLEARANCE) for name in specification.variables) and not specification.manufacture.title
     if not isinstance(signal, CARRIED) or not plain:
@@ -76,16 +76,15 @@ def _carried(specification: Specification, program: Program, title: str) -> str:
 
 
 def _posed(specification: Specification, program: Program, title: str) -> str:
-    """What poses say of the smallest clearances, if the limit is an error of a point that they can give."""
-    limit = next((one for one in specification.limits if one.title == title), None)
+    """What quasi-static poses say of an error of a point at the smallest clearances, in words; else empty."""
+    limit = next((limit for limit in specification.limits if limit.title == title), None)
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
     if not isinstance(signal, PositionError) or specification.solving.get("fidelity") != DYNAMICS:
         return ""
-    nominal = specification.nominal()
-    names = specification.variables
-    if not all(name.endswith(CLEARANCE) for name in names) or specification.manufacture.title or unposed(nominal):
+    manufacture, names = specification.manufacture, specification.variables
+    if manufacture.title or manufacture.among or not all(name.endswith(CLEARANCE) for name in names):
         return ""
-    if specification.manufacture.among:
+    if unposed(specification.nominal()):
         return ""
     cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
     posed, solved = cheap.at(program.lower, True), program.at(program.lower, True)
@@ -106,43 +105,43 @@ def _posed(specification: Specification, program: Program, title: str) -> str:
 
 
 def _singular(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
-    """Why there are no poses at the smallest clearances, although the dynamics have a motion."""
-    said = f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.4g} times its bound"
+    """Why there are no quasi-static poses at the smallest clearances, although the dynamics reach the end."""
+    excess = f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.4g} times its bound"
     posed = specification.nominal().judged_by(QUASI_STATIC)
     values = specification.clearances(solved.x)
     for scenario in scenarios_of(posed):
         why = _ending(posed, replace(posed.move(posed.mechanism, scenario.values), values))
         if why:
             return (
-                f"{said}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a "
+                f"{excess}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a "
                 "dead centre, a stretched arm) any play makes large errors: keep the motion away from it, or loosen "
                 "the bound"
             )
-    return said
+    return excess
 
 
 def _seen(program: Program, points: list[Evaluation], title: str, least: float) -> str:
-    """What the evaluated designs say of a limit that none of them holds."""
+    """What the evaluated designs say of a limit that none of them holds, in words."""
     rows = np.flatnonzero(np.array(program.groups) == title)
-    said = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
+    excess = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
     near = min(points, key=lambda p: float(p.limits[rows].max()))
     parts = _by_values(points, rows)
     if parts is None and near.jacobian is not None:
         parts = near.jacobian[int(rows[np.argmax(near.limits[rows])])] * near.x
     if parts is None:
-        return f"{said}. Loosen it, or widen the bounds of the variables"
+        return f"{excess}. Loosen it, or widen the bounds of the variables"
     if np.abs(parts) @ np.log(program.upper / program.lower) < np.log(1 + least):
-        return f"{said}, and by what they change no variables will: loads, drives or other numbers decide it"
+        return f"{excess}, and by what they change no variables will: loads, drives or other numbers decide it"
     i = int(np.argmax(np.abs(parts)))
     way = "smaller" if parts[i] > 0 else "larger"
-    return f"{said}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"
+    return f"{excess}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"
 
 
 def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
-    """The exponents of a limit as a product of powers of the variables, fitted to values; nothing where the points are
-    too few. Slopes may be those of a chaotic motion.
+    """The exponents of a limit as a product of powers of the variables, fitted to values, as slopes may be those of a
+    chaotic motion; `None` if there are too few points.
     """
     logs = np.log([p.x for p in points])
     values = np.log([max(1 + float(p.limits[rows].max()), 1e-300) for p in points])
-    found, _, rank, _ = np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=1e-6)
-    return found if rank == logs.shape[1] and len(points) > rank + 1 else None
+    exponents, _, rank, _ = np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=1e-6)
+    return exponents if rank == logs.shape[1] and len(points) > rank + 1 else None

@@ -1,4 +1,4 @@
-"""What each clearance joint bears at a design: what its bearing is chosen by."""
+"""Loads of each clearance joint of a design, for the choice of its bearing."""
 
 from typing import Any, NamedTuple
 
@@ -41,20 +41,22 @@ class JointLoad(NamedTuple):
 
     @property
     def largest_pressure(self) -> float | None:
-        """Of the largest force on the pin's projected area, F / (d L) [Pa]."""
+        """The pressure of the largest force on the pin's projected area, F / (d L) [Pa]."""
         return None if self.length is None else self.largest / (self.diameter * self.length)
 
     @property
     def mean_pressure(self) -> float | None:
-        """Of the mean force on the pin's projected area [Pa]."""
+        """The pressure of the mean force on the pin's projected area [Pa]."""
         return None if self.length is None else self.mean / (self.diameter * self.length)
 
 
 def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: Observed) -> tuple[JointLoad, ...]:
-    """Of every clearance joint of the mechanism that was observed, at sample `times` [s] as to its components."""
-    found = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
+    """The load of every clearance joint from an observed motion; components of forces are those at the nearest of the
+    sample `times` [s].
+    """
+    rows = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
     out = []
-    for joint, force, over, work, impacts in found:
+    for joint, force, over, work, impacts in rows:
         turned, k = _of_fall(force, float(over)), int(np.argmin(np.abs(times - float(force.times[0]))))
         if not mechanism.is_plane:
             exerted, moment = seen.wrenches[joint.name]
@@ -77,8 +79,8 @@ def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: O
 
 
 def _of_fall(force: Instants, over: float) -> dict[str, Any]:
-    """Whether the largest of a joint's forces belongs to its pin's first fall, which is over at a time [s]; and the
-    largest one after it.
+    """The fields of `JointLoad` about the first fall of a pin, which is over at time `over` [s]; empty if the largest
+    force comes later.
     """
     if force.times[0] > over:
         return {}
@@ -88,11 +90,11 @@ def _of_fall(force: Instants, over: float) -> dict[str, Any]:
 
 
 def first_clearance(joint: ClearanceJoint) -> float:
-    """How far the pin may move across its sleeve: the radial clearance, or a guide's to either side [m]."""
+    """The radial clearance of a joint, or the clearance of a guide to either side [m]."""
     return float(joint.joint.play()[0].scale)
 
 
 def pin_size(joint: ClearanceJoint) -> tuple[float, float | None]:
-    """Diameter of the pin, and length of the contact where it is known [m]."""
+    """Diameter of the pin and length of the contact [m]; `None`: not known."""
     geometry = joint.clearance.geometry()
     return 2 * float(geometry.pin_radius), None if geometry.length is None else float(geometry.length)

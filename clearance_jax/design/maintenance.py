@@ -1,4 +1,4 @@
-"""How long a design lasts: the cycles that its limits hold while a joint wears, against its clearances."""
+"""Maintenance intervals: the cycles for which limits hold while a joint wears, as a function of the clearances."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,13 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import Simulations
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Limit
-from clearance_jax.design.worn import own
+from clearance_jax.design.worn import without_wear
 from clearance_jax.wear import AbstractAged
 
-# Clearances are chosen that would last about so many times the cycles asked for, where what is left for wear is used up
-# evenly; and lives are followed so far.
+# Clearances are chosen to last about so many times the cycles asked for, if wear is even; lives are simulated up to the
+# last factor.
 TIMES, LONGEST = (0.5, 1.0, 2.0, 4.0, 7.0), 20
-# Shares of the designed clearances where an error does not grow with them.
+# Shares of the designed clearances if an error does not grow with them.
 SHARES = np.array([0.5, 0.7, 0.85, 1.0, 1.2])
 
 
@@ -49,24 +49,24 @@ def _of(design: Design, limit: Limit, metric: AbstractAged) -> Maintenance:
     asked, shares, lives = max(metric.last, 1), _shares(design, limit), {}
     for condition, given in parts.conditions.items():
         columns = {name: shares * value for name, value in design.clearances.items()}
-        of_wear = given.keys() - own(parts.mechanism, [metric], given).keys()
+        of_wear = given.keys() - without_wear(parts.mechanism, [metric], given).keys()
         columns |= {name: np.full(len(shares), float(given[name])) for name in of_wear}
         now = parts.move(parts.mechanism, given)
-        found = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
-        lives[parts.label(condition)] = found.end
+        life = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
+        lives[parts.label(condition)] = life.end
     return Maintenance(limit.label, asked, LONGEST * asked, shares, lives)
 
 
 def _shares(design: Design, limit: Limit) -> np.ndarray:
-    """Shares of the designed clearances, from that one down at which there would be little left for wear."""
+    """The shares of the designed clearances at which lives are simulated, by the room that limits leave for wear."""
     parts, x = design.specification.nominal(), design.specification.values(design.evaluation.x)
     names, metrics = tuple(parts.variables), [limit.metric.base_metric]
     simulations = Simulations(parts.mechanism, metrics, [limit.bound], names, parts.t1, parts.settings())
 
     def margin(scenario: Scenario) -> float:
-        """By which share of themselves clearances could grow until the limit is met as new."""
-        # One motion knows no numbers of wear, and none moves a part that is new.
-        new = scenario._replace(values=own(parts.mechanism, [limit.metric], scenario.values))
+        """The share by which clearances can grow until the limit of the new mechanism is met."""
+        # Numbers of wear do not affect a new part.
+        new = scenario._replace(values=without_wear(parts.mechanism, [limit.metric], scenario.values))
         values, slopes = simulations.limits(x, new, True)
         assert slopes is not None
         k = int(np.argmax(values))
@@ -74,5 +74,5 @@ def _shares(design: Design, limit: Limit) -> np.ndarray:
         return -float(values[k]) / grows if grows > 0 else np.nan
 
     room = min(map(margin, scenarios_of(parts)))
-    found = 1 + room * (1 - np.array(TIMES))
-    return np.sort(found[found > 0.1]) if room > 0 else SHARES
+    shares = 1 + room * (1 - np.array(TIMES))
+    return np.sort(shares[shares > 0.1]) if room > 0 else SHARES

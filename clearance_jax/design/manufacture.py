@@ -1,6 +1,6 @@
-"""How parts come out of manufacture: as designed, over a band below the designed clearance, or scattered about it.
+"""Models of manufacture: parts as designed, over a band below the designed clearance, or scattered about it.
 
-A model of your own is a subclass of `AbstractManufacture`. With a line in `MANUFACTURE` studies have it too.
+Your own model is a subclass of `AbstractManufacture`; with an entry in `MANUFACTURE` studies can name it.
 """
 
 import abc
@@ -16,14 +16,14 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import describe, physical
 from clearance_jax.sweep.scatter import check_scatter
 
-# Relative standard deviation from which on a number scatters log-normally.
+# The relative standard deviation above which a number scatters log-normally.
 WIDE = 0.2
 
 
 class Part(NamedTuple):
     """A part as it is made.
 
-    - `title`: what it adds to the title of the condition; `is_design`: whether it is the design itself.
+    - `title`: a suffix for the title of the condition; `is_design`: whether it is the design itself.
     - `factors` (n,): on the variables of the design; `others`: factors on other numbers, by name; `values`: other
       numbers as they are, by name.
     """
@@ -36,26 +36,24 @@ class Part(NamedTuple):
 
 
 class AbstractManufacture(abc.ABC):
-    """A model of manufacture: which parts are made of a design, and how the limits of all of them are judged."""
+    """A model of manufacture: the parts that are made of a design, and how their limits are judged."""
 
     is_sampled: ClassVar[bool] = False
     """Whether parts are samples: then a design has a yield, and fresh samples can be drawn."""
 
     @property
     def title(self) -> str:
-        """What the one number is called that the limits of all parts in a condition become; empty: each stands for
-        itself.
-        """
+        """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
         return ""
 
     @property
     def among(self) -> str:
-        """Among which parts each limit is judged at once, in words; empty: part by part."""
+        """The parts among which each limit is judged at once, in words; empty: part by part."""
         return ""
 
     @property
     def is_design(self) -> bool:
-        """Whether the one part that is made is the design itself."""
+        """Whether the only part is the design itself."""
         return False
 
     @property
@@ -65,37 +63,37 @@ class AbstractManufacture(abc.ABC):
 
     @property
     def doubt(self) -> str:
-        """Why an answer may not have what is asked for, as far as it is known before the search; empty: nothing."""
+        """A sentence on why the design may miss its target, if that is known before the search; else empty."""
         return ""
 
     @property
     def without_margin(self) -> "AbstractManufacture":
-        """The same for samples that are drawn anew at every step, whose chance averages out."""
+        """The same without a margin for few samples, for methods that draw new samples at every step."""
         return self
 
     def check(self) -> None:
-        """Raise `ClearanceError` for numbers that say nothing."""
+        """Raise `ClearanceError` for numbers that are not allowed."""
         return
 
     def check_worth(self, name: str, worth: Any, is_given: bool) -> None:
-        """Raise `ClearanceError` where a number of a condition cannot scatter as it is asked to.
+        """Raise `ClearanceError` if a number of a condition cannot scatter as it is asked to.
 
-        **Arguments:** `name` of one that scatters and is no variable; what it is `worth` in the condition; `is_given`:
-        whether the condition sets it.
+        **Arguments:** `name` of a number that scatters and is no variable; its value (`worth`) in the condition;
+        `is_given`: whether the condition sets it.
         """
         return
 
     @abc.abstractmethod
     def parts(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> list[Part]:
-        """The parts that must hold the limits, of a design with variables of these names; of samples so many `fresh`
-        ones, by `seed`, if they are asked for.
+        """The parts of a design with variables of these names; if parts are samples, `fresh` > 0 asks for so many new
+        ones, by `seed`.
         """
 
     def judge(self, values: np.ndarray, slopes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """What a design must keep below 0 in one condition, (k,), and its slopes (k, n); by default every limit of
+        """The numbers (k,) that must not exceed 0 in one condition, and their slopes (k, n); by default every limit of
         every part.
 
-        **Arguments:** scaled limits of all parts (parts, m), and their slopes (parts, m, n).
+        **Arguments:** `values`: scaled limits of all parts (parts, m); `slopes`: their derivatives (parts, m, n).
         """
         return values.ravel(), None if slopes is None else slopes.reshape(-1, slopes.shape[-1])
 
@@ -191,7 +189,7 @@ class Yield(AbstractManufacture):
 
     @property
     def count(self) -> int:
-        """How many samples there are."""
+        """The number of samples."""
         return samples_to_search(self.target) if self.samples is None else self.samples
 
     @property
@@ -252,8 +250,8 @@ class Yield(AbstractManufacture):
         ]
 
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
-        """Factors on each scattered number, shape (samples,), and the numbers themselves of those that have a
-        distribution; of `names` all, 1 where one does not scatter. Of `fresh` samples, so many purely random ones.
+        """Draws (samples,) by name: factors on the scattered numbers and on all `names` (1 without scatter), and values
+        of numbers with a distribution. `fresh` > 0: so many purely random samples.
 
         **Raises:** `ClearanceError` for a variable with a distribution.
         """
@@ -264,31 +262,31 @@ class Yield(AbstractManufacture):
         else:
             sequence = scipy.stats.qmc.Sobol(len(self.scatter), rng=seed).random_base2(int(np.ceil(np.log2(count))))
             normal = scipy.stats.norm.ppf(sequence[:count])
-        found = {name: np.ones(count) for name in names}
+        draws = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
             if not isinstance(deviation, int | float):
                 if name in names:
                     raise ClearanceError(
                         f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
                     )
-                found[name] = deviation.ppf(scipy.stats.norm.cdf(column))
+                draws[name] = deviation.ppf(scipy.stats.norm.cdf(column))
                 continue
-            # A normal factor that scatters by so much would be negative for some.
+            # A normal factor with a large deviation could be negative.
             wide = np.sqrt(np.log1p(deviation**2))
-            found[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
-        return found
+            draws[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
+        return draws
 
     def judge(self, values, slopes):
         which = np.argmax(values, axis=1)
         worst = np.take_along_axis(values, which[:, None], 1)[:, 0]
         weights = self.weights(worst)
         risk = np.array([float(weights @ worst)])
-        return risk, None if slopes is None else (weights @ np.take_along_axis(slopes, which[:, None, None], 1)[:, 0])[
-            None
-        ]
+        if slopes is None:
+            return risk, None
+        return risk, (weights @ np.take_along_axis(slopes, which[:, None, None], 1)[:, 0])[None]
 
     def weights(self, worst: np.ndarray) -> np.ndarray:
-        """Of each sample (its worst scaled limit) in the mean of the worst of them; they add up to 1."""
+        """The weights (samples,) of the mean over the worst samples, by their worst scaled limits; their sum is 1."""
         tail = worst_parts(len(worst), self.target, self.confidence)
         order = np.argsort(-worst)
         weights = np.zeros(len(worst))
@@ -304,8 +302,8 @@ class Yield(AbstractManufacture):
 
 @dataclasses.dataclass(frozen=True)
 class Neighbours(AbstractManufacture):
-    """Of each limit the largest value counts, among the design and neighbours whose variables differ by `scatter`: what
-    can be said of a motion that is chaotic. One more neighbour exceeds the largest of n with probability 1 / (n + 1).
+    """Each limit is judged by its largest value among the design and neighbours whose variables differ by `scatter`,
+    for chaotic motions. One more neighbour exceeds the largest of n with probability 1 / (n + 1).
     """
 
     scatter: float = physical("", above=0.0, default=0.01, help="relative standard deviation", example="0.01")
@@ -334,4 +332,4 @@ class Neighbours(AbstractManufacture):
 
 
 MANUFACTURE: Mapping[str, type[AbstractManufacture]] = {"band": Band, "yield": Yield}
-"""By the word of a study."""
+"""Models of manufacture by their names in a study."""

@@ -1,7 +1,7 @@
-"""Ways to solve a `Program`: SLSQP and trust-constr, COBYQA and CMA-ES without gradients, and one on fresh samples.
+"""Optimisers for a `Program`: SLSQP, trust-constr, stochastic approximation; COBYQA and CMA-ES without gradients.
 
-None returns anything but why it stopped: the program remembers every point, and its best feasible one is the answer,
-also of a run that was interrupted.
+They return only why they stopped early: the program keeps every point, and its best feasible point is the answer, also
+after an interruption.
 """
 
 import tempfile
@@ -24,8 +24,8 @@ class Method(NamedTuple):
 
     - `name`; `solve`: `solve(program, start, **options)` returns why it stopped early, or nothing.
     - `gradients`: whether it uses them; `extra`: the extra of this library that it needs.
-    - `slack`: to which share of their bounds it meets limits; `is_mean`: whether its answer is the mean of many points,
-      which no search of the program's own samples may move.
+    - `slack`: the share of their bounds to which it meets limits; `is_mean`: whether its answer is a mean of many
+      points, which is not to be improved on the program's own samples.
     """
 
     name: str
@@ -42,12 +42,12 @@ def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
 
 
 def trust_constr(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
-    """Trust-region interior point, scipy's: slower and more patient, a second opinion."""
+    """Trust-region interior point, scipy's: slower than SLSQP, and more robust."""
     return _scipy(program, start, "trust-constr", {"gtol": tolerance, "xtol": 1e-12, "maxiter": 500})
 
 
 def cobyqa(program: Program, start: np.ndarray, tolerance: float = 1e-6, radius: float = 1.0, most: int = 5000) -> str:
-    """Quadratic models without gradients (Ragonneau 2022), scipy's; the first one within a `radius` in logarithms."""
+    """Quadratic models without gradients (Ragonneau 2022), scipy's; `radius`: of the first model, in logarithms."""
     return _scipy(program, start, "COBYQA", {"final_tr_radius": tolerance, "initial_tr_radius": radius, "maxfev": most})
 
 
@@ -72,7 +72,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
         constraints = [scipy.optimize.NonlinearConstraint(limits["fun"], 0.0, np.inf, **jacobian)]
     if not program.limit_names:
         constraints = []
-    found = scipy.optimize.minimize(
+    solution = scipy.optimize.minimize(
         objective,
         scaled.start,
         jac=exact or None,
@@ -81,7 +81,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
         constraints=constraints,
         options=options,
     )
-    return "" if found.success else f"{method} ended with: {found.message}"
+    return "" if solution.success else f"{method} ended with: {solution.message}"
 
 
 def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: int = 1) -> None:
@@ -97,8 +97,8 @@ def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: i
         "tolfun": tolerance**2,
     }
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as scratch:
-        options["verb_filenameprefix"] = scratch + "/"  # its logger makes a folder even where it logs nothing
-        warnings.filterwarnings("ignore", message=".*moarchiving")  # an extra of cma's that is not used
+        options["verb_filenameprefix"] = scratch + "/"  # its logger always makes a folder
+        warnings.filterwarnings("ignore", message=".*moarchiving")  # an optional package of cma that is not used
         cma.fmin_con2(
             lambda z: scaled.value(np.asarray(z))[0],
             scaled.start.tolist(),
@@ -121,11 +121,11 @@ METHODS = {
 """The optimisers by their names."""
 AUTO = "auto"
 METHOD_CHOICES = (AUTO, *METHODS)
-"""What a method may be called: one of `METHODS`, or the choice between gradients and none."""
+"""The names of methods, and `AUTO`, which chooses between gradients and none."""
 
 
 def method_of(method: str | Method) -> Method:
-    """The method of that name. **Raises:** `ClearanceError` where there is none, or its package is not installed."""
+    """The method of a name. **Raises** `ClearanceError` if there is none, or its package is not installed."""
     if isinstance(method, Method):
         return method
     if method not in METHODS:

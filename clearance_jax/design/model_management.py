@@ -1,12 +1,12 @@
-"""A design searched for on a cheap model of the motion, and judged by the dear one.
+"""A design search on a cheap model of the motion, corrected and judged by the expensive ("dear") one.
 
 Model management (Alexandrov, Lewis, Gumbert, Green and Newman 2001): at the last design the limits of the cheap model
-are corrected so that their values and slopes are the dear ones'. The best design of the corrected limits in a trust
-region is the next one. It is taken if the dear limits agree that it is better; the region grows and shrinks as they
-agree. Where the iteration ends the conditions of optimality are those of the dear model. From the second design on the
+are corrected to the values and slopes of the dear model. The best design of the corrected limits in a trust region is
+the next one. It is accepted if it is better by the dear limits; the region grows and shrinks as the models agree. So
+the end of the iteration satisfies the conditions of optimality of the dear model. From the second design on, the
 differences of slopes add a curvature (Eldred, Giunta and Collis 2004), by the symmetric rank-one update.
 
-All in logarithms, so that the correction is of ratios. A peak is compared with the highest peak of the cheap motion.
+All numbers are logarithms, so that corrections are ratios. A peak is compared with the highest one of the cheap motion.
 """
 
 from contextlib import suppress
@@ -27,23 +27,23 @@ from clearance_jax.design.slopes import UselessSlopes, followed
 RADIUS, LEAST_RADIUS = 0.7, 1e-7
 # Agreement below which the region shrinks, and above which it grows.
 POOR, GOOD = 0.25, 0.75
-# Residual of the conditions of optimality that ends the search.
+# The residual of the conditions of optimality that ends the search.
 OPTIMAL = 1e-6
-# Steps in a row that slopes promised and the dear limits did not give.
+# Failed steps in a row after which slopes count as useless.
 PATIENCE = 4
-# A violation of a limit over that change of the objective which avoids it.
+# The price of a violation, over the change of the objective that avoids it.
 PRICE = 10.0
 STEPS = 100
-# The step below which nothing is left to gain.
+# The step below which the search ends.
 LEAST_STEP = 1e-7
-# A step in logarithms that is near to the optimum, and the difference that shows curvatures there.
+# A step that is near to the optimum, and the difference for curvatures there, in logarithms.
 NEAR = 0.05
-# Where values alone are matched: designs that are tried, and how far below its bound the deciding limit may stay.
+# By values alone: the number of designs to try, and how far below its bound the deciding limit may stay.
 TRIED, SLACK = 8, 0.05
 
 
-class Look(NamedTuple):
-    """A point `z` (n,) as a model sees it: objective, limits (m,), and their slopes (n,), (m, n)."""
+class ModelPoint(NamedTuple):
+    """A point `z` (n,) by one model: objective, limits (m,), and their slopes (n,), (m, n); all in logarithms."""
 
     z: np.ndarray
     objective: float
@@ -52,15 +52,15 @@ class Look(NamedTuple):
     jacobian: np.ndarray
 
     def merit(self, price: float) -> float:
-        """The objective with the largest violation at its price."""
+        """The objective plus `price` times the largest violation."""
         return self.objective + price * max(float(self.limits.max(initial=0.0)), 0.0)
 
 
 class Corrected(NamedTuple):
     """The cheap model with corrections of its limits about `z` (n,): `shift` (m,), `tilt` (m, n), `bend` (m, n, n).
 
-    Near the optimum the cheap limits are a `series` about z, their values, slopes and curvatures: poses are found by
-    iterations, and what these leave open would stop a search a little before the optimum.
+    Near the optimum the cheap limits are replaced by a `series` about z (values, slopes, curvatures), as the residual
+    of the iterations for poses would stop a search before the optimum.
     """
 
     cheap: ScaledProgram
@@ -71,9 +71,9 @@ class Corrected(NamedTuple):
     bend: np.ndarray
     series: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
-    def at(self, z: np.ndarray) -> Look:
-        """What it says of a point."""
-        seen, d = _look(self.cheap, z, self.leaders), z - self.z
+    def at(self, z: np.ndarray) -> ModelPoint:
+        """The point at `z` (n,) by the corrected model."""
+        seen, d = _cheap_point(self.cheap, z, self.leaders), z - self.z
         if self.series is not None:
             limits, jacobian, curvature = self.series
             turned = curvature @ d
@@ -82,8 +82,8 @@ class Corrected(NamedTuple):
         limits = seen.limits + self.shift + self.tilt @ d + 0.5 * curved @ d
         return seen._replace(limits=limits, jacobian=seen.jacobian + self.tilt + curved)
 
-    def best(self, radius: float, price: float, margin: float) -> Look:
-        """The best point in a trust region; a violation `t` of all limits together is allowed at a price."""
+    def best(self, radius: float, price: float, margin: float) -> ModelPoint:
+        """The best point in a trust region; a common violation of all limits is allowed at a `price`."""
         low, high = (bound.copy() for bound in self.cheap.bounds)
         low, high = np.maximum(low, self.z - radius), np.minimum(high, self.z + radius)
         first = self.at(np.clip(self.z, low, high))
@@ -99,7 +99,7 @@ class Corrected(NamedTuple):
             jacobian = self.at(np.clip(v[:-1], low, high)).jacobian
             return np.column_stack([-jacobian, np.ones(len(jacobian))])
 
-        found = scipy.optimize.minimize(
+        solution = scipy.optimize.minimize(
             objective,
             np.append(first.z, max(float(first.limits.max()) + margin, 0.0)),
             jac=True,
@@ -108,16 +108,16 @@ class Corrected(NamedTuple):
             constraints=[{"type": "ineq", "fun": slack, "jac": slack_slopes}],
             options={"ftol": 1e-13, "maxiter": STEPS},
         )
-        return self.at(np.clip(found.x[:-1], low, high))
+        return self.at(np.clip(solution.x[:-1], low, high))
 
 
 def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
-    """The search by values and slopes; `tolerance`: of the objective, finer than which the dear solves are not.
+    """Search by values and slopes; `tolerance` of the objective: the accuracy of the dear solves.
 
-    **Raises:** `UselessSlopes` where the slopes of the dear model say nothing.
+    **Raises:** `UselessSlopes` if the slopes of the dear model are useless.
     """
     cheap, dear, z = _begin(program, start, tolerance)
-    here, radius, bend, failed, step = _dear_look(program, dear, z), RADIUS, 0.0, 0, np.inf
+    here, radius, bend, failed, step = _dear_point(program, dear, z), RADIUS, 0.0, 0, np.inf
     while radius > LEAST_RADIUS:
         at = program.at(np.exp(here.z), True)
         if at.feasible and optimality(program, at)[0] <= OPTIMAL:
@@ -128,7 +128,7 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
         step = float(np.abs(aim.z - here.z).max())
         if step <= LEAST_STEP:
             return ""
-        there = _dear_look(program, dear, aim.z)
+        there = _dear_point(program, dear, aim.z)
         bend = _bent(bend, model, here, there)
         ratio = (here.merit(price) - there.merit(price)) / promised
         failed = 0 if ratio > 0 or promised <= tolerance else failed + 1
@@ -143,18 +143,18 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
 
 
 def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
-    """The search by values alone, where slopes say nothing: the cheap limits are shifted by what the dear ones have
-    more. After a design that violates a limit the larger shift so far counts, and after one that holds them its own.
+    """Search by values alone: the cheap limits are shifted by their difference to the dear ones. The shift is that of
+    the last design if it is feasible, otherwise the largest so far.
     """
     cheap, dear, z = _begin(program, start, tolerance)
     shift = np.full(len(program.limit_names), -np.inf)
     for _ in range(TRIED):
-        found = dear.values_of(program.at(np.exp(z), True))
-        own = found[1] - _look(cheap, z, program.leaders).limits
-        holds, worst = float(found[1].max()) <= 0, float(found[1].max())
+        values = dear.values_of(program.at(np.exp(z), True))
+        difference = values[1] - _cheap_point(cheap, z, program.leaders).limits
+        holds, worst = float(values[1].max()) <= 0, float(values[1].max())
         if holds and (worst > -SLACK or np.allclose(z, cheap.bounds[1])):
             return ""
-        shift = own if holds else np.maximum(shift, own)
+        shift = difference if holds else np.maximum(shift, difference)
         flat = np.zeros((len(shift), len(z)))
         aim = Corrected(cheap, program.leaders, z, shift, flat, np.zeros((*flat.shape, len(z)))).best(
             np.inf, PRICE, 0.0
@@ -170,7 +170,7 @@ MATCHED_VALUES = Method("model management by values", value_matching, gradients=
 
 
 def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[ScaledProgram, ScaledProgram, np.ndarray]:
-    """Both models in logarithms, and the optimum of the cheap one."""
+    """Both models in logarithms, and the optimum of the cheap one as a start (n,)."""
     assert program.cheap is not None
     begin = _cheap_best(program.cheap, start, tolerance)
     cheap, dear = ScaledProgram(program.cheap, begin.x), ScaledProgram(program, begin.x)
@@ -183,59 +183,61 @@ def _cheap_best(cheap: Program, start: np.ndarray, tolerance: float) -> Evaluati
         begin = feasible_neighbour(cheap, start, True) or begin
     with suppress(StandsStill):
         slsqp(cheap, begin.x, tolerance)
-    found = nearly_best(cheap)
-    assert found is not None
-    return found
+    best = nearly_best(cheap)
+    assert best is not None
+    return best
 
 
-def _look(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray | None = None) -> Look:
-    return _seen(scaled, z, scaled.program.at(np.exp(z), True), leaders)
+def _cheap_point(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray) -> ModelPoint:
+    return _model_point(scaled, z, scaled.program.at(np.exp(z), True), leaders)
 
 
-def _seen(scaled: ScaledProgram, z: np.ndarray, point: Evaluation, leaders: np.ndarray | None = None) -> Look:
+def _model_point(
+    scaled: ScaledProgram, z: np.ndarray, point: Evaluation, leaders: np.ndarray | None = None
+) -> ModelPoint:
     objective, limits, gradient, jacobian = scaled.slopes_of(point)
     rows = slice(None) if leaders is None else leaders
-    return Look(z, objective, limits[rows], gradient, jacobian[rows])
+    return ModelPoint(z, objective, limits[rows], gradient, jacobian[rows])
 
 
-def _dear_look(program: Program, dear: ScaledProgram, z: np.ndarray) -> Look:
-    return _seen(dear, z, followed(program, program.at(np.exp(z), True)))
+def _dear_point(program: Program, dear: ScaledProgram, z: np.ndarray) -> ModelPoint:
+    return _model_point(dear, z, followed(program, program.at(np.exp(z), True)))
 
 
-def _matched(program: Program, cheap: ScaledProgram, here: Look, bend, near: bool) -> Corrected:
-    """The cheap model with the dear one's values and slopes at a point."""
-    own, n = _look(cheap, here.z, program.leaders), len(here.z)
-    bend = np.broadcast_to(bend, (len(own.limits), n, n))
-    series = _series(cheap, own, program.leaders) if near else None
-    shift, tilt = here.limits - own.limits, here.jacobian - own.jacobian
+def _matched(program: Program, cheap: ScaledProgram, here: ModelPoint, bend, near: bool) -> Corrected:
+    """The cheap model corrected to the values and slopes of the dear one at a point."""
+    seen, n = _cheap_point(cheap, here.z, program.leaders), len(here.z)
+    bend = np.broadcast_to(bend, (len(seen.limits), n, n))
+    series = _series(cheap, seen, program.leaders) if near else None
+    shift, tilt = here.limits - seen.limits, here.jacobian - seen.jacobian
     return Corrected(cheap, program.leaders, here.z, shift, tilt, bend, series)
 
 
-def _series(cheap: ScaledProgram, own: Look, leaders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, slopes and curvatures (m, n, n) of the cheap limits at a point."""
+def _series(cheap: ScaledProgram, seen: ModelPoint, leaders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values (m,), slopes (m, n) and curvatures (m, n, n) of the cheap limits at a point, by differences of slopes."""
     high, rows = cheap.bounds[1], []
-    for i in range(len(own.z)):
-        h = NEAR if own.z[i] + NEAR <= high[i] else -NEAR
-        moved = _look(cheap, own.z + h * np.eye(len(own.z))[i], leaders)
-        rows.append((moved.jacobian - own.jacobian) / h)
+    for i in range(len(seen.z)):
+        h = NEAR if seen.z[i] + NEAR <= high[i] else -NEAR
+        moved = _cheap_point(cheap, seen.z + h * np.eye(len(seen.z))[i], leaders)
+        rows.append((moved.jacobian - seen.jacobian) / h)
     curvature = np.stack(rows, axis=1)
-    return own.limits, own.jacobian, 0.5 * (curvature + curvature.swapaxes(1, 2))
+    return seen.limits, seen.jacobian, 0.5 * (curvature + curvature.swapaxes(1, 2))
 
 
-def _bent(bend, model: Corrected, here: Look, there: Look) -> np.ndarray:
-    """The curvature of the difference of the models after a step, (m, n, n): rank-one updates, one for each limit."""
-    own = _look(model.cheap, there.z, model.leaders)
+def _bent(bend, model: Corrected, here: ModelPoint, there: ModelPoint) -> np.ndarray:
+    """The curvature (m, n, n) of the difference of the models after a step, by a rank-one update for each limit."""
+    seen = _cheap_point(model.cheap, there.z, model.leaders)
     d = there.z - here.z
-    change = there.jacobian - own.jacobian - model.tilt
+    change = there.jacobian - seen.jacobian - model.tilt
     missed = change - model.bend @ d
     along = missed @ d
-    # Where the update would divide by next to nothing it is left out.
+    # Updates that would divide by nearly zero are left out.
     sound = np.abs(along) > 1e-8 * np.linalg.norm(d) * np.linalg.norm(missed, axis=1)
     update = missed[:, :, None] * missed[:, None, :] / np.where(sound, along, 1.0)[:, None, None]
     return model.bend + np.where(sound[:, None, None], update, 0.0)
 
 
-def _price(here: Look) -> float:
-    """More than the multiplier of the deciding limit can be."""
+def _price(here: ModelPoint) -> float:
+    """A price above the multiplier of the deciding limit."""
     k = int(np.argmax(here.limits))
     return PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(here.jacobian[k])), 1e-2))

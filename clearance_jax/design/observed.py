@@ -1,5 +1,5 @@
-"""What a designed mechanism does in one scenario, seen in one solve: its limits and when they peak, its signals over
-time, what its joints bear and lose, and what a picture shows of it.
+"""Observations of a design in one scenario, from one solve: limits and instants of peaks, signals over time, forces and
+work of joints, and data for pictures.
 """
 
 from collections.abc import Callable
@@ -30,17 +30,17 @@ from clearance_jax.solve.settings import DYNAMICS
 from clearance_jax.spatial import as_array
 
 SAMPLES = 2001
-# So many peaks of each force are looked at: of a pin that falls first, the largest after its fall is among them.
+# The number of peaks of each force: if a pin falls first, the largest one after its fall is among these.
 FORCES = 8
 
 
 class Observed(NamedTuple):
-    """What was asked of a scenario, metric by metric, and then, in the same places, what was found:
+    """The observations of a scenario; before the solve, the metrics for them in the same fields:
 
     - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
     - by clearance joint, `forces` (`Instants` of the largest), `falls` (when the first fall is over [s]), `works`
       (`Work`) and `impacts`;
-    - over time, `picture`: what one shows (`results.marks.picture`), and in space `wrenches` on the pins.
+    - over time, `picture` (`results.marks.picture`), and in space `wrenches` on the pins.
     """
 
     limits: tuple[Any, ...]
@@ -53,8 +53,8 @@ class Observed(NamedTuple):
     wrenches: Any = ()
 
 
-class Samples(AbstractMetric):
-    """A function of a prepared mechanism, a time [s] and the state then, at given times [s], increasing."""
+class SampledFunction(AbstractMetric):
+    """A metric: a function of (prepared mechanism, time [s], state) at increasing times [s]."""
 
     function: Callable = eqx.field(static=True)
     times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.asarray(t, float))
@@ -68,33 +68,33 @@ class Samples(AbstractMetric):
 
 
 def pin_wrenches(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, tuple[Array, Array]]:
-    """What each clearance joint exerts on its pin, in the sleeve's axes: force [N], moment on it [N m]."""
+    """The force [N] and moment [N m] of each clearance joint on its pin, in the sleeve's axes."""
     actions = balance(mechanism, time, layout(mechanism).split(y)).actions
     return {name: (as_array(action.force), as_array(action.torque)) for name, action in actions.items()}
 
 
 def sample_times(specification: Specification) -> np.ndarray:
-    """When signals and pictures are looked at [s]."""
+    """The times of signals and pictures [s]."""
     return np.linspace(specification.t0, specification.t1, SAMPLES)
 
 
 def observe(specification: Specification, x: np.ndarray, scenario: Scenario) -> Observed | None:
-    """A design (its variables, shape (n,)) in a scenario; `None` where there is no motion to the end."""
+    """Observe a design (variables (n,)) in a scenario; `None` if the motion does not reach its end."""
     x = specification.values(x) * scenario.factors
     moved = specification.move(specification.mechanism, scenario.values)
     metrics, structure = jax.tree.flatten(_request(specification), is_leaf=lambda m: isinstance(m, AbstractMetric))
     named = {str(i): metric for i, metric in enumerate(metrics)}
-    settings = specification.judged_by(DYNAMICS).settings()  # poses have no impacts and lose nothing
+    settings = specification.judged_by(DYNAMICS).settings()  # quasi-static poses have no impacts and no losses
     question = Question(moved, named, specification.t1, settings)
     values = answer(question, dict(zip(specification.variables, x, strict=True))).values
-    found = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
-    return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.picture)) else None
+    observed = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
+    return observed if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(observed.picture)) else None
 
 
 def _request(specification: Specification) -> Observed:
     joints = [joint.name for joint in specification.mechanism.clearance_joints()]
     times = sample_times(specification)
-    # What will be once parts are worn is not seen in one motion: it is seen as new.
+    # One motion shows the new mechanism, also for limits on a worn one.
     metrics = [limit.simulation_metric.base_metric for limit in specification.limits]
     signals = [getattr(metric, "signal", None) for metric in metrics]
     return Observed(
@@ -104,6 +104,6 @@ def _request(specification: Specification) -> Observed:
         tuple(FirstFall(name) for name in joints),
         tuple(JointWork(name) for name in joints),
         tuple(Impacts(name) for name in joints),
-        Samples(picture, times),
-        () if specification.mechanism.is_plane else Samples(pin_wrenches, times),
+        SampledFunction(picture, times),
+        () if specification.mechanism.is_plane else SampledFunction(pin_wrenches, times),
     )

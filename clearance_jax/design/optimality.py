@@ -1,4 +1,4 @@
-"""How near a point is to an optimum: the Karush-Kuhn-Tucker conditions, in logarithms of the variables."""
+"""The Karush-Kuhn-Tucker conditions of optimality, in logarithms of the variables."""
 
 import numpy as np
 import scipy.optimize
@@ -6,15 +6,15 @@ import scipy.optimize
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
 
-# A variable is at a bound within this share of it: who pulls a design inside of its limits moves all variables a hair.
+# A variable is at a bound within this share of it, as a design that is moved inside its limits moves all variables.
 AT_BOUND = 1e-6
 # A limit is active within this share of its bound.
 ACTIVE = 1e-4
 
 
 def optimality(program: Program, at: Evaluation, within: float = ACTIVE) -> tuple[float, np.ndarray]:
-    """Residual of the conditions over the objective's gradient, and the limits' multipliers over the objective; limits
-    `within` this share of their bounds are active.
+    """The residual of the conditions over the norm of the objective's gradient, and the multipliers (m,) of the limits
+    over the objective. Limits `within` this share of their bounds are active.
     """
     assert at.gradient is not None
     assert at.jacobian is not None
@@ -27,6 +27,6 @@ def optimality(program: Program, at: Evaluation, within: float = ACTIVE) -> tupl
     multipliers = np.zeros(len(at.limits))
     if not columns:
         return float(np.linalg.norm(gradient)), multipliers
-    found, left = scipy.optimize.nnls(np.stack(columns, 1), -gradient)
-    multipliers[active] = found[: len(active)]
+    prices, left = scipy.optimize.nnls(np.stack(columns, 1), -gradient)
+    multipliers[active] = prices[: len(active)]
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers

@@ -1,4 +1,4 @@
-"""The question a designer asks: which clearances, so that errors and forces stay within bounds, at the least cost."""
+"""The tolerance problem: the cheapest or largest clearances that keep errors and forces within bounds."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,7 @@
-"""A design problem as numbers: what a solver sees of it, and what is kept of every point that it asks for.
+"""A design problem as a nonlinear program, with a memory of every evaluated point.
 
-Variables are positive lengths of very different size, so solvers work in their logarithms. Limits are scaled: a limit
-is (value / bound - 1), held where it is not positive.
+Variables are positive lengths of very different size, so solvers work in their logarithms. A limit is (value / bound -
+1), and holds if it is not positive.
 """
 
 import math
@@ -17,11 +17,11 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.runs.journal import Journal
 from clearance_jax.solve.settings import DYNAMICS
 
-# Points whose variables differ by less, relative, are the same.
+# Points whose variables differ by less than this, relative, are the same.
 ROUND_OFF = 1e-14
-# Objectives that are the same to what solves resolve.
+# Relative difference of objectives that solves do not resolve.
 TIE = 1e-8
-# Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
+# The least distance of an active limit to its bound, as a share of the bound.
 INSIDE = 1e-10
 
 
@@ -30,7 +30,7 @@ class BudgetSpent(Exception):
 
 
 class Program:
-    """Minimise an objective under limits and bounds, remembering every point.
+    """A minimisation under limits and bounds that keeps every evaluated point.
 
     **Arguments:**
 
@@ -46,9 +46,9 @@ class Program:
     - `several`: `(points) -> Evaluations`, without gradients, where many at once are cheaper than one by one.
     - `fidelity`: the model of the motion that evaluates; a record may hold points of several.
     - `cheap`: the same problem by a cheaper model, whose points are counted by themselves (`None`: there is none).
-    - `inside`: by which share of its bound an active limit is to stay inside: more than solves differ by.
-    - `leaders`: of each limit the place of one that is compared with it where models differ: of the peaks of a motion
-      the highest (default: its own).
+    - `inside`: the share of its bound by which an active limit is to stay inside: more than solves differ by.
+    - `leaders`: for each limit the index of the limit of another model to compare it with: that of the highest peak of
+      its motion (default: its own).
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Program:
             self._record.ask({**(identity or {}), "variables": list(names), "limits": list(limit_names)})
         self.history: list[Evaluation] = []
         self.asked: list[Evaluation] = []
-        """The points that were asked for, new ones and known ones."""
+        """The points that a solver asked for, new and known ones."""
         self._known: dict[bytes, Evaluation] = {}
         self.evaluations = self.gradients = 0
         read = () if self._record is None else map(evaluation_of, self._record.records)
@@ -100,7 +100,7 @@ class Program:
         return None if self._record is None else self._record.path
 
     def at(self, x: np.ndarray, gradient: bool = False) -> Evaluation:
-        """The point at `x`, from memory where it is known."""
+        """The evaluation at `x` (n,), from memory if it is known."""
         x = np.clip(np.asarray(x, float), self.lower, self.upper)
         known = self._recall(x)
         if known is None or (known.gradient is None and gradient):
@@ -110,18 +110,18 @@ class Program:
         return known
 
     def _recall(self, x: np.ndarray) -> Evaluation | None:
-        """What is known of a point, to round-off: logarithms and bounds give the same one with other last digits.
+        """The known evaluation of a point, to round-off, as logarithms and bounds change the last digits.
 
-        Of several the first, so that a search that is read back from its record takes the same way again.
+        It is the first one of several, so that a search that is repeated from its record takes the same way.
         """
         known = self._known.get(x.tobytes())
         if known is not None:
             return known
-        near = [one for one in self.history if np.all(np.abs(one.x - x) <= ROUND_OFF * x)]
-        return next((one for one in near if one.gradient is not None), near[0] if near else None)
+        near = [point for point in self.history if np.all(np.abs(point.x - x) <= ROUND_OFF * x)]
+        return next((point for point in near if point.gradient is not None), near[0] if near else None)
 
     def at_each(self, points: Sequence[np.ndarray]) -> list[Evaluation]:
-        """`at` of each point, without gradients; those not known are evaluated together where there is a way."""
+        """`at` of each point, without gradients; unknown points are evaluated together if `several` is given."""
         points = [np.clip(np.asarray(x, float), self.lower, self.upper) for x in points]
         new = {x.tobytes(): x for x in points if self._recall(x) is None}
         if self._several is not None and new:
@@ -131,7 +131,7 @@ class Program:
         return [self.at(x) for x in points]
 
     def _note(self, point: Evaluation) -> Evaluation:
-        """Count, keep, record and tell of a new point."""
+        """Count, keep, record and report a new point."""
         self.gradients += point.gradient is not None
         self.evaluations += point.gradient is None
         self._keep(point)
@@ -142,9 +142,9 @@ class Program:
         return point
 
     def fresh(self, x: np.ndarray, samples: int, seed: int) -> Evaluation:
-        """The point at `x` by fresh samples, with gradients; not kept, for the next ones say something else.
+        """The evaluation at `x` by fresh samples, with gradients. It is not kept, as it is random.
 
-        **Raises:** `ClearanceError` where nothing is sampled.
+        **Raises:** `ClearanceError` if nothing is sampled.
         """
         if self._fresh is None:
             raise ClearanceError(
@@ -160,19 +160,17 @@ class Program:
 
     @property
     def points(self) -> list[Evaluation]:
-        """Every point by every model."""
+        """All points by both models."""
         return self.history + ([] if self.cheap is None else self.cheap.history)
 
     @property
     def best(self) -> Evaluation | None:
-        """The feasible point with the least objective; of those that agree with it to `TIE` the latest, to which a
-        search has come last.
-        """
+        """The feasible point with the least objective; of several within `TIE` the latest, where a search has ended."""
         return _best(self.history)
 
     @property
     def found(self) -> Evaluation | None:
-        """The same of the points that were asked for: what a record knows besides changes no search's way."""
+        """The best of the points that were asked for, so that other points of a record do not change a search."""
         return _best(self.asked)
 
     @property
@@ -181,9 +179,7 @@ class Program:
         return min(self.history, key=lambda p: p.worst, default=None)
 
     def with_bound(self, group: str, factor: float) -> "Program":
-        """The same program with the bounds of one of the designer's limits times a factor; it evaluates, and
-        remembers, through this one.
-        """
+        """The same program with the bound of a designer's limit times a factor; it evaluates through this one."""
 
         def shift(point: Evaluation) -> Evaluation:
             limits = (point.limits + 1) * shrink - 1
@@ -199,8 +195,7 @@ class Program:
         return Program(lambda x, gradient: shift(self.at(x, gradient)), *names, known=known, fresh=fresh, **models)
 
     def within(self, lower: np.ndarray, upper: np.ndarray) -> "Program":
-        """The same program in a box, without the variables that the box fixes; it evaluates, and remembers, through
-        this one.
+        """The same program in a box, without the variables that the box fixes; it evaluates through this one.
 
         **Arguments:** `lower` <= `upper` (n,), within the bounds; at least one variable must be free.
         """
@@ -237,11 +232,11 @@ class Program:
 
     @property
     def solves(self) -> int:
-        """How many points were evaluated, with and without gradients."""
+        """The number of evaluations, with and without gradients."""
         return self.evaluations + self.gradients
 
     def worst_violation(self, point: Evaluation) -> str:
-        """The most violated limit of a point in words."""
+        """The most violated limit of a point, in words."""
         if not len(point.limits):
             return "no limit"
         bad = ~np.isfinite(point.limits)
@@ -256,6 +251,6 @@ class Program:
 
 
 def _best(points: Sequence[Evaluation]) -> Evaluation | None:
-    held = [p for p in points if p.feasible]
-    least = min((p.objective for p in held), default=0.0)
-    return next((p for p in reversed(held) if p.objective <= least + TIE * abs(least)), None)
+    feasible = [p for p in points if p.feasible]
+    least = min((p.objective for p in feasible), default=0.0)
+    return next((p for p in reversed(feasible) if p.objective <= least + TIE * abs(least)), None)

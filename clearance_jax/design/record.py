@@ -1,4 +1,4 @@
-"""Evaluated designs as records of a journal."""
+"""Conversion of evaluated designs to records of a journal and back."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ def record_of(point: Evaluation) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers as JSON has them: one that is not finite as its name."""
+    """A value for JSON: numbers that are not finite as text."""
     if isinstance(value, list):
         return [_plain(v) for v in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value

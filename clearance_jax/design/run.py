@@ -1,4 +1,4 @@
-"""One run of a method: from a point that can be simulated, to one that holds every limit."""
+"""One run of a method, with a repair of its start and of its result."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ BY_VALUES = "So the search went on by values alone, and a better design may exis
 
 
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
-    """Run an optimiser, then pull its answer inside the limits.
+    """Run an optimiser, then move its result inside the limits.
 
     **Arguments:** `program`: what is minimised; `method`: a name or a `Method`; `start` (n,): the variables at the
     start; `options`: the method's.
@@ -25,26 +25,28 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
     """
     method = method_of(method)
     try:
-        # Where a motion has no end there is no slope to follow: smaller clearances rattle less.
+        # A motion that does not reach its end has no slopes: start from smaller clearances, with smaller impacts.
         if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
-            found = feasible_neighbour(program, start, method.gradients)
-            start = start if found is None else found.x
-        said, still = "", False
+            neighbour = feasible_neighbour(program, start, method.gradients)
+            start = start if neighbour is None else neighbour.x
+        reason, still = "", False
         try:
-            said = method.solve(program, start, **options) or ""
+            reason = method.solve(program, start, **options) or ""
         except UselessSlopes as why:
-            said = f"{USELESS}{why}"
+            reason = f"{USELESS}{why}"
             if program.cheap is not None:
-                return said
+                return reason
         except StandsStill:
             still = True
-        _pull_inside(program, method.gradients)
+        # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
+        if (best := nearly_best(program)) is not None:
+            feasible_neighbour(program, best.x, method.gradients)
         went_on = not method.is_mean and by_values(program, method)
         if still:
             return _standing(program)
-        if said and went_on:
-            return "" if is_settled(program, method) else f"{said}. {BY_VALUES}"
-        return said
+        if reason and went_on:
+            return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
+        return reason
     except BudgetSpent:
         return SPENT
     except KeyboardInterrupt:
@@ -54,15 +56,6 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
 
 
 def _standing(program: Program) -> str:
-    """What a search that stands still has come to: nothing need be said where a limit decides."""
+    """The stop reason of a search that stands still: empty if a limit is active."""
     best = program.best
     return "" if best is None or np.any(best.limits > -NEARLY) else STILL
-
-
-def _pull_inside(program: Program, gradient: bool) -> None:
-    """Evaluate a feasible neighbour of the best point that all but holds its limits: solvers end on a limit from both
-    sides, and the best point that holds may be an early and poor one.
-    """
-    best = nearly_best(program)
-    if best is not None:
-        feasible_neighbour(program, best.x, gradient)

@@ -1,6 +1,6 @@
-"""A program as methods see it: in logarithms, where costs and errors, nearly powers of clearances, are nearly linear.
+"""A program in logarithms, in which costs and errors are nearly linear, as they are nearly powers of clearances.
 
-A design that cannot be simulated is a bad one there, not the end.
+A design that cannot be simulated gets large finite numbers there, so that methods go on.
 """
 
 import numpy as np
@@ -9,19 +9,19 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
 from clearance_jax.design.slopes import followed
 
-# Share of its bound below which a limit is as good as zero.
+# The share of its bound below which a limit counts as this share.
 FLOOR = 1e-3
-# Points that differ by less in logarithms are the same to round-off; after so many of them a search stands still.
+# Points that differ by less in logarithms are the same; a search stands still after so many repeats.
 ROUND_OFF, PATIENCE = 1e-11, 2
 
 
 class StandsStill(Exception):
-    """A search asks for the same point again and again."""
+    """Raised if a search asks for the same point again and again."""
 
 
 class ScaledProgram:
-    """A `program` in logarithms: of its variables, of its objective (if that is positive; otherwise divided by its size
-    at the `start`), and of value over bound of its limits.
+    """A `program` in logarithms of its variables, of value over bound of its limits, and of its objective (if that is
+    not positive, it is divided by its size at the `start` instead).
 
     **Arguments:** `gradient`: whether the start is evaluated with gradients.
     """
@@ -50,7 +50,7 @@ class ScaledProgram:
         return self._objective(point), self._limits(point)
 
     def _move(self, z: np.ndarray) -> None:
-        """Take notice of the next point, and raise where it is the third one that differs by round-off only."""
+        """Count repeats of a point. **Raises** `StandsStill` at the third one that differs by round-off only."""
         if np.array_equal(z, self._last):
             return
         self._still = self._still + 1 if np.allclose(z, self._last, rtol=0.0, atol=ROUND_OFF) else 0
@@ -59,7 +59,7 @@ class ScaledProgram:
             raise StandsStill
 
     def fresh_slopes(self, z: np.ndarray, samples: int, seed: int) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """The same by so many fresh samples of manufacture."""
+        """`slopes` by so many fresh samples of manufacture."""
         return self.slopes_of(self.program.fresh(np.exp(z), samples, seed))
 
     def slopes_of(self, point: Evaluation) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:

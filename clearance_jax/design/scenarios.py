@@ -1,4 +1,4 @@
-"""What a design must stand: every condition, with parts as they come out of manufacture."""
+"""The scenarios of a design: every condition with every part of the model of manufacture."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -11,8 +11,8 @@ from clearance_jax.design.specification import Specification
 
 
 class Scenario(NamedTuple):
-    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables;
-    of a part as it was made `designed`: the values as they were designed (`None`: it is the design itself).
+    """One simulation of a design: its `title`, `values` of numbers by name, `factors` (n,) on the variables; for a part
+    as made, `designed` are the values as designed (`None`: it is the design itself).
     """
 
     title: str
@@ -22,8 +22,8 @@ class Scenario(NamedTuple):
 
 
 def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
-    """What a design is simulated in, condition by condition; of samples so many fresh ones, if they are asked for."""
-    names, manufacture, found = tuple(specification.variables), specification.manufacture, []
+    """The scenarios of a problem, condition by condition; `fresh` > 0: with so many new samples, by `seed`."""
+    names, manufacture, scenarios = tuple(specification.variables), specification.manufacture, []
     parts = manufacture.parts(names, fresh, seed)
     for condition, values in specification.conditions.items():
         given = {name: jnp.asarray(value, float) for name, value in values.items()}
@@ -33,5 +33,5 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
             moved |= {n: jnp.asarray(value, float) for n, value in part.values.items()}
             title = specification.suffix(condition) + part.title
             designed = None if part.is_design else given
-            found.append(Scenario(title, {**given, **moved}, part.factors, designed))
-    return found
+            scenarios.append(Scenario(title, {**given, **moved}, part.factors, designed))
+    return scenarios

@@ -1,4 +1,4 @@
-"""The search for a design: from what is asked to an answer that holds it."""
+"""The search for a design: choice of method, starts, classes, and explanations of failure."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.class_search import choose_classes, without_classes
 from clearance_jax.design.classes import NONE_CHOSEN, Candidates, classes_of, priced
@@ -29,7 +29,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
 
-# Methods whose tolerance is that of the solves.
+# Methods whose tolerance depends on that of the solves.
 TOLERANT = {"slsqp", MATCHED.name, MATCHED_VALUES.name}
 
 
@@ -42,11 +42,11 @@ def search(
     record: str | Path | None = None,
     most: int = 1_000_000,
     progress: Callable[[Evaluation], None] | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     classes: Candidates | None = None,
     diameters: Mapping[str, float] | None = None,
 ) -> Design:
-    """The best design found, many simulations solved at a `place`; other arguments as `ToleranceProblem.solve`'s."""
+    """Search for the best design; `place`: where many simulations are solved; others as `ToleranceProblem.solve`'s."""
     if classes is None:
         return _continuous(specification, method, start, starts, seed, record, most, progress, place)
     listed = classes_of(specification, classes, diameters)
@@ -60,7 +60,7 @@ def search(
 
 
 def _options(specification: Specification, method: Method) -> dict[str, Any]:
-    """Finer than the solves a search cannot be."""
+    """The options of a method: a tolerance that is not finer than the solves."""
     return {"tolerance": 10 * specification.rtol} if method.name in TOLERANT else {}
 
 
@@ -73,9 +73,9 @@ def _continuous(
     record: str | Path | None,
     most: int,
     progress: Callable[[Evaluation], None] | None,
-    place: Place,
+    place: SolvePlace,
 ) -> Design:
-    """The best design whose variables take any values."""
+    """Search for the best design with continuous variables."""
     if method != AUTO:
         method = method_of(method)
     note = ""
@@ -100,31 +100,31 @@ def _continuous(
     method = method_of(method)
     if method.gradients:
         _check_derivatives(specification, x)
-    if said := _first(specification, program, x, method.gradients):
-        return _design(specification, program, method, said, note)
+    if reason := _first(specification, program, x, method.gradients):
+        return _design(specification, program, method, reason, note)
     stop_reason = _runs(program, method, x, starts, seed, **_options(specification, method))
     return _explained(_design(specification, program, method, stop_reason, note))
 
 
 def _explained(design: Design) -> Design:
-    """With why no design holds every limit, where a search has ended so."""
+    """The design, with a note on why no design holds every limit if the search has ended so."""
     if design.feasible or design.stop_reason in (INTERRUPTED, SPENT):
         return design
     try:
         why = why_infeasible(design.specification, design.program)
     except (KeyboardInterrupt, BudgetSpent):
         return design
-    # The smallest clearances may have been asked for the first time.
+    # The explanation may have evaluated the smallest clearances for the first time.
     point = design.program.best or design.program.nearest or design.evaluation
     note = "; ".join(text for text in (design.note, "" if point.feasible else why) if text)
     return dataclasses.replace(design, evaluation=point, note=note)
 
 
 def _runs(program: Program, method: Method, x: np.ndarray, starts: int, seed: int, **options: Any) -> str:
-    """Runs from a point and from others at random; why the last one stopped early."""
+    """Run from a point and from random ones; returns why the last run stopped early."""
     stop_reason, rng = run(program, method, x, **options), np.random.default_rng(seed)
     for _ in range(starts - 1):
-        # A solver that gave up is one thing, an end to all of it another.
+        # Other starts are tried after a failed run, but not after an interruption.
         if stop_reason not in (INTERRUPTED, SPENT):
             other = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
             stop_reason = run(program, method, other, **options)
@@ -141,10 +141,10 @@ def _design(specification: Specification, program: Program, method: Method, stop
 def _managed(
     specification: Specification, program: Program, x: np.ndarray, given: Mapping[str, Any], starts: int, seed: int
 ) -> Design:
-    """The design found on poses and judged by the dynamics; where slopes of the dynamics say nothing, by values."""
+    """Search by model management of poses and dynamics; by values alone if slopes of the dynamics are useless."""
     tolerance = _options(specification, MATCHED)
-    if said := _first(specification, program, x):
-        return _design(specification, program, MATCHED, said, "")
+    if reason := _first(specification, program, x):
+        return _design(specification, program, MATCHED, reason, "")
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
     if not stop_reason.startswith(USELESS):
         return _explained(_design(specification, program, MATCHED, stop_reason, ""))
@@ -160,13 +160,13 @@ def _managed(
     left = {"most": given["most"] - program.gradients}
     wider = formulate(specification, **{**given, **left}, known=program.points)
     stop_reason = _runs(wider, MATCHED_VALUES, x, starts, seed, **tolerance)
-    if not wider.history:  # it was stopped before: the design that slopes were asked at is known
+    if not wider.history:  # stopped before: take the design at which slopes were asked for
         return _design(dataclasses.replace(specification, manufacture=asked), program, MATCHED, stop_reason, note)
     return _design(specification, wider, MATCHED_VALUES, stop_reason, note)
 
 
 def _first(specification: Specification, program: Program, x: np.ndarray, gradient: bool = True) -> str:
-    """Why no search need begin, in words; or why it was stopped before."""
+    """Why a search is not needed or was stopped before, in words; else empty."""
     try:
         return unreachable(specification, program, x, gradient)
     except BudgetSpent:
@@ -178,7 +178,7 @@ def _first(specification: Specification, program: Program, x: np.ndarray, gradie
 
 
 def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
-    """Raise for a metric without derivatives, before anything is spent."""
+    """Raise `ClearanceError` for a metric without derivatives, before any solve."""
     values = specification.clearances(x)
     for limit in specification.limits:
 
@@ -193,7 +193,7 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
 
 
 def _distrust(specification: Specification, x: np.ndarray) -> str:
-    """Why gradients are useless at a point, in words; empty where they are not."""
+    """Why gradients are useless at a point, in words; empty if they are not."""
     names = tuple(specification.variables)
     for name, values in specification.conditions.items():
         moved = replace(specification.move(specification.mechanism, values), specification.clearances(x))
@@ -204,7 +204,7 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
                     limit.metric.base_metric,
                     names,
                     specification.t1,
-                    # Fewer than a report has by default: every limit in every condition is asked.
+                    # Fewer than by default, as there is a report for every limit in every condition.
                     probes=16,
                     samples=max(16, len(names) + 3),
                     on_untrusted="ignore",

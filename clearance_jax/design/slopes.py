@@ -1,29 +1,29 @@
-"""Slopes that say nothing: those of a chaotic motion are exact, and of no use to a search."""
+"""Detection of useless slopes: those of a chaotic motion are exact, but a search cannot follow them."""
 
 import numpy as np
 
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
 
-# A limit that would change by its own size where a variable changes by a hundredth is none that slopes describe.
+# The steepest slope, in logarithms: the limit changes by its own size if a variable changes by 1 %.
 STEEPEST = 100.0
-# The same of a lower peak: it loses nothing by the slopes of the highest one, and would hold up a search for nothing.
+# The same for a lower peak, which can use the slopes of the highest one instead.
 LOWER_STEEPEST = 5.0
 # Limits below this share of their bounds do not decide.
 NEAR = 0.5
 
 
 class UselessSlopes(Exception):
-    """The slopes of a point say nothing of its neighbours; the message says why."""
+    """Raised if the slopes of a point do not predict its neighbours; the message says why."""
 
 
 def followed(program: Program, point: Evaluation) -> Evaluation:
     """A point with the slopes that a search can follow.
 
-    A steep limit that does not decide is judged by its values alone. A lower peak of a motion never decides before the
-    highest one, so it takes the slopes of that one. A limit far below its bound takes none.
+    A lower peak of a motion with useless slopes takes those of the highest one, as it never decides before that. A
+    limit far below its bound takes slopes of zero.
 
-    **Raises:** `UselessSlopes` where a limit that may decide is steeper than any that a search can follow.
+    **Raises:** `UselessSlopes` if a limit that may decide has useless slopes.
     """
     if point.jacobian is None or not np.all(np.isfinite(point.limits)):
         return point

@@ -1,4 +1,4 @@
-"""What a designer asks, checked and in one form: what may vary, what must hold in which conditions, what it costs."""
+"""The specification of a tolerance problem, checked: variables, limits, conditions, costs, options."""
 
 import dataclasses
 import re
@@ -21,11 +21,11 @@ from clearance_jax.parameters import check_values, parameters, replace, units_of
 from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.wear import AbstractAged
 
-# Peaks that are limits each: where the highest changes place, the next one has been watched already.
+# The number of peaks that are limits each, so that the search sees the next one if the highest moves to it.
 PEAKS = 3
-# What a designer may say of the solves.
+# Options of the solves that a problem may have.
 KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
-# By which model of the motion designs are judged; `AUTO`: searched by the cheap one, judged by the dear one.
+# Models of the motion that judge designs; `AUTO`: searched by quasi-static poses, judged by the dynamics.
 AUTO = "auto"
 FIDELITY_CHOICES = (DYNAMICS, QUASI_STATIC, AUTO)
 
@@ -53,26 +53,26 @@ class Limit(Module):
         """The given name, or the metric's."""
         metric = self.metric.base_metric
         signal = getattr(metric, "signal", None)
-        own = metric.called if isinstance(metric, Function) else type(metric).__name__
-        parts = [own] + ([] if signal is None else [type(signal).__name__])
+        title = metric.called if isinstance(metric, Function) else type(metric).__name__
+        parts = [title] + ([] if signal is None else [type(signal).__name__])
         of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
         return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + self.metric.title_suffix
 
     @property
     def label(self) -> str:
-        """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
+        """What is bounded, in words: "piston: position error", or "NAME: position error of piston"."""
         return self._label(_quantity(self.metric.base_metric))
 
     @property
     def signal_label(self) -> str:
-        """The signal that it is about, in words; the label of a metric that has none. It is seen over one motion."""
+        """The signal of the metric in words, of the new mechanism; the label if there is no signal."""
         signal = getattr(self.metric.base_metric, "signal", None)
         of = self.label if signal is None else self._label(_words(type(signal).__name__))
         return of + " as new" * self.ages
 
     @property
     def reduction(self) -> str:
-        """What of its signal is bounded, in words; nothing where that is every value."""
+        """The reduction of the signal that is bounded, in words; empty if every value is."""
         return _reduction(self.metric.base_metric).strip()
 
     @property
@@ -82,7 +82,7 @@ class Limit(Module):
 
     @property
     def since(self) -> float | None:
-        """From when on it counts [s]; `None`: from the start."""
+        """The time from which on the limit counts [s]; `None`: from the start."""
         since = getattr(self.metric.base_metric, "since", None)
         return None if since is None else float(since)
 
@@ -93,12 +93,12 @@ class Limit(Module):
         return f"{name}: {whole}" if name else whole
 
     def labels(self, count: int) -> list[str]:
-        """What each of the `count` values of its simulated metric is: "piston: position error, peak 1"."""
+        """The label of each of the `count` values of `simulation_metric`: "piston: position error, peak 1"."""
         once = self._labels_once(count // len(self.metric.ages))
         return [label + age for age in self.metric.ages for label in once]
 
     def _labels_once(self, count: int) -> list[str]:
-        """Of one motion."""
+        """The labels of the values of one motion."""
         metric = self.metric.base_metric
         if isinstance(metric, At):
             return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in metric.times]
@@ -107,7 +107,7 @@ class Limit(Module):
 
     @property
     def simulation_metric(self) -> AbstractMeasure:
-        """The metric that is solved for: of a peak some more peaks too."""
+        """The metric to be solved for: instead of one peak the `PEAKS` highest."""
         metric = self.metric.base_metric
         if isinstance(metric, Peak) and metric.count == 1:
             return self.metric.with_metric(dataclasses.replace(metric, count=PEAKS))
@@ -124,7 +124,7 @@ def _quantity(metric: AbstractMetric) -> str:
 
 
 def _reduction(metric: AbstractMetric) -> str:
-    """What of a signal a metric is, to be put before it."""
+    """The reduction of a metric in words, as a prefix to its signal."""
     return "" if isinstance(metric, Peak | At) else _words(type(metric).__name__).replace("rms", "RMS") + " "
 
 
@@ -205,7 +205,7 @@ class Specification:
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
 
     def _check_end(self, mechanism: Mechanism) -> None:
-        """Raise where a condition's drives move beyond the end, which those of the mechanism do not."""
+        """Raise `ClearanceError` if a condition's drives move beyond the end and those of the mechanism do not."""
         last = [max(np.asarray(drive_breaks(m)).tolist(), default=0.0) for m in (mechanism, self.mechanism)]
         end = self.t1 * (1 + 1e-9)
         if last[0] > end >= last[1]:
@@ -222,11 +222,11 @@ class Specification:
         return worn.worth(self.mechanism, [limit.metric for limit in self.limits], name, given)
 
     def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
-        """A mechanism as a condition or a scenario has it, whose values may be of wear too."""
+        """The mechanism with the values of a condition or scenario, of which those of wear are ignored."""
         return worn.replace_values(mechanism, [limit.metric for limit in self.limits], values)
 
     def settings(self, **changes: Any) -> Settings:
-        """How to solve, with some options changed."""
+        """The settings of the solves, with some options changed."""
         return settings_of(self.mechanism, self.t1, {**self.solving, **changes}, (*KNOWN, "fidelity"))
 
     @property
@@ -240,7 +240,7 @@ class Specification:
 
     @property
     def judge(self) -> str:
-        """By what designs are judged, in words: the model of the motion, and whether neighbours count too."""
+        """What judges designs, in words: the model of the motion, and neighbours if these count."""
         return f"{self.solving.get('fidelity')}{self.manufacture.among}"
 
     @property
@@ -250,7 +250,7 @@ class Specification:
 
     @property
     def start(self) -> str:
-        """Where pins start."""
+        """Where pins start: "centre" or "settled"."""
         return self.settings().start
 
     @property
@@ -265,12 +265,12 @@ class Specification:
 
     @property
     def common(self) -> bool:
-        """Whether the largest clearance is wanted, common to all variables."""
+        """Whether the largest common clearance of all variables is wanted, not the least cost."""
         return not self.costs
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the solver varies: the variables, or their common value."""
+        """The names of what the solver varies: the variables, or their common value."""
         return ("common clearance",) if self.common and len(self.variables) > 1 else tuple(self.variables)
 
     @property
@@ -293,17 +293,17 @@ class Specification:
         return dict(zip(self.variables, self.values(x).tolist(), strict=True))
 
     def label(self, condition: str) -> str:
-        """A condition's name where there are several, else nothing."""
+        """A condition's name if there are several conditions, else empty."""
         return condition if len(self.conditions) > 1 else ""
 
     def suffix(self, condition: str) -> str:
-        """How a title names a condition: not at all where there is one only."""
+        """The suffix of a title for a condition; empty if there is only one."""
         return f" ({condition})" if self.label(condition) else ""
 
     def as_designed(self) -> "Specification":
-        """The same for parts that come out exactly as designed; limits that are judged among neighbours still are."""
+        """The same for parts exactly as designed; limits that are judged among neighbours still are."""
         return self if self.manufacture.among else self.nominal()
 
     def nominal(self) -> "Specification":
-        """The same for parts that come out exactly as designed."""
+        """The same for parts exactly as designed."""
         return dataclasses.replace(self, manufacture=AsDesigned())

@@ -1,4 +1,4 @@
-"""The nearest standard fits to a design, and the share of what is made with them that holds the limits."""
+"""The nearest standard fits to a design, and the yield of parts that are made to them."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.ask.place import Place, place_of
+from clearance_jax.ask.place import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
@@ -18,7 +18,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits
 from clearance_jax.units import format_quantity
 
-# A part of a clearance that no drawing shows.
+# A relative difference of clearances that does not matter.
 HAIR = 1e-6
 # Standard deviations between the middle and the limits of a tolerance.
 SIGMAS = 3.0
@@ -30,7 +30,7 @@ class StandardFits(NamedTuple):
     - `fits`: by variable (a variable that is no joint's clearance keeps its designed value).
     - `worst`, `least`: the most violated scaled limit with every clearance at its fit's greatest, and at its least.
     - `yield_estimate`: of random samples; `target`: the yield that was asked for (`None`: none was).
-    - `remarks`: by variable, where a fit goes beyond what the study allows by itself.
+    - `remarks`: by variable, if a fit exceeds the bounds of the study or the designed clearance.
     """
 
     fits: dict[str, fits.Fit]
@@ -42,11 +42,11 @@ class StandardFits(NamedTuple):
 
     @property
     def shares(self) -> tuple[float, float]:
-        """What the worst limit has of its bound with every clearance at its greatest, and at its least."""
+        """The worst limit over its bound, with every clearance at its greatest and at its least."""
         return 1 + self.worst, 1 + self.least
 
     def __str__(self) -> str:
-        lines = [f"{name}: {found}" + self._remark(name) for name, found in self.fits.items()]
+        lines = [f"{name}: {fit}" + self._remark(name) for name, fit in self.fits.items()]
         greatest, least = self.shares
         lines.append(
             f"The worst limit reaches {greatest:.4f} of its bound with every clearance at its greatest, "
@@ -56,7 +56,7 @@ class StandardFits(NamedTuple):
 
     @property
     def judgement(self) -> str:
-        """What the samples say, also of the yield that was asked for."""
+        """A sentence on the yield, and on its target if there is one."""
         return f"{self.yield_estimate} {self.yield_estimate.against(self.target)}".rstrip()
 
     def _remark(self, name: str) -> str:
@@ -90,7 +90,7 @@ def nearest_fits(
 
 
 def _nearest(
-    design: Design, diameters: Mapping[str, float], samples: int | None, seed: int, place: Place
+    design: Design, diameters: Mapping[str, float], samples: int | None, seed: int, place: SolvePlace
 ) -> StandardFits | None:
     specification, names = design.specification, list(design.clearances)
     sizes = {**diameters_of(design.mechanism, names), **diameters}
@@ -100,20 +100,21 @@ def _nearest(
     between = list(specification.variables.values())
     within = {i: fits.fits_within(sizes[names[i]], between[i][1], between[i][0]) for i in fitted}
     every = {i: fits.fits_within(sizes[names[i]], 1.0) for i in fitted}
-    # Where none within the bounds of the study holds the limits, others are given, and remarked on.
+    # If no fits within the bounds of the study hold the limits, others are tried, with remarks.
     for candidates in (within, every):
         # The tightest first: a chosen fit is a place in its list.
-        lists = {i: sorted(found, key=_greatest) for i, found in candidates.items()}
+        lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
         chosen = _loosest(design, lists, place) if all(lists.values()) else None
         if chosen is not None:
             break
     else:
         return None
     while True:
-        made = {names[i]: _as_class(lists[i][k]) for i, k in chosen.items()}
-        found = _judged(design, made, samples, seed, place)
-        if not found.yield_estimate.against(found.target) or not any(chosen.values()):
-            return found
+        picked = {names[i]: lists[i][k] for i, k in chosen.items()}
+        made = {name: ToleranceClass(fit.name, *fit.radial_clearance, fit=fit) for name, fit in picked.items()}
+        judged = _judged(design, made, samples, seed, place)
+        if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
+            return judged
         chosen = _tighter(chosen)
 
 
@@ -121,23 +122,23 @@ def _tighter(chosen: Mapping[int, int]) -> dict[int, int]:
     return {i: max(place - 1, 0) for i, place in chosen.items()}
 
 
-def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Place) -> dict[int, int] | None:
-    """Of each list of fits the place of one, the loosest that hold the limits together; `None`: none do."""
+def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: SolvePlace) -> dict[int, int] | None:
+    """The index of a fit in each list, the loosest ones that hold the limits together; `None` if none do."""
     specification = design.specification.nominal()
     designed, fitted = specification.values(design.evaluation.x), list(lists)
     chosen = {i: max(sum(_greatest(f) <= float(designed[i]) for f in lists[i]) - 1, 0) for i in fitted}
     simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
-    exact = design.program.gradients > 0 and len(designed) <= FEW  # by the program that is compiled already
+    exact = design.program.gradients > 0 and len(designed) <= FEW  # that program is compiled already
 
     def worst(places):
         x = designed.copy()
         for i in fitted:
             x[i] = _greatest(lists[i][places[i]])
-        # Not `program.at`: the bounds on the variables are for designs, and a fit's ends may lie outside.
+        # Not `program.at`: the ends of a fit may be outside of the bounds of the variables.
         return float(np.max(simulations.worst(x, scenarios, exact)))
 
     while worst(chosen) > SLACK:
-        # A tightest fit wider than the design, islands, or errors that do not grow with the clearance: all tighter.
+        # The tightest fit may be wider than the design, or errors may not grow with clearances: tighten all.
         if not any(chosen.values()):
             return None
         chosen = _tighter(chosen)
@@ -164,14 +165,10 @@ def chosen_fits(design: Design, samples: int | None = None, seed: int = 0, clust
         return _judged(design, design.classes.chosen, samples, seed, place)
 
 
-def _as_class(fit: fits.Fit) -> ToleranceClass:
-    return ToleranceClass(fit.name, *fit.radial_clearance, fit=fit)
-
-
 def _judged(
-    design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: Place
+    design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: SolvePlace
 ) -> StandardFits:
-    """Limits with classes at their ends, and the yield of parts that are made to them."""
+    """The limits with classes at their ends, and the yield of parts made to the classes."""
     specification, judge = design.specification, design.specification.as_designed()
     names, designed = list(design.clearances), specification.values(design.evaluation.x)
     target = getattr(specification.manufacture, "target", None)
@@ -184,18 +181,18 @@ def _judged(
         ends = [max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in zip(names, designed, strict=True)]
         return float(np.max(simulations.worst(np.array(ends), scenarios_of(judge), exact)))
 
-    found = {name: one.fit for name, one in made.items() if one.fit is not None}
+    fitted = {name: entry.fit for name, entry in made.items() if entry.fit is not None}
     sampled = _sampled(design, made, samples, seed)
     estimate = yield_of(specification.nominal(), designed, sampled, exact, place)
-    remarks = {n: text for n, one in made.items() if (text := _beyond(design, n, one))}
-    return StandardFits(found, worst("greatest"), worst("least"), estimate, target, remarks)
+    remarks = {n: text for n, entry in made.items() if (text := _beyond(design, n, entry))}
+    return StandardFits(fitted, worst("greatest"), worst("least"), estimate, target, remarks)
 
 
 def _sampled(design: Design, made: Mapping[str, ToleranceClass], samples: int, seed: int) -> list[Scenario]:
-    """Parts made to classes, in every condition; other numbers scatter as the problem says."""
+    """Scenarios of parts made to classes, in every condition; other numbers scatter as the problem says."""
     names, designed = list(design.clearances), design.specification.values(design.evaluation.x)
     rng = np.random.default_rng(seed)
-    drawn = {names.index(name): np.maximum(_draw(one, samples, rng), SMALLEST) for name, one in made.items()}
+    drawn = {names.index(name): np.maximum(_draw(entry, samples, rng), SMALLEST) for name, entry in made.items()}
     if design.specification.manufacture.is_sampled:
         sampled = scenarios_of(design.specification, samples, seed)
     else:
@@ -208,24 +205,24 @@ def _sampled(design: Design, made: Mapping[str, ToleranceClass], samples: int, s
 
 
 def _beyond(design: Design, name: str, made: ToleranceClass) -> str:
-    """Where a class goes beyond what a variable may be by itself, in words."""
+    """A remark if a class exceeds the bounds or the designed value of its variable; else empty."""
     designed, (least, most) = design.clearances[name], design.specification.variables[name]
-    found = []
+    remarks = []
     if made.least < least * (1 - HAIR):
-        found.append(f"may be below the least of the study, {format_quantity(least, 'm', 4)}")
+        remarks.append(f"may be below the least of the study, {format_quantity(least, 'm', 4)}")
     if made.greatest > most * (1 + HAIR):
-        found.append(f"may be above the greatest of the study, {format_quantity(most, 'm', 4)}")
+        remarks.append(f"may be above the greatest of the study, {format_quantity(most, 'm', 4)}")
     elif made.greatest > designed * (1 + HAIR):
-        found.append(f"may be above the designed {format_quantity(designed, 'm', 4)}, as others are tighter")
-    return "; ".join(found)
+        remarks.append(f"may be above the designed {format_quantity(designed, 'm', 4)}, as others are tighter")
+    return "; ".join(remarks)
 
 
-def _greatest(found: fits.Fit) -> float:
-    return found.radial_clearance[1]
+def _greatest(fit: fits.Fit) -> float:
+    return fit.radial_clearance[1]
 
 
 def _gain(design, lists, chosen, moved) -> float:
-    """What a looser fit gains: cost, or clearance where there is none."""
+    """The gain of a looser fit: in cost, or in clearance if there are no costs."""
     (i,) = (i for i in chosen if moved[i] != chosen[i])
     before, after = (_greatest(lists[i][p[i]]) for p in (chosen, moved))
     cost = design.specification.costs[i] if design.specification.costs else (lambda c: -c)
@@ -233,7 +230,7 @@ def _gain(design, lists, chosen, moved) -> float:
 
 
 def _draw(made: ToleranceClass, samples: int, rng: np.random.Generator) -> np.ndarray:
-    """Radial clearances of parts made to a class: of a fit the hole and the shaft are drawn."""
+    """Draw radial clearances (samples,) of parts made to a class; for a fit, hole and shaft are drawn."""
 
     def drawn(low: float, high: float) -> np.ndarray:
         normal = scipy.stats.truncnorm.rvs(-SIGMAS, SIGMAS, size=samples, random_state=rng)

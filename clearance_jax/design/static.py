@@ -1,4 +1,4 @@
-"""What play alone can do to a mechanism at rest: a bound to hold a simulated error against."""
+"""Static bounds of the error of a point: how far play alone can move it in a mechanism at rest."""
 
 import dataclasses
 import itertools
@@ -23,7 +23,7 @@ from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
 
 AXIAL = ".axial_clearance"
-# Iterations towards the largest reach; each reaches further than the one before.
+# Iterations towards the largest reach, which grows with each.
 CLIMB = 60
 
 
@@ -88,13 +88,16 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
     for name, weight in weights.items():
         joint = name.removesuffix(AXIAL)
         play = _play_of(mechanism, joint)
-        size = next(one.scale for one in play if one.suffix == ".play_z") if name.endswith(AXIAL) else play[0].scale
-        total += weight * (float(size) + (0.0 if name.endswith(AXIAL) else _worn(mechanism, joint)))
+        if name.endswith(AXIAL):
+            size = float(next(c.scale for c in play if c.suffix == ".play_z"))
+        else:
+            size = float(play[0].scale) + _worn(mechanism, joint)
+        total += weight * size
     return total
 
 
 def _worn(mechanism: Mechanism, name: str) -> float:
-    """How deep a joint's sleeve is worn off at most [m]."""
+    """The largest depth of wear of a joint's sleeve [m]."""
     clearance = getattr(mechanism.joint(name), "clearance", None)
     return 0.0 if not isinstance(clearance, AbstractPin) or clearance.depth is None else float(clearance.profile.max())
 
@@ -111,13 +114,14 @@ def _is_flat(mechanism: Mechanism, name: str) -> bool:
 
 
 def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
-    """How far the point moves per clearance, by what the name of the clearance ends in; `slope` (times, axes, play);
-    `flat`: whether walls bound each slide across by itself.
+    """How far the point moves per clearance (times,), by the suffix of the clearance's name.
+
+    **Arguments:** `slope` (times, axes, play); `flat`: whether walls bound each slide across separately.
     """
-    turns = {k: np.asarray(one.turns, float) for k, one in enumerate(play) if one.turns is not None}
+    turns = {k: np.asarray(c.turns, float) for k, c in enumerate(play) if c.turns is not None}
     if not turns:
         return {"": np.linalg.norm(slope, ord=2, axis=(1, 2))}
-    slides = {k: np.asarray(one.slides, float) for k, one in enumerate(play) if one.slides is not None}
+    slides = {k: np.asarray(c.slides, float) for k, c in enumerate(play) if c.slides is not None}
     across = [k for k, axis in slides.items() if axis[2] == 0]
     tilts, radial = [k for k, axis in turns.items() if axis[2] == 0], play[across[0]].scale
     # How the point moves as the axis leans along each slide: z turned about the tilt's axis.
@@ -130,27 +134,27 @@ def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> d
     return {"": out} | ({AXIAL: np.linalg.norm(slope[..., axial], ord=2, axis=(1, 2))} if axial else {})
 
 
-def _both_ends(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The largest norm of P e + Q f over unit vectors e and f, of matrices (times, axes, k) each.
+def _both_ends(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The largest norm (times,) of P e + Q f over unit vectors e and f, for matrices P and Q (times, axes, k).
 
-    It is the largest over directions n of |P^T n| + |Q^T n|. From each of several directions upwards.
+    It is the maximum of |P^T n| + |Q^T n| over directions n, found by ascent from several directions.
     """
-    starts = [np.linalg.svd(part)[0][..., 0] for part in (one, other, one + other, one - other)]
-    best = size = np.zeros(len(one))
+    starts = [np.linalg.svd(part)[0][..., 0] for part in (first, other, first + other, first - other)]
+    best = size = np.zeros(len(first))
     for direction in starts:
         for _ in range(CLIMB):
-            ends = [np.einsum("tij,ti->tj", part, direction) for part in (one, other)]
+            ends = [np.einsum("tij,ti->tj", part, direction) for part in (first, other)]
             units = [e / np.maximum(np.linalg.norm(e, axis=1), 1e-300)[:, None] for e in ends]
-            reached = sum(np.einsum("tij,tj->ti", part, e) for part, e in zip((one, other), units, strict=True))
+            reached = sum(np.einsum("tij,tj->ti", part, e) for part, e in zip((first, other), units, strict=True))
             size = np.linalg.norm(reached, axis=1)
             direction = reached / np.maximum(size, 1e-300)[:, None]
         best = np.maximum(best, size)
     return best
 
 
-def _corners(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The same over vectors e and f of which each component is from -1 to 1 by itself: at corners, as it is convex."""
-    both = np.concatenate([one, other], axis=-1)
+def _corners(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The same over vectors e and f with components from -1 to 1; it is convex, so the maximum is at a corner."""
+    both = np.concatenate([first, other], axis=-1)
     signs = np.array(list(itertools.product((1.0, -1.0), repeat=both.shape[-1])))
     return np.linalg.norm(both @ signs.T, axis=1).max(axis=-1)
 
@@ -164,10 +168,10 @@ def _slopes(mechanism: Mechanism, index: int, names: tuple[str, ...], t0, t1, sa
     counts = [len(_play_of(mechanism, name)) for name in names]
 
     def place(values, t, y):
-        held = {name: tuple(own) for name, own, count in zip(names, values, counts, strict=True) if count}
-        moved = mechanism.hold_pins(held)
-        for name, own, count in zip(names, values, counts, strict=True):
-            moved = moved if count else _offset(moved, name, own)
+        offsets = {name: tuple(offset) for name, offset, count in zip(names, values, counts, strict=True) if count}
+        moved = mechanism.hold_pins(offsets)
+        for name, offset, count in zip(names, values, counts, strict=True):
+            moved = moved if count else _offset(moved, name, offset)
         ready = moved.prepare()
         closed = project(t, y, ready, ASSEMBLE) if ready.closures() else y
         return evaluate("position", t, closed, ready)[index]

@@ -1,7 +1,7 @@
-"""Stochastic approximation (Robbins and Monro 1951): a yield designed for on fresh samples.
+"""Stochastic approximation (Robbins and Monro 1951): a search for a yield with new samples in each step.
 
-A fixed set of samples is what the other methods design for, and its answer is a little better than the truth. Here each
-step sees new ones, so few at a time that no step is dear, and their noise averages out along the way.
+Other methods use a fixed set of samples, for which their design is slightly too good. Here each step draws a few new
+samples, whose noise averages out over the steps.
 """
 
 import jax
@@ -13,7 +13,7 @@ from clearance_jax.design.program import Program
 from clearance_jax.design.repair import feasible_neighbour
 from clearance_jax.design.scaling import ScaledProgram
 
-# A violated limit pulls twice as hard as the objective: where as many batches violate it as do not, both balance.
+# The weight of a violated limit over the objective: if half of the batches violate it, both balance.
 PULL = 2.0
 
 
@@ -25,8 +25,8 @@ def stochastic_approximation(
     An exact penalty holds the limits; the answer is the mean over the second half of the steps (Polyak and Juditsky
     1992), whose rate falls to nothing, smaller if the problem's own samples say so.
 
-    **Arguments:** `samples`: of each step; fewer than 1 / (1 - target) see too little of the tail, and are optimistic;
-    `rate`: of the first step, in logarithms of the variables.
+    **Arguments:** `samples` of each step; fewer than 1 / (1 - target) have too little of the tail, and are optimistic;
+    `rate` of the first step, in logarithms of the variables.
     """
     scaled = ScaledProgram(program, start)
     optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
@@ -45,5 +45,5 @@ def stochastic_approximation(
     except KeyboardInterrupt:
         feasible_neighbour(program, np.exp(mean), gradient=True)
         raise
-    # No other point is kept: the best of many that a few fixed samples happen to like is what those alone ask for.
+    # No other point is kept: the best of many on fixed samples would be biased towards these samples.
     feasible_neighbour(program, np.exp(mean), gradient=True)

@@ -1,4 +1,4 @@
-"""What happens over time at a design: every signal that a limit is about, in every condition."""
+"""Time histories of a design: the signal of every limit, in every condition."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -20,8 +20,8 @@ class TimeHistory(NamedTuple):
 
     - `times` (times,) [s]; `values` (times,) in `unit`, by condition (with one condition only, under an empty name);
       `bound`.
-    - `reduction`: what of the signal the bound is on, in words (empty: all of it); `since`: from when on [s] (`None`:
-      the start).
+    - `reduction`: the reduction of the signal that is bounded, in words (empty: every value); `since`: from when on
+      [s] (`None`: the start).
     """
 
     limit: str
@@ -40,7 +40,7 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     **Arguments:** `design`: the answer of a problem.
     """
     specification = design.specification
-    times, signals, found = sample_times(specification), _signals(design.specification), {}
+    times, signals, by_condition = sample_times(specification), _signals(design.specification), {}
     asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
     for name, given in specification.conditions.items():
         moved = specification.move(design.mechanism, given)
@@ -49,14 +49,14 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
             seen = answer(Question(moved, asked, specification.t1, settings)).values
         except (ClearanceError, RuntimeError):
             continue  # a design that could not be simulated is reported as such elsewhere
-        found[specification.label(name)] = [seen.get(str(i)) for i in range(len(signals))]
-    return histories_of(specification, times, found)
+        by_condition[specification.label(name)] = [seen.get(str(i)) for i in range(len(signals))]
+    return histories_of(specification, times, by_condition)
 
 
 def histories_of(
-    specification: Specification, times: np.ndarray, found: Mapping[str, Sequence[Any]]
+    specification: Specification, times: np.ndarray, by_condition: Mapping[str, Sequence[Any]]
 ) -> tuple[TimeHistory, ...]:
-    """From signals found by condition, of every limit in its place."""
+    """The time histories of all limits with a signal, from lists of signals by condition."""
     return tuple(
         TimeHistory(
             limit.label,
@@ -66,7 +66,7 @@ def histories_of(
             limit.since,
             limit.bound,
             times,
-            {name: np.asarray(signals[i]) for name, signals in found.items()},
+            {name: np.asarray(signals[i]) for name, signals in by_condition.items()},
         )
         for i, (limit, signal) in enumerate(zip(specification.limits, _signals(specification), strict=True))
         if signal is not None

@@ -1,4 +1,4 @@
-"""A bound that no clearance can hold: said before anything is searched for, with what is left and what would help."""
+"""Detection of bounds that no clearances can hold, before a search, with explanations of what would help."""
 
 import dataclasses
 from typing import Any
@@ -21,29 +21,29 @@ from clearance_jax.solve.settings import QUASI_STATIC
 from clearance_jax.units import format_quantity
 
 CLEARANCE = "_clearance"
-# The numbers of a contact that its stiffness is proportional to.
+# Suffixes of the numbers that the stiffness of a contact is proportional to.
 STIFFNESS = (".stiffness", "_modulus")
 
-# What the ideal mechanism has of these a mechanism with play has too, nearly or more.
+# Signals that are about as large in the ideal mechanism as with play, or smaller.
 CARRIED = (ContactForce, JointReaction, JointMoment, Acceleration)
-# By how much of its bound the ideal mechanism must exceed it: friction takes a part of a load off the normal forces.
+# The factor by which the ideal mechanism must exceed a bound, as friction takes a part of the normal forces.
 SURE = 1.2
 
 
 def unreachable(specification: Specification, program: Program, start: np.ndarray, gradient: bool) -> str:
-    """Why no design can hold a limit, in words; empty where one may.
+    """Why no design can hold a limit, in words; empty if one may.
 
-    The smallest clearances are asked: by poses first, if the program has them, else by the dynamics if the `start`
-    violates a limit. A limit that they violate, and that grows with the clearances, is then asked of the ideal
-    mechanism (`floor_words`).
+    The smallest clearances are evaluated: by quasi-static poses first, if the program has them, else by the dynamics if
+    the `start` violates a limit. A limit that they violate, and that grows with the clearances, is then compared with
+    the ideal mechanism (`floor_words`).
     """
     if not all(name.endswith(CLEARANCE) for name in specification.variables):
         return ""
     if program.cheap is not None:
-        said = _by_poses(specification, program)
+        reason = _by_poses(specification, program)
     else:
-        said = _by_dynamics(specification, program, start, gradient)
-    return f"stopped before the search: {said}" if said else ""
+        reason = _by_dynamics(specification, program, start, gradient)
+    return f"stopped before the search: {reason}" if reason else ""
 
 
 def _by_poses(specification: Specification, program: Program) -> str:
@@ -67,7 +67,7 @@ def _by_dynamics(specification: Specification, program: Program, start: np.ndarr
     if not 0 < begin.worst < np.inf:
         return ""
     solved = program.at(program.lower, gradient)
-    # What larger clearances have less of is for the search.
+    # A limit that falls with larger clearances is left to the search.
     never = (solved.limits > 0) & (solved.limits <= begin.limits)
     if not np.isfinite(solved.worst) or not np.any(never):
         return ""
@@ -75,8 +75,8 @@ def _by_dynamics(specification: Specification, program: Program, start: np.ndarr
 
 
 def floor_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
-    """Why a limit, with its place `k`, is violated at the smallest clearances and at any: the ideal mechanism carries
-    too much, or the contacts give way too much; empty where neither is known.
+    """Why limit `k` is violated at any clearances, in words: the loads of the ideal mechanism are too large, or the
+    contacts are too soft; empty if neither is known.
     """
     limit = limit_of(specification, program, k)
     signal = getattr(limit.metric.base_metric, "signal", None)
@@ -93,13 +93,13 @@ def floor_words(specification: Specification, program: Program, solved: Evaluati
 
 
 def limit_of(specification: Specification, program: Program, k: int) -> Limit:
-    """The designer's limit of a place."""
-    return next(one for one in specification.limits if one.title == program.groups[k])
+    """The designer's limit of limit `k` of the program."""
+    return next(limit for limit in specification.limits if limit.title == program.groups[k])
 
 
 def carried_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
-    """What the ideal mechanism has of a force or an acceleration, if that is clearly more than the bound; of a force
-    that is the reaction of the joint.
+    """A sentence on the force (joint reaction) or acceleration of the ideal mechanism, if it clearly exceeds the bound;
+    else empty.
     """
     limit, scenario = limit_of(specification, program, k), _scenario(specification, program, k)
     ideal = specification.move(specification.mechanism, scenario.values).ideal()
@@ -122,8 +122,8 @@ def carried_words(specification: Specification, program: Program, solved: Evalua
 
 
 def _carried(specification: Specification, limit: Limit, ideal: Mechanism) -> float:
-    """A metric of a force or an acceleration of the ideal mechanism; not a number where its reactions, or its motion,
-    are not determined.
+    """The metric of a force or an acceleration for the ideal mechanism; NaN if its reactions or its motion are not
+    determined.
     """
     metric: Any = limit.metric.base_metric
     if isinstance(metric.signal, ContactForce):
@@ -138,7 +138,7 @@ def _carried(specification: Specification, limit: Limit, ideal: Mechanism) -> fl
 
 
 def _scenario(specification: Specification, program: Program, k: int) -> Scenario:
-    """In which scenario a limit is."""
+    """The scenario of limit `k`."""
     scenarios = scenarios_of(specification)
     return scenarios[k * len(scenarios) // len(program.groups)]
 
@@ -146,16 +146,16 @@ def _scenario(specification: Specification, program: Program, k: int) -> Scenari
 def unreachable_words(
     specification: Specification, program: Program, posed: Evaluation, solved: Evaluation, k: int
 ) -> str:
-    """What is left of a limit, with its place `k`, at the smallest clearances, by poses and by the model that judges;
-    which joint contributes most; and what would help.
+    """Sentences on limit `k` at the smallest clearances, by poses and by the model that judges; on the joint that
+    contributes most; and on what would help.
     """
     label, leader = program.limit_names[k], int(program.leaders[k])
     text = f"no clearances within their bounds hold {label}. At the smallest ones it is "
     if specification.manufacture.title:
         return text + f"{1 + solved.limits[k]:.4g} times its bound (by poses {1 + posed.limits[leader]:.4g} times)."
-    if isinstance(getattr(limit_of(specification, program, k).metric.base_metric, "signal", None), CARRIED):
-        return carried_words(specification, program, solved, k)
     limit = limit_of(specification, program, k)
+    if isinstance(getattr(limit.metric.base_metric, "signal", None), CARRIED):
+        return carried_words(specification, program, solved, k)
     simulations = simulations_of(specification.judged_by(QUASI_STATIC))
     scenarios, count = scenarios_of(specification), sum(simulations.sizes())
     scenario, row, x = scenarios[leader // count], leader % count, specification.values(posed.x)
@@ -174,7 +174,7 @@ def _value(limit: Limit, scaled: float) -> str:
 def _help(
     specification: Specification, limit: Limit, simulations: Simulations, scenario: Scenario, row: int, bare: float
 ) -> str:
-    """Which joint contributes most, and what would help."""
+    """A sentence on the joint that contributes most, and on what would help."""
     x = np.array([low for low, _ in specification.variables.values()])
     values, slopes = simulations.limits(x, scenario, True)
     assert slopes is not None
@@ -195,7 +195,7 @@ def _help(
 
 
 def _stiffened(specification: Specification, scenario: Scenario, joint: str) -> Scenario:
-    """A scenario in which the contacts of a joint hardly give way."""
+    """The scenario with nearly rigid contacts in a joint."""
     known = parameters(specification.mechanism)
     names = [n for n in known if n.startswith(f"{joint}.") and n.endswith(STIFFNESS)]
     return scenario._replace(values={**scenario.values, **{n: RIGID * specification.worth(n) for n in names}})

@@ -1,11 +1,11 @@
-"""Proof of a design by other means than those that found it."""
+"""Verification of a design by another solver and a tighter tolerance."""
 
 from collections.abc import Callable
 
 import numpy as np
 import scipy.optimize
 
-from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.certificate import HELD, Certificate
 from clearance_jax.design.evaluate import FEW, fresh_yield, simulations_of
 from clearance_jax.design.evaluation import Evaluation
@@ -25,30 +25,28 @@ from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
 from clearance_jax.solve.tolerances import SMALLEST
 
-# Evaluations that the bisection for the scale takes, more or less: ten digits, superlinearly.
+# The approximate number of evaluations of the root search for the scale.
 BISECTION = 16
 OTHER = {"tsit5": "dopri8"}
-# By so much the tolerance of the other solver is tighter.
+# The tolerance of the other solver over that of the design.
 FINER = 0.1
-# The largest violation that is a difference of solves, and how often a design is moved inside; it is moved by more than
-# the violation.
+# The largest violation that counts as a difference of solves; how often a design is moved inside; by how many times the
+# violation.
 HAIR, TRIES, MORE = 1e-2, 4, 2.0
 
 
 def _judging(specification: Specification, solver: str | None) -> tuple[str, float]:
-    """The solver that judges, another than the design's by default, and its tolerance."""
+    """The solver of the verification, by default another than the design's, and its tolerance."""
     return solver or OTHER.get(specification.solver, "tsit5"), max(FINER * specification.rtol, SMALLEST)
 
 
 def judge_of(
     specification: Specification,
     solver: str | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     progress: Callable[[Evaluation], None] | None = None,
 ) -> Program:
-    """The problem by another solver and a tenfold tighter tolerance; by the dynamics, which have the last word on what
-    poses have found.
-    """
+    """The program of the problem by another solver and a tenfold tighter tolerance, always by the dynamics."""
     solver, rtol = _judging(specification, solver)
     return formulate(specification.judged_by(DYNAMICS), rtol, solver, place, progress=progress)
 
@@ -56,10 +54,10 @@ def judge_of(
 def moved_inside(
     program: Program, method: Method, point: Evaluation, fresh: Program
 ) -> tuple[Evaluation, dict[str, float]]:
-    """The point that a method has found, moved inside until its limits hold by the `fresh` program too; and by which
-    parts of their bounds limits were tightened for that, by name.
+    """The point of a method, moved inside until its limits also hold by the `fresh` program; and by limit the share of
+    its bound by which it was tightened for that.
 
-    Two solves differ, and more so after many impacts. A violation above `HAIR` is no such difference: nothing is done.
+    Two solves differ, more so after many impacts. A violation above `HAIR` is no such difference, and is left.
     """
     tightened: dict[str, float] = {}
     for _ in range(TRIES):
@@ -72,7 +70,7 @@ def moved_inside(
         for name, part in tightened.items():
             inner = inner.with_bound(name, 1 - part)
         try:
-            # Smaller clearances first: that costs a solve, and a hair of the objective.
+            # Try smaller clearances first, which costs one solve and little of the objective.
             if feasible_neighbour(inner, point.x, method.gradients) is None:
                 _run(inner, method, point.x)
         except BudgetSpent:
@@ -95,11 +93,11 @@ def certify(
     samples: int | None = None,
     seed: int = 0,
     solver: str | None = None,
-    place: Place = HERE,
+    place: SolvePlace = HERE,
     progress: Callable[[Evaluation], None] | None = None,
     fresh: Program | None = None,
 ) -> Certificate:
-    """Check the point that a method has found with another solver and a tenfold tighter tolerance.
+    """Verify the point of a method with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the
     limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
@@ -118,11 +116,13 @@ def certify(
     checked = prices if reoptimise else {}
     checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
     return Certificate(
-        names=dict(zip(fresh.names, specification.units.values(), strict=False)),  # a common one has the first's
+        names=dict(
+            zip(fresh.names, specification.units.values(), strict=False)
+        ),  # a common clearance has the first unit
         x=point.x,
         worst=at.worst,
         limit=fresh.limit_names[int(np.argmax(at.limits))],
-        # The largest of some neighbours jumps: no number says where it meets a bound.
+        # The largest value of neighbours jumps, so there is no scale at which it meets a bound.
         scale=np.nan if specification.manufacture.among else _scale(fresh, point.x, at),
         islands=_islands(fresh, point.x, sweep),
         residual=residual,
@@ -144,18 +144,18 @@ def certify(
 
 
 def _worst_at(
-    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: Place, exact: bool
+    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: SolvePlace, exact: bool
 ) -> float:
-    """The most violated limit of designs, which may lie outside of the bounds of the variables."""
+    """The most violated limit of a design, which may be outside of the bounds of the variables."""
     judge = specification.as_designed().judged_by(DYNAMICS)
     simulations = simulations_of(judge, rtol, solver, place)
     return float(np.max(simulations.worst(x, scenarios_of(judge), exact and len(x) <= FEW)))
 
 
 def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
-    """Weights times clearances, in the condition where they add up to most; of driven mechanisms."""
+    """The static error by limit on a point's error [m], of the condition where it is largest; for driven mechanisms."""
     designed = replace(specification.mechanism, specification.clearances(x))
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for limit in specification.limits:
         if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
             continue
@@ -165,23 +165,23 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
                 weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:
                 continue
-            found[limit.title] = max(static_error(moved, weights), found.get(limit.title, 0.0))
-    return found
+            errors[limit.title] = max(static_error(moved, weights), errors.get(limit.title, 0.0))
+    return errors
 
 
 def expected_evaluations(
     searched: int, among: str = "", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_
 ) -> int:
     """About how many evaluations `Design.verify` takes with its options `sweep`, `starts` and `reoptimise`, after a
-    search that took `searched`. Of limits judged `among` parts no scale is looked for.
+    search of `searched` evaluations. Limits judged `among` parts need no search for the scale.
     """
     return 1 + BISECTION * (not among) + sweep + searched * (starts + 2 * reoptimise)
 
 
 def _others(
-    specification: Specification, method: Method, starts: int, seed: int, place: Place, progress
+    specification: Specification, method: Method, starts: int, seed: int, place: SolvePlace, progress
 ) -> tuple[float, ...]:
-    """Objectives that random starts lead to."""
+    """The objectives of searches from random starts."""
     objectives, rng = [], np.random.default_rng(seed)
     for _ in range(starts):
         program = formulate(specification, place=place, progress=progress)
@@ -191,13 +191,13 @@ def _others(
 
 
 def _run(program: Program, method: Method, start: np.ndarray) -> None:
-    """`run`; an interruption ends the verification, whose other statements would be about half-finished runs."""
+    """`run`, in which an interruption ends the whole verification."""
     if run(program, method, start) == INTERRUPTED:
         raise KeyboardInterrupt
 
 
 def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
-    """The factor on all variables at which the worst limit is just met, nearest to 1; NaN: the bounds come first."""
+    """The factor on all variables, nearest to 1, at which the worst limit is just met; NaN if bounds come first."""
     low, high = _ends(program, x)
 
     def worst(s):
@@ -221,23 +221,23 @@ def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
 
 
 def _ends(program: Program, x: np.ndarray) -> tuple[float, float]:
-    """The least and the greatest scaling: a variable that has come to its bound stays there, and the others go on."""
+    """The least and the greatest scaling, at which the last variable comes to its bound."""
     return float(np.min(program.lower / x)), float(np.max(program.upper / x))
 
 
 def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, float], ...]:
-    """Intervals of scalings whose designs hold, to the sweep's spacing."""
+    """The intervals of scalings whose designs are feasible, to the spacing of `count` scalings."""
     low, high = _ends(program, x)
     s = np.unique(np.append(np.geomspace(max(low, 0.1), max(min(high, 10.0), 1.0), count), 1.0))
-    held = np.array([point.worst <= HELD for point in program.at_each([v * x for v in s])])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
+    holds = np.array([point.worst <= HELD for point in program.at_each([v * x for v in s])])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
 def _price_check(
-    specification: Specification, method: Method, point: Evaluation, name: str, place: Place, progress
+    specification: Specification, method: Method, point: Evaluation, name: str, place: SolvePlace, progress
 ) -> float:
-    """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
+    """Relative change of the best objective per relative change of one limit's bound, by two more searches."""
     program, best = formulate(specification, place=place, progress=progress), []
     for change in (0.01, -0.01):
         moved = program.with_bound(name, 1 + change)

@@ -1,4 +1,4 @@
-"""Numbers that are not the mechanism's own but move a limit all the same: those of how its parts wear."""
+"""Numbers of wear laws in the conditions of a design, which are not numbers of the mechanism."""
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
@@ -12,8 +12,10 @@ from clearance_jax.metrics.measure import AbstractMeasure
 from clearance_jax.parameters import lookup, parameters, replace, values_of
 
 
-def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the values that are not of wear: the mechanism's, and those that nothing knows."""
+def without_wear(
+    mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The values that are not of wear: those of the mechanism, and unknown ones."""
     if not values:
         return {}
     known = parameters(mechanism)
@@ -28,18 +30,18 @@ def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mappi
 def values_for(
     measure: AbstractMeasure, mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Those of the values that a measure's model takes: all but what is of the wear of other measures only."""
-    known, kept = parameters(measure.model(mechanism)), own(mechanism, measures, values)
+    """The values that a measure's model takes: all but those of the wear of other measures."""
+    known, kept = parameters(measure.model(mechanism)), without_wear(mechanism, measures, values)
     return {name: value for name, value in values.items() if name in kept or lookup(known, name)[0]}
 
 
 def replace_values(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
-    """The mechanism with values of its own replaced."""
-    return replace(mechanism, own(mechanism, measures, values)) if values else mechanism
+    """The mechanism with its values replaced; those of wear are ignored."""
+    return replace(mechanism, without_wear(mechanism, measures, values)) if values else mechanism
 
 
 def sets(values: Mapping[str, Any], name: str) -> bool:
-    """Whether values set a number: itself, its array, or an entry of it."""
+    """Whether `values` set a number `name`: itself, its array, or an entry of it."""
     return any(name == given or _within(name, given) or _within(given, name) for given in values)
 
 
@@ -49,9 +51,9 @@ def worth(
     name: str,
     given: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
-    """The value of a number of the mechanism, or of wear, where some numbers have `given` values.
+    """The value of a number of the mechanism or of wear, after some numbers are set to `given` values.
 
-    **Raises:** `ClearanceError` for an unknown one, and where limits do not agree about it.
+    **Raises:** `ClearanceError` for an unknown number, and if limits do not agree about it.
     """
 
     def as_given(model: Any) -> Any:
@@ -60,10 +62,10 @@ def worth(
 
     models = [as_given(measure.model(mechanism)) for measure in measures]
     having = [model for model in models if lookup(parameters(model), name)[0]] or [as_given(mechanism)]
-    found = [values_of(model, [name])[name] for model in having]
-    if not all(np.array_equal(value, found[0]) for value in found):
+    values = [values_of(model, [name])[name] for model in having]
+    if not all(np.array_equal(value, values[0]) for value in values):
         raise ClearanceError(f"The limits do not agree about `{name}`: give them the same law and pressure.")
-    return found[0]
+    return values[0]
 
 
 def _within(entry: str, array: str) -> bool:

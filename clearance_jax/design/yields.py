@@ -1,4 +1,4 @@
-"""How much samples say of a yield: how many it takes, the margin that so few leave, and what fresh ones prove.
+"""Statistics of yields: the number of samples they need, the margin for few samples, and estimates from fresh samples.
 
 All of it is at 95 % confidence: of 100 sets of samples 95 lead to a statement that is true.
 """
@@ -12,47 +12,47 @@ import scipy.optimize
 import scipy.stats
 
 CONFIDENCE = 0.95
-# Failing parts among the samples that a target just allows: of a search, where the margin that remains costs little
-# (`worst_parts`), and of a judge, which then proves 19 of 20 designs that a search with a normal scatter finds.
+# Failing parts among the default number of samples, at the target: for a search, where the remaining margin costs
+# little (`worst_parts`), and for a verification, which then proves 19 of 20 designs of a search with normal scatter.
 SEARCHED, JUDGED = 5.0, 20.0
-# From so many failing parts on the conditional value at risk needs no margin.
+# The number of failing parts above which the conditional value at risk needs no margin.
 ENOUGH = 8.0
-# Of the yields that are judged without a target (fits): what so many samples can prove.
+# The yield that the samples can prove if there is no target (fits).
 USUAL = 0.99
 
 
 class YieldWarning(UserWarning):
-    """Samples are too few for the yield that is asked for."""
+    """A warning that samples are too few for the yield that is asked for."""
 
 
 def samples_needed(target: float, confidence: float = CONFIDENCE) -> int:
-    """The fewest samples that support a yield: as many as all hold by chance with probability 1 - `confidence`, where
-    the yield is the `target` (Wilks 1941).
+    """The fewest samples that support a yield: at the yield `target`, all of them hold with the probability
+    1 - `confidence` (Wilks 1941).
     """
     return math.ceil(round(math.log1p(-confidence) / math.log(target), 9))
 
 
 def yield_supported(samples: int, confidence: float = CONFIDENCE) -> float:
-    """The largest yield that so many samples support."""
+    """The largest yield that a number of samples supports."""
     return (1 - confidence) ** (1 / samples)
 
 
 def samples_to_search(target: float) -> int:
-    """How many samples a search takes by default: a power of two, as Sobol sequences want it."""
+    """The default number of samples of a search: a power of two, for Sobol sequences."""
     return 2 ** math.ceil(math.log2(round(SEARCHED / (1 - target), 6)))
 
 
 def samples_to_judge(target: float | None) -> int:
-    """How many fresh samples judge a design by default; of no target as of 98 %."""
+    """The default number of fresh samples to verify a design; without a target as for 98 %."""
     return 1000 if target is None else math.ceil(round(JUDGED / (1 - target), 6))
 
 
 @functools.lru_cache
 def worst_parts(samples: int, target: float, confidence: float) -> float:
-    """How many of the worst samples a search bounds the mean of, so that the design has its yield with a `confidence`.
+    """The number of worst samples whose mean a search bounds, so that the design has its yield with the `confidence`.
 
-    At most (1 - target) N of N: then the mean is the conditional value at risk. At least 1, for which `confidence` may
-    be out of reach. `confidence` 0: no margin is left.
+    At most (1 - target) N of N samples, whose mean is the conditional value at risk; this for `confidence` 0. At least
+    1, with which `confidence` may not be reached.
     """
     full = max((1 - target) * samples, 1.0)
     if confidence == 0 or full > ENOUGH or confidence_of(full, samples, target) >= confidence:
@@ -63,7 +63,7 @@ def worst_parts(samples: int, target: float, confidence: float) -> float:
 
 
 def confidence_of(worst: float, samples: int, target: float) -> float:
-    """The probability that a yield is at least the target, where the mean of the `worst` of N random limits is 0.
+    """The probability that a yield is at least the target, if the mean of the `worst` of N random limits is 0.
 
     Let U_1 < U_2 < ... be the shares of parts that are worse than each sample, the worst first: those of N uniform
     numbers. Where the density of the limit falls beyond the target's quantile, its quantile function is convex there,
@@ -96,7 +96,7 @@ class YieldEstimate(NamedTuple):
     samples: int
 
     def against(self, target: float | None) -> str:
-        """What it says of a target, in words; empty where it proves it, or there is none."""
+        """A sentence on a target that is not proved; else empty."""
         if target is None or self.least >= target:
             return ""
         if self.share < target:
@@ -109,8 +109,8 @@ class YieldEstimate(NamedTuple):
         return f"Yield {self.share:.4%} of {self.samples} fresh samples: at least {self.least:.4%} at 95 % confidence."
 
 
-def estimate_yield(held: np.ndarray) -> YieldEstimate:
-    """From which samples (n,) held all limits."""
-    n, k = len(held), int(np.sum(held))
+def estimate_yield(holds: np.ndarray) -> YieldEstimate:
+    """The estimate of a yield from whether each sample (n,) holds all limits."""
+    n, k = len(holds), int(np.sum(holds))
     least = float(scipy.stats.beta.ppf(1 - CONFIDENCE, k, n - k + 1)) if k else 0.0
     return YieldEstimate(k / n, least, n)

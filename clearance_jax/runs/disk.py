@@ -1,4 +1,4 @@
-"""What a disk refuses, in words."""
+"""Errors of writing to disk, as messages that say what to do."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,8 +9,8 @@ from clearance_jax.errors import ClearanceError
 
 @contextmanager
 def refuse_in_words(what: str, *, begun: bool = False) -> Iterator[None]:
-    """Raise an `OSError` of writing as a `ClearanceError`: what cannot be written, why, and what to do. `begun`: there
-    is something already.
+    """Turn an `OSError` of writing `what` into a `ClearanceError` that says why and what to do. `begun`: a part of it
+    has been written before.
     """
     try:
         yield

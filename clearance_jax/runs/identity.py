@@ -1,9 +1,8 @@
-"""What makes one question another: a description by names that can be kept, compared, and told apart in words.
+"""Descriptions of questions, by names: a run on disk keeps its own in its journal and refuses any other question.
 
-Every run that is kept on disk has the description of its question in its journal, and refuses others.
 A description has every number of the models by its name, the settings, the versions with a digest of this library's
-source, and a digest of every function and class of the user's that takes part. The code of other packages counts by its
-name only.
+source, and a digest of each function and class of the user's that takes part. Code of other packages counts by its name
+only.
 """
 
 import hashlib
@@ -21,56 +20,54 @@ from clearance_jax._surroundings import source_digest
 from clearance_jax.parameters import parameters
 
 SOURCE, STRUCTURE = "source of clearance_jax", "structure of the model"
-# What computes an answer, beside the question itself.
+# The names of what computes an answer; all others belong to the question.
 VERSIONS = ("clearance_jax", SOURCE, "jax")
 
 
 def versions() -> dict[str, str]:
-    """What computes: this library, its source, and JAX."""
+    """The versions that compute: this library, a digest of its source, and JAX."""
     return dict(zip(VERSIONS, (version("clearance-jax"), source_digest(), jax.__version__), strict=True))
 
 
 def numbers(model: Any, label: str = "") -> dict[str, Any]:
-    """Every number of a model by its name, what else it is made of as one short text, and a digest of each function and
-    class of the user's in it, by its name too. The label stands behind every name.
+    """The description of a model: every number by its name, its structure as a short text, and a digest of each
+    function and class of the user's in it. The `label` is added to every name.
     """
     known = parameters(model) if isinstance(model, eqx.Module) else {}
     reader = Reader({id(leaf.value) for leaf in known.values()})
     structure = f"{type(model).__qualname__} {reader.of(model)}"
-    found = {f"{name}{label}": np.asarray(leaf.value).tolist() for name, leaf in known.items()}
-    found |= {f"code of {name}{label}": code for name, code in reader.code.items()}
-    return found | {f"{STRUCTURE}{label}": structure}
+    described = {f"{name}{label}": np.asarray(leaf.value).tolist() for name, leaf in known.items()}
+    described |= {f"code of {name}{label}": code for name, code in reader.code.items()}
+    return described | {f"{STRUCTURE}{label}": structure}
 
 
 def settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Options by name as numbers and short texts; those that are `None` are left out."""
+    """Options by name as numbers and short texts, without those that are `None`."""
     return {name: short(value) for name, value in given.items() if value is not None}
 
 
 def short(value: Any) -> Any:
-    """A value as a number or a short text."""
+    """A value as a number, a short list, or a short text with a digest."""
     if isinstance(value, jax.Array | np.ndarray | np.generic):
         array = np.asarray(value)
         return array.tolist() if array.size <= 8 else f"{array.shape} {digest(array)}"
-    if isinstance(value, list | tuple) and all(isinstance(one, str | int | float) for one in value):
+    if isinstance(value, list | tuple) and all(isinstance(entry, str | int | float) for entry in value):
         return list(value) if len(value) <= 8 else f"{len(value)} of them, {digest(list(value))}"
     return value if isinstance(value, str | int | float | bool) else f"{type(value).__qualname__} {digest(value)}"
 
 
 def as_in_file(described: Mapping[str, Any]) -> dict[str, Any]:
-    """A description as it comes back from a file."""
+    """A description as JSON gives it back, to compare it with one from a file."""
     return json.loads(json.dumps(described), parse_constant=str)
 
 
 def fingerprint(described: Mapping[str, Any]) -> str:
-    """A description as one short text."""
+    """The digest of a description."""
     return hashlib.blake2b(json.dumps(described, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
-    """What the `new` question has otherwise than the `old`, which is kept somewhere: by name, in words; what computes
-    it comes last.
-    """
+    """How the `new` question differs from the `old` one on disk: a sentence by name, those of `VERSIONS` last."""
     names = sorted({**old, **new}, key=lambda name: name in VERSIONS)
     return {
         name: f"`{name}` is {_put(new.get(name))} here and {_put(old.get(name))} there"
@@ -79,18 +76,19 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str
     }
 
 
-def refusal(path: Any, found: Mapping[str, str]) -> str:
-    """Why a run that is kept at a path is not gone on with, by the `differences` that were found, and what to do."""
-    computes = [name for name in found if name in VERSIONS]
-    # Another state of the library may be made of other parts.
-    asked = [name for name in found if name not in VERSIONS and not (computes and name.startswith(STRUCTURE))]
-    names = [*asked, *(name for name in found if name not in asked)] if asked else computes or list(found)
-    said = "; ".join(found[name] for name in names[:3]) + (f"; and {len(names) - 3} more" if len(names) > 3 else "")
+def refusal(path: Any, changes: Mapping[str, str]) -> str:
+    """The message that refuses to continue a run at a path, by the `differences` of the questions."""
+    computes = [name for name in changes if name in VERSIONS]
+    # Another version of the library may give models another structure.
+    asked = [name for name in changes if name not in VERSIONS and not (computes and name.startswith(STRUCTURE))]
+    names = [*asked, *(name for name in changes if name not in asked)] if asked else computes or list(changes)
+    more = f"; and {len(names) - 3} more" if len(names) > 3 else ""
+    reasons = "; ".join(changes[name] for name in names[:3]) + more
     if asked or not computes:
-        return f"`{path}` belongs to another question: {said}. Choose another path."
+        return f"`{path}` belongs to another question: {reasons}. Choose another path."
     return (
-        f"`{path}` was begun by another version of the library: {said}. The digits of its answers may differ. Choose "
-        "another path, or go on with the version that began it."
+        f"`{path}` was begun by another version of the library: {reasons}. The digits of its answers may differ. "
+        "Choose another path, or go on with the version that began it."
     )
 
 
@@ -100,6 +98,6 @@ def _put(value: Any) -> str:
 
 
 def digest(value: Any) -> str:
-    """What a value is, with all that it is made of, as one short text; not where in memory it lies."""
+    """The digest of a value by its content, also of nested objects."""
     reader = Reader()
     return reader.whole(reader.of(value))

@@ -1,7 +1,7 @@
-"""The journal of a run: a question in words, and below it, line by line, what is done. A killed run goes on from it.
+"""The journal of a run: a text file with the question in the first line and a record of finished work in each other.
 
-A line is a record in JSON, with a checksum in front and the fingerprint of the question that it belongs to. It counts
-once it ends, and as long as it is as it was written. A kill tears at most the last line, and that line does not count.
+A line is a JSON object with a checksum and the fingerprint of its question. A line counts if it is complete and its
+checksum is right. A kill damages at most the last line, so a killed run can be continued.
 """
 
 import errno
@@ -19,27 +19,27 @@ from clearance_jax.runs.identity import as_in_file, differences, fingerprint, re
 from clearance_jax.runs.lock import Lock
 
 BEGIN = b'{"check":"'
-# A checksum has eight digits, after which the record goes on.
+# Length of a line up to the end of its checksum of eight digits.
 CHECKED = len(BEGIN) + 8 + len(b'",')
-# What a line has beside its record: the fingerprint of its question. The first line has the question in words.
+# Keys of a line beside its record: the fingerprint of its question, and in the first line the question itself.
 OF, QUESTION = "of", "question"
 
 
 class RunWarning(UserWarning):
-    """Something that a run keeps on disk was not as it was written."""
+    """A file of a run is damaged."""
 
 
 class Journal:
-    """The records of one question in a file that only grows.
+    """The records of one question in a file to which lines are added.
 
-    What is there is read at once: `question` in words (`None`: no line says it), the `records` in their order, and how
-    many lines are `damaged`. `ask` must come before the first `add`.
+    Opening reads the file: `question` (`None`: its line is missing), the `records` in order, and the number of
+    `damaged` lines. Call `ask` before the first `add`.
 
-    **Arguments:** `ordered`: records follow from each other, so that a damaged one is written over, with those behind
-    it. Such a file has one writer, from here to `close`. Otherwise a damaged line costs its own record, and stays,
-    and several processes may add to the file.
+    **Arguments:** `ordered`: each record follows from the one before, so a damaged one is overwritten with all after
+    it, and the file has one writer until `close`. Otherwise only the damaged record is lost, and several processes may
+    add to the file.
 
-    **Raises:** `ClearanceError` where the file cannot be opened, or is being written by another process.
+    **Raises:** `ClearanceError` if the file cannot be opened, or another process writes it.
     """
 
     def __init__(self, path: str | Path, *, ordered: bool = False):
@@ -51,8 +51,8 @@ class Journal:
             self._read()
         except OSError as error:
             self.close()
-            said = f"Cannot open `{self.path}`: {error.strerror or error}. Choose another path."
-            raise ClearanceError(said) from error
+            message = f"Cannot open `{self.path}`: {error.strerror or error}. Choose another path."
+            raise ClearanceError(message) from error
 
     def _read(self) -> None:
         text = self.path.read_bytes() if self.path.exists() else b""
@@ -64,31 +64,31 @@ class Journal:
         self.damaged, self._end = len(lines) - len(whole), _end(text)
         if self._ordered:
             self._end = sum(len(line) + 1 for line in lines[: len(whole)])
-        # A file that has no line, or the torn begin of its first one, may be begun anew.
+        # A file without a whole line, at most with a part of the first one, may be begun anew.
         self._new = not lines and (text.startswith(BEGIN) or BEGIN.startswith(text))
         self.fingerprints = {entry.pop(OF) for entry in whole}
         self.question = next((entry[QUESTION] for entry in whole if QUESTION in entry), None)
         self.records = [entry for entry in whole if QUESTION not in entry]
 
     def differences(self, question: Mapping[str, Any]) -> dict[str, str]:
-        """What a question has otherwise than that of the file, by name, in words; empty where they are the same."""
+        """How a question differs from that of the file, a sentence by name; empty if they are the same."""
         if self.fingerprints == {fingerprint(as_in_file(question))}:
             return {}
         lost = {QUESTION: "its own words are lost"}
         return lost if self.question is None else differences(self.question, as_in_file(question)) or lost
 
     def ask(self, question: Mapping[str, Any]) -> None:
-        """Go on with a question, or begin it where nothing is there. What is damaged is warned of (`RunWarning`).
+        """Continue the question of the file, or write it to a new file. **Warns** `RunWarning` of damaged lines.
 
-        **Raises:** `ClearanceError` where the file keeps another question (with the differences) or is no journal, and
-        where it cannot be written; it is then as before.
+        **Raises:** `ClearanceError` if the file has another question (with the differences), is no journal, or cannot
+        be written; it is then unchanged.
         """
         if not self._new:
             self._check(question)
         if self.damaged:
             first = len(self.records) + 2  # below the question, counted from 1
-            said = f"line {first} is damaged; it and what follows are" if self._ordered else _damage(self.damaged)
-            warnings.warn(f"`{self.path}`: {said} computed again.", RunWarning, stacklevel=2)
+            damage = f"line {first} is damaged; it and what follows are" if self._ordered else _damage(self.damaged)
+            warnings.warn(f"`{self.path}`: {damage} computed again.", RunWarning, stacklevel=2)
         self._own = fingerprint(as_in_file(question))
         if self.question is None:
             self.add(**{QUESTION: as_in_file(question)})
@@ -99,13 +99,13 @@ class Journal:
                 f"`{self.path}` is no journal of a run, one of an earlier form, or damaged at its begin. "
                 "Choose another path, or delete it."
             )
-        found = self.differences(question)
-        if found:
-            raise ClearanceError(refusal(self.path, found))
+        changes = self.differences(question)
+        if changes:
+            raise ClearanceError(refusal(self.path, changes))
 
     def add(self, **record: Any) -> None:
-        """Write a record, and see it on the disk before returning. **Raises** `ClearanceError` where the disk refuses
-        it; the file is then as before.
+        """Write a record and flush it to the disk. **Raises** `ClearanceError` if that fails; the file is then
+        unchanged.
         """
         line = line_of({OF: self._own, **record})
         with refuse_in_words(f"`{self.path}`", begun=QUESTION not in record):
@@ -117,9 +117,9 @@ class Journal:
                     lock.release()
 
     def _append(self, place: int, line: bytes) -> None:
-        if not self._ordered and os.fstat(place).st_size != self._end:  # another has added, or died while it did
+        if not self._ordered and os.fstat(place).st_size != self._end:  # another process has written
             self._end = _end(self.path.read_bytes())
-        os.ftruncate(place, self._end)  # what was torn would swallow this line
+        os.ftruncate(place, self._end)  # a damaged end would merge with this line
         try:
             os.lseek(place, self._end, os.SEEK_SET)
             if os.write(place, line) != len(line):
@@ -131,13 +131,13 @@ class Journal:
         self._end += len(line)
 
     def close(self) -> None:
-        """Another may write."""
+        """Release the lock: another process may write."""
         if self._lock is not None:
             self._lock.release()
 
 
 def _end(text: bytes) -> int:
-    """Where the last line ends that has ended."""
+    """Where the last complete line ends."""
     return text.rfind(b"\n") + 1
 
 
@@ -146,13 +146,13 @@ def _damage(count: int) -> str:
 
 
 def line_of(record: Mapping[str, Any]) -> bytes:
-    """A record as it stands in a file."""
+    """The line of a record in a file."""
     text = json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
     return BEGIN + f"{zlib.crc32(text):08x}".encode() + b'",' + text[1:] + b"\n"
 
 
 def record_of(line: bytes) -> dict[str, Any] | None:
-    """The record of a line; `None` where it is not as it was written, or belongs to no question."""
+    """The record of a line; `None` if the line is damaged or belongs to no question."""
     text = b"{" + line[CHECKED:]
     if not line.startswith(BEGIN) or line[len(BEGIN) : len(BEGIN) + 8] != f"{zlib.crc32(text):08x}".encode():
         return None

@@ -1,4 +1,4 @@
-"""One writer at a time: a lock that the system takes away from a process that dies."""
+"""A file lock for one writer at a time; the system releases it when the process ends."""
 
 import os
 import platform
@@ -8,15 +8,17 @@ from clearance_jax.errors import ClearanceError
 
 try:
     import fcntl
-except ImportError:  # no such locks on Windows: there two writers are not told apart
+except ImportError:  # Windows has no such locks: two writers are not noticed there
     fcntl = None
 
 
 class Lock:
-    """Held from its making until `release`, by a file of its own in the folder that it is for, which says who holds it;
-    or, with `itself`, by the very file that is for one writer. `wait`: until it is free.
+    """A lock, held from its creation until `release`.
 
-    **Raises:** `ClearanceError` where another process holds it; `OSError` where the file cannot be written.
+    **Arguments:** `path`: a lock file in the folder that is locked, which says who holds it; or, with `itself`, the
+    file to be locked. `wait`: wait until it is free.
+
+    **Raises:** `ClearanceError` if another process holds it; `OSError` if the file cannot be written.
     """
 
     def __init__(self, path: Path, *, itself: bool = False, wait: bool = False):
@@ -27,8 +29,8 @@ class Lock:
         try:
             fcntl.flock(self.place, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError:
-            said = b"" if itself else os.read(self.place, 200)
-            holder = said.decode(errors="replace") or "another process"
+            content = b"" if itself else os.read(self.place, 200)
+            holder = content.decode(errors="replace") or "another process"
             os.close(self.place)
             raise ClearanceError(
                 f"`{named}` is being written by {holder}. Wait until that has ended, or stop it."
@@ -38,5 +40,5 @@ class Lock:
             os.write(self.place, f"process {os.getpid()} on {platform.node()}".encode())
 
     def release(self) -> None:
-        """Another may write."""
+        """Another process may write."""
         os.close(self.place)

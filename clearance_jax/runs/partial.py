@@ -1,9 +1,8 @@
-"""Partial results: answers of parts that are not whole yet, in files of their own. A kill costs what it was at, and a
-second.
+"""Partial results: the rows of unfinished parts, in files of their own, so that a killed run loses little.
 
-A part has places, each with a row of variables. A file is blocks of rows, each block with a digest. It only grows, one
-process alone writes it, and what is torn at its end is no block. It is removed when the journal has its part: the
-journal says what is there, these files only save work. Rows wait for each other a while before they are written.
+A part has places, each with a row of variables. A file is a sequence of blocks of rows, each with a digest; one process
+writes it, and a damaged end is ignored. Rows are collected for about a second before they are written. The files of a
+part are removed when the journal has the part.
 """
 
 import hashlib
@@ -17,30 +16,30 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-# A row has its place in its part, and the variables by their order: they may be called anything.
+# Fields of a row: its place in the part, and the variables by their order, as their names may be anything.
 PLACE = "place"
 # How long rows may wait until they are written [s].
 PATIENCE = 1.0
-# Of a block: the digest of its rows, and how many they are.
+# Bytes of the head of a block: the digest of its rows, and their count.
 DIGEST, COUNT = 16, 8
 
 
 class PartialResults:
-    """The files of one folder; threads may share it. `kinds`: of every variable its type and shape."""
+    """The partial results in one folder; safe for threads. `kinds`: type and shape of every variable by name."""
 
     def __init__(self, folder: Path, kinds: Mapping[str, tuple[np.dtype, tuple[int, ...]]]):
         self._folder, self._names = folder, list(kinds)
         columns = ((str(i), dtype, shape) for i, (dtype, shape) in enumerate(kinds.values()))
         self._row = np.dtype([(PLACE, "<i8"), *columns])
-        # A process that comes later, or does the same part elsewhere, has files of its own.
+        # Another process has files of its own, also for the same part.
         self._own = uuid.uuid4().hex
         self._waiting: dict[int, list[np.ndarray]] = {}
         self._turn = threading.Lock()
         self._written = time.monotonic()
 
     def add(self, part: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
-        """Keep the values at these places of a part; on the disk by the first call that comes `PATIENCE`
-        after the last writing. **Raises** `OSError` where the disk refuses it.
+        """Keep the values at these places of a part. A call writes to the disk if the last write is `PATIENCE` ago.
+        **Raises** `OSError` if that fails.
         """
         rows = np.zeros(len(places), self._row)
         rows[PLACE] = places
@@ -52,7 +51,7 @@ class PartialResults:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits. **Raises** `OSError` where the disk refuses it: then that is solved again."""
+        """Write all rows that are not on disk yet. **Raises** `OSError` if that fails: they are then solved again."""
         with self._turn:
             waiting, self._waiting = self._waiting, {}
             for part, blocks in waiting.items():
@@ -64,34 +63,34 @@ class PartialResults:
             self._written = time.monotonic()
 
     def forget(self, part: int) -> None:
-        """All of the part is where it belongs: what waits of it need not be written."""
+        """Drop the unwritten rows of a part that is complete elsewhere."""
         with self._turn:
             self._waiting.pop(part, None)
 
     def fill(self, part: int, values: Mapping[str, np.ndarray]) -> None:
-        """Put what has been kept of a part among its values."""
+        """Copy the kept rows of a part into its `values`, in place."""
         for rows in self._blocks(part):
             for i, name in enumerate(self._names):
                 values[name][rows[PLACE]] = rows[str(i)]
 
     def parts(self) -> list[int]:
-        """The parts of which something has been kept."""
+        """The parts with files."""
         self.flush()
         files = self._folder.iterdir() if self._folder.is_dir() else ()
         return sorted({int(name) for file in files if (name := file.name.split(".")[0]).isdigit()})
 
     def count(self, part: int) -> int:
-        """Of how many places of a part something has been kept."""
+        """How many places of a part are kept."""
         return len(np.unique(np.concatenate([np.zeros(0, "<i8"), *(rows[PLACE] for rows in self._blocks(part))])))
 
     def remove(self, part: int) -> None:
-        """The journal has the part."""
+        """Remove the rows and files of a part that the journal has."""
         self.forget(part)
         for file in self._folder.glob(f"{part}.*"):
             file.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Nothing follows: write what waits, where that can be, and leave no empty folder."""
+        """Write the last rows if possible, and remove the folder if it is empty."""
         with suppress(OSError):
             self.flush()
         with suppress(OSError):

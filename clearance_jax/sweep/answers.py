@@ -1,4 +1,4 @@
-"""Where the answers of a sweep are kept while it runs: in memory, or in a store."""
+"""The answers of a sweep while it runs: the interface, and answers in memory (those on disk: `sweep.store`)."""
 
 import abc
 from collections.abc import Iterable, Mapping
@@ -12,34 +12,34 @@ from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.layout import Partition
 
 Values = dict[str, np.ndarray]
-"""Of lanes every variable by its name, shape (lanes, ...)."""
+"""Every variable by its name, shape (lanes, ...)."""
 
 
 class AbstractAnswers(abc.ABC):
-    """The answers so far, region by region of a `partition`."""
+    """The answers so far, by regions of a `partition`."""
 
     partition: Partition
     on_disk: ClassVar[bool]
 
     @abc.abstractmethod
     def open_regions(self) -> list[int]:
-        """The regions that are still to be answered."""
+        """The regions without answers."""
 
     @abc.abstractmethod
     def partial_answers(self, region: int) -> Values:
-        """What is known of the lanes of a missing region already; `code` says of which (`NOT_RUN`: unknown)."""
+        """The values of a missing region, as far as they are known; the `code` of an unknown lane is `NOT_RUN`."""
 
     @abc.abstractmethod
     def keep(self, region: int, places: Lanes, values: Mapping[str, np.ndarray]) -> None:
-        """Keep what has become of lanes at these places of a missing region, until the whole is written."""
+        """Keep the values of lanes at these places of a missing region, until the whole region is written."""
 
     @abc.abstractmethod
     def partial_counts(self) -> dict[int, int]:
-        """Of how many lanes of missing regions something is kept."""
+        """How many lanes of each missing region are kept."""
 
     @abc.abstractmethod
-    def write(self, region: int, values: Mapping[str, np.ndarray], **said: Any) -> None:
-        """Keep the answers of a whole region; `said` of them in the journal, if there is one."""
+    def write(self, region: int, values: Mapping[str, np.ndarray], **fields: Any) -> None:
+        """Keep the answers of a whole region, with more `fields` of its record in the journal, if there is one."""
 
     @abc.abstractmethod
     def read(self, region: int) -> Values:
@@ -47,11 +47,11 @@ class AbstractAnswers(abc.ABC):
 
     @abc.abstractmethod
     def regions_to_repeat(self, settings: str) -> Iterable[int]:
-        """Regions with lanes that failed, and have not been run again with these settings (in words)."""
+        """The regions with failed lanes that have not been solved again with these settings (in words)."""
 
     @abc.abstractmethod
     def dataset(self) -> xr.Dataset:
-        """Everything."""
+        """All answers as a dataset."""
 
 
 class InMemory(AbstractAnswers):
@@ -71,13 +71,13 @@ class InMemory(AbstractAnswers):
         return self._known
 
     def keep(self, region, places, values):
-        for name, one in values.items():
-            self._known[name][places] = one
+        for name, column in values.items():
+            self._known[name][places] = column
 
     def partial_counts(self):
         return {0: int(np.sum(self._known["code"] != NOT_RUN))} if self._values is None else {}
 
-    def write(self, region, values, **said):
+    def write(self, region, values, **fields):
         self._values = dict(values)
 
     def read(self, region):
@@ -89,5 +89,5 @@ class InMemory(AbstractAnswers):
 
     def dataset(self):
         shape = self.grid.shape
-        values = {name: one.reshape(*shape, *one.shape[1:]) for name, one in self.read(0).items()}
+        values = {name: column.reshape(*shape, *column.shape[1:]) for name, column in self.read(0).items()}
         return dataset_of(self.grid, values, self.provenance)

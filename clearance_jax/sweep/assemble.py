@@ -1,4 +1,4 @@
-"""The answers of a sweep as one labelled dataset."""
+"""Build the labelled dataset of a sweep: its coordinates, attributes and answers."""
 
 import functools
 from collections import Counter
@@ -16,7 +16,7 @@ from clearance_jax.sweep.grid import NOT_RUN, Grid
 
 
 def coordinates(grid: Grid) -> Iterator[tuple[str, str, Any, dict[str, str]]]:
-    """Of every coordinate its name, dimension, values and attributes."""
+    """The name, dimension, values and attributes of every coordinate."""
     for dimension in grid.dims:
         if dimension.models:
             yield dimension.name, dimension.name, dimension.labels, {"long_name": dimension.name}
@@ -29,7 +29,7 @@ def coordinates(grid: Grid) -> Iterator[tuple[str, str, Any, dict[str, str]]]:
 
 
 def attributes(grid: Grid) -> dict[str, Any]:
-    """Where the answers come from: versions, model, settings, seeds."""
+    """The attributes of the dataset: versions, model, settings, seeds."""
     question = grid.questions[0]
     sampled = {f"sampling.{d.name}": repr(d.sampling) for d in grid.dims if d.sampling}
     numbers = {f"parameter.{n}": np.asarray(leaf.value).tolist() for n, leaf in parameters(question.model).items()}
@@ -47,18 +47,18 @@ def attributes(grid: Grid) -> dict[str, Any]:
 
 @functools.cache
 def _software() -> str:
-    """What computes, by versions: this library's own is read from a file."""
+    """The versions that compute."""
     return f"clearance_jax {__version__}, jax {jax.__version__}, numpy {np.__version__}"
 
 
 def ending_counts(codes: np.ndarray) -> dict[str, int]:
-    """How many lanes ended in which way, by their codes as texts."""
-    found, sizes = np.unique(codes, return_counts=True)
-    return {str(int(code)): int(size) for code, size in zip(found, sizes, strict=True)}
+    """The number of lanes by result code (as text)."""
+    distinct, sizes = np.unique(codes, return_counts=True)
+    return {str(int(code)): int(size) for code, size in zip(distinct, sizes, strict=True)}
 
 
 def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:
-    """How lanes ended, for the attributes of a dataset, from the counts (`ending_counts`) of its parts."""
+    """The attributes about failed lanes, from the `ending_counts` of the parts of a dataset."""
     total: Counter[int] = Counter()
     for part in endings:
         total.update({int(code): size for code, size in part.items()})
@@ -73,7 +73,7 @@ def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:
 
 
 def dataset_of(grid: Grid, values: Mapping[str, np.ndarray], provenance: Mapping[str, Any]) -> xr.Dataset:
-    """Everything in memory."""
+    """The dataset of answers in memory."""
     names = tuple(dimension.name for dimension in grid.dims)
     data = {name: ((*names, *kind.dims), values[name], kind.attributes) for name, kind in grid.kinds.items()}
     coords = {name: (dim, given, attrs) for name, dim, given, attrs in coordinates(grid)}

@@ -1,4 +1,4 @@
-"""The axes of a sweep: along each dimension of the answer, which numbers (or models) stand at each place."""
+"""The axes of a sweep: the numbers or models at each place along each dimension of the answer."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ class Zipped(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """An axis over models: each is a program of its own.
+    """An axis over models, each of which compiles a program.
 
     **Arguments:** `models`: label -> a mechanism, or a function that makes one from the sweep's mechanism (with another
     law or drive, for example).
@@ -55,7 +55,7 @@ class Sampled(NamedTuple):
     correlation: Mapping[tuple[str, str], float] | None = None
 
     def draw(self) -> dict[str, Float[np.ndarray, " count"]]:
-        """The numbers, by name. **Raises** `ClearanceError` for what nothing can be drawn from."""
+        """Draw the numbers, by name. **Raises** `ClearanceError` for arguments that nothing can be drawn from."""
         for name, distribution in self.scatter.items():
             check_scatter(name, distribution)
         if not self.scatter or isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
@@ -64,7 +64,7 @@ class Sampled(NamedTuple):
         return {name: law.ppf(shares[:, i]) for i, (name, law) in enumerate(self.scatter.items())}
 
     def _root(self) -> np.ndarray | None:
-        """A root of the matrix of correlations; `None` where there are none."""
+        """The Cholesky factor of the correlation matrix; `None` if there are no correlations."""
         if not self.correlation:
             return None
         places, matrix = {name: i for i, name in enumerate(self.scatter)}, np.eye(len(self.scatter))
@@ -83,7 +83,7 @@ class Sampled(NamedTuple):
 
 
 def correlate(shares: np.ndarray, root: np.ndarray | None) -> np.ndarray:
-    """Points (n, d) between 0 and 1, with their normal scores correlated by a root of the matrix of correlations."""
+    """Correlate the normal scores of points (n, d) in the unit cube, by the Cholesky factor (d, d) of a correlation."""
     if root is None:
         return shares
     return scipy.special.ndtr(scipy.special.ndtri(shares) @ root.T)
@@ -91,7 +91,7 @@ def correlate(shares: np.ndarray, root: np.ndarray | None) -> np.ndarray:
 
 def _points(method: str, width: int, count: int, seed: int) -> Float[np.ndarray, "count width"]:
     if method == "sobol":
-        # Whole powers of two, of which the first points are those of any shorter sequence.
+        # Draw a power of two and take the first points: a longer sequence begins with a shorter one.
         points = qmc.Sobol(width, rng=seed).random_base2(max(0, math.ceil(math.log2(count))))[:count]
     elif method == "latin-hypercube":
         points = qmc.LatinHypercube(width, rng=seed).random(count)
@@ -107,8 +107,8 @@ def _points(method: str, width: int, count: int, seed: int) -> Float[np.ndarray,
 
 
 class Dimension(NamedTuple):
-    """One dimension of a sweep's answer: its `name`, and at each of its `size` places the numbers by their names
-    (`columns`), or a model by its label (`models`); `sampling`: how it was drawn, for the record.
+    """One dimension of a sweep: `name`, `size`, and at each place numbers by name (`columns`) or a model by its label
+    (`models`); `sampling`: how it was drawn, for the attributes.
     """
 
     name: str
@@ -119,22 +119,22 @@ class Dimension(NamedTuple):
 
     @property
     def labels(self) -> list[str]:
-        """Those of its models."""
+        """The labels of its models."""
         return list(self.models)
 
 
 def dimensions(axes: Mapping[str, Any]) -> tuple[Dimension, ...]:
-    """The axes of a sweep as they are given, read. **Raises** `ClearanceError` for what is none, or empty."""
+    """Read the axes of a sweep. **Raises** `ClearanceError` for an axis that is wrong or empty."""
     if not isinstance(axes, Mapping) or not axes:
         raise ClearanceError('`axes` must be values by name, such as `{"wrist.radial_clearance": [1e-4, 2e-4]}`.')
-    found = tuple(_dimension(str(name), given) for name, given in axes.items())
+    dims = tuple(_dimension(str(name), given) for name, given in axes.items())
     seen: dict[str, str] = {}
-    for dimension in found:
+    for dimension in dims:
         for name in dimension.columns:
             if name in seen:
                 raise ClearanceError(f"`{name}` is varied by the axes `{seen[name]}` and `{dimension.name}`. Take one.")
             seen[name] = dimension.name
-    return found
+    return dims
 
 
 def _dimension(name: str, given: Any) -> Dimension:
@@ -171,11 +171,11 @@ def _values(name: str, given: Any) -> np.ndarray:
 
 
 def models_of(mechanism: Mechanism, dims: Sequence[Dimension]) -> list[Mechanism]:
-    """The model at every combination of labels, in the order of the dimensions; the sweep's own without any."""
+    """The model at every combination of labels, in C order of the dimensions; without labels the sweep's own."""
     models = [mechanism]
     for dimension in dims:
         if dimension.models:
-            models = [_model(model, found, dimension, k) for model in models for k, found in dimension.models.items()]
+            models = [_model(model, given, dimension, k) for model in models for k, given in dimension.models.items()]
     return models
 
 
@@ -190,7 +190,7 @@ def _model(mechanism: Mechanism, given: Any, dimension: Dimension, label: str) -
 
 
 def units_of_columns(model: Mechanism, dims: Sequence[Dimension]) -> dict[str, str]:
-    """The SI units of all that is varied, checked against what a model allows."""
+    """The SI units of all columns. **Raises** `ClearanceError` for values that the model does not allow."""
     known, units = parameters(model), {}
     for dimension in dims:
         for name, values in dimension.columns.items():

@@ -1,8 +1,7 @@
-"""A sweep on a dask cluster: a region a task, which its worker solves and writes.
+"""A sweep on a dask cluster: each task is a region, which a worker solves and writes to the store.
 
-The scheduler sees a few numbers of each task and nothing of its answers; this process keeps the journal. A worker that
-is lost takes its task with it, and another worker does that again: the same values in the same chunks, so that nothing
-is lost, and nothing there twice. The question lies beside the answers, for the workers to read.
+Only a few numbers of each task pass the scheduler; this process writes the journal. If a worker is lost, another one
+repeats its task and writes the same values to the same chunks. Workers read the question from a file in the store.
 """
 
 import functools
@@ -21,23 +20,23 @@ from clearance_jax.solve.lanes import LANES
 from clearance_jax.sweep.assemble import ending_counts
 from clearance_jax.sweep.grid import Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.here import plan_of, rerun, with_options, with_time
-from clearance_jax.sweep.pace import Pace, Tell
+from clearance_jax.sweep.pace import SweepPace, Tell
 from clearance_jax.sweep.pilot import choose, keep, time_lanes
 from clearance_jax.sweep.plan import SweepPlan
 from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, partial_answers
 from clearance_jax.sweep.widen import before_of
 
-# Workers on which the expected time is tried.
+# Workers on which a few lanes are timed.
 PILOTS = 4
-# Tasks that wait at each worker: one is ready when another ends, and the scheduler has few to keep.
+# Tasks in the queue of each worker: enough that it never waits, and few for the scheduler.
 AHEAD = 3
-# How often a region is given to other workers after it took one with it.
+# How many workers may be killed by one region.
 LIVES = 5
 
 
 def run_on(client: Any, store: Store, cores: int, plan: Callable[[SweepPlan], Any] | None, progress: Tell) -> None:
-    """Answer what is missing, on the workers of a cluster, `cores` of each a region. Where somebody wants to know the
-    `plan` a few lanes are tried on some of the workers at once.
+    """Answer the missing regions on the workers of a cluster, with `cores` cores for each region. If there is a `plan`
+    callback, a few lanes are timed first, on some of the workers.
     """
     missing, workers = store.open_regions(), len(workers_of(client))
     todo = plan_of(store.grid, store, f"{workers} workers ({client.dashboard_link})")
@@ -46,32 +45,32 @@ def run_on(client: Any, store: Store, cores: int, plan: Callable[[SweepPlan], An
     with _hand_out(store, store.grid) as grid:
         if plan is not None:
             plan(with_time(todo, _time_lanes(client, store, grid, missing, cores)))
-        pace = Pace(store.grid, store, progress)
-        for region, (found, endings, new) in _each(client, store, missing, _answer, grid, cores):
-            store.confirm(region, found, endings)
+        pace = SweepPace(store.grid, store, progress)
+        for region, (digest, endings, new) in _each(client, store, missing, _answer, grid, cores):
+            store.confirm(region, digest, endings)
             pace.end_region(region, new, sum(endings.values()) - endings.get("0", 0))
 
 
 def again_on(client: Any, store: Store, options: Mapping[str, Any], cores: int) -> None:
-    """Answer lanes that failed by other options of the solves, once; as `run_on`."""
-    grid, said = with_options(store.grid, options)
-    regions = store.regions_to_repeat(said)
+    """Solve failed lanes once more with other options, as `run_on`."""
+    grid, words = with_options(store.grid, options)
+    regions = store.regions_to_repeat(words)
     with _hand_out(store, grid) as name:
-        for region, (found, endings, _) in _each(client, store, regions, _answer_again, name, cores):
-            store.confirm(region, found, endings, again=said)
+        for region, (digest, endings, _) in _each(client, store, regions, _answer_again, name, cores):
+            store.confirm(region, digest, endings, again=words)
 
 
 def _each(
     client: Any, store: Store, regions: list[int], task: Callable, grid: str, cores: int
 ) -> Iterator[tuple[int, Any]]:
-    """What a task makes of regions, as they come."""
+    """Each region with the result of its task, as they are done."""
     from distributed import as_completed
 
     lives, waiting = dict.fromkeys(regions, LIVES), iter(regions)
     running: dict[Any, int] = {}
 
     def begin(region: int) -> Any:
-        # A name of its own each time: a task that failed is remembered by the scheduler.
+        # A new name each time, as the scheduler remembers failed tasks.
         name = f"sweep-{grid}-{region}-{lives[region]}"
         future = client.submit(task, str(store.path.absolute()), grid, region, cores, key=name, pure=False)
         running[future] = region
@@ -84,7 +83,7 @@ def _each(
             error = future.exception()
             if error is None:
                 yield region, future.result()
-                # As many as the workers that are there by now want: some may have come since.
+                # The number of workers may have grown.
                 more = islice(waiting, max(0, AHEAD * len(workers_of(client)) - len(running)))
             else:
                 lives[region] -= 1
@@ -94,14 +93,14 @@ def _each(
                         "written before is kept: go on with `resume`."
                     ) from error
                 more = [region]
-            for one in more:
-                ending.add(begin(one))
+            for following in more:
+                ending.add(begin(following))
     finally:
         client.cancel(list(running), force=True)
 
 
 def _time_lanes(client: Any, store: Store, grid: str, missing: list[int], cores: int) -> float | None:
-    """How long a lane takes of the time of all workers together [s], by a few on some of these; `None`: not known."""
+    """The time of a lane with all workers running [s], measured on a few of them; `None`: not known."""
     workers = list(workers_of(client))
     few = workers[:PILOTS]
     lanes = choose(store.partition, missing, LANES * cores * len(few))
@@ -109,7 +108,7 @@ def _time_lanes(client: Any, store: Store, grid: str, missing: list[int], cores:
         return None
     path = str(store.path.absolute())
     each = functools.partial(client.submit, _try, path, grid, pure=False, allow_other_workers=True)
-    tasks = [each(lanes[i :: len(few)], cores, workers=one) for i, one in enumerate(few)]
+    tasks = [each(lanes[i :: len(few)], cores, workers=worker) for i, worker in enumerate(few)]
     try:
         took = client.gather(tasks)
     except Exception as error:
@@ -121,7 +120,7 @@ def _time_lanes(client: Any, store: Store, grid: str, missing: list[int], cores:
 
 @contextmanager
 def _hand_out(store: Store, grid: Grid) -> Iterator[str]:
-    """A question where workers find it, in a file of the store with this name."""
+    """A context with the question in a file of the store, for the workers; gives the name of the file."""
     import cloudpickle
 
     place = store.path / f"{HANDED_OUT}{uuid.uuid4().hex}"
@@ -136,7 +135,7 @@ def _hand_out(store: Store, grid: Grid) -> Iterator[str]:
 
 
 def _answer(path: str, name: str, region: int, cores: int) -> tuple[str, dict[str, int], int]:
-    """Solve and write a region: the digest of its values, how its lanes ended, and how many were solved."""
+    """Solve and write a region. Returns its digest, the counts of its result codes, and how many lanes were solved."""
     grid, regions, before = _open(path, name)
     values = partial_answers(grid, regions, before, region)
     keep = functools.partial(regions.partial.add, region)
@@ -145,7 +144,7 @@ def _answer(path: str, name: str, region: int, cores: int) -> tuple[str, dict[st
 
 
 def _answer_again(path: str, name: str, region: int, cores: int) -> tuple[str, dict[str, int], int]:
-    """As `_answer`; those lanes of a region that failed."""
+    """Solve the failed lanes of a region again, and return as `_answer` does."""
     grid, regions, _ = _open(path, name)
     old = regions.read(region)
     values = rerun(grid, regions.partition.lanes(region), old, cores)
@@ -153,22 +152,22 @@ def _answer_again(path: str, name: str, region: int, cores: int) -> tuple[str, d
 
 
 def _try(path: str, name: str, lanes: Lanes, cores: int) -> float:
-    """How long a lane takes of this worker's time [s], by some whose answers are kept."""
+    """The time of a lane on this worker [s], measured with some lanes whose answers are kept."""
     grid, regions, _ = _open(path, name)
     seconds, values = time_lanes(grid, lanes, cores)
     keep(regions.partition, regions.partial.add, lanes, values)
-    regions.partial.flush()  # another worker may have these regions
+    regions.partial.flush()  # another worker may get these regions
     return seconds / len(lanes)
 
 
 @functools.lru_cache(maxsize=4)
 def _open(path: str, name: str) -> tuple[Any, Regions, Any]:
-    """A question and its store, read once by each worker."""
+    """The question, its store and the narrower store, read once by each worker."""
     import cloudpickle
 
     from clearance_jax.configure import configure
 
-    with suppress(ClearanceError):  # where the worker has used JAX before, set up for it then
+    with suppress(ClearanceError):  # JAX is set up already if the worker has used it
         configure(cache=True)
     grid = cloudpickle.loads((Path(path) / name).read_bytes())
     return grid, Regions(Path(path)), before_of(Path(path), grid)

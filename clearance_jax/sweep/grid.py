@@ -1,4 +1,4 @@
-"""The grid of a sweep: what varies, what is asked at each of its points, and the answers at any of them."""
+"""The grid of a sweep: its dimensions, its questions, and the solves of any of its lanes (points)."""
 
 import dataclasses
 import math
@@ -17,13 +17,13 @@ from clearance_jax.solve.validity import WORDS as LEVELS
 from clearance_jax.sweep.axes import Dimension
 
 Lanes = Int[np.ndarray, " _"]
-# A lane that has not been run; kept as a code of its own, so that a store says what is still missing.
+# The result code of a lane that has not been solved.
 NOT_RUN = -1
 
 
 class Kind(NamedTuple):
-    """What a variable of the answer is: dimensions and shape after those of the sweep, type, unit, meaning; the class
-    of the metric that it is.
+    """The form of a variable of the answer: dimensions and shape after those of the sweep, type, unit, meaning, and the
+    class name of its metric.
     """
 
     dims: tuple[str, ...]
@@ -35,13 +35,13 @@ class Kind(NamedTuple):
 
     @property
     def attributes(self) -> dict[str, str]:
-        """What the variable says of itself."""
-        said = {"units": self.unit, "long_name": self.meaning}
-        return said | ({"metric": self.metric} if self.metric else {})
+        """The attributes of the variable in a dataset."""
+        about = {"units": self.unit, "long_name": self.meaning}
+        return about | ({"metric": self.metric} if self.metric else {})
 
     @property
     def missing(self) -> Any:
-        """What stands where there is no answer yet."""
+        """The value where there is no answer yet."""
         return math.nan if self.dtype.startswith("f") else NOT_RUN
 
 
@@ -61,9 +61,9 @@ ENDINGS = {
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """What is asked: the `dims` with what varies along them and its `units`; of each structure (combination of choices)
-    its question; what every variable of the answer is (`kinds`); further coordinates, by name their dimension and
-    values.
+    """The question of a sweep: its `dims` and the `units` of what varies along them; `questions`, one for each
+    combination of models; the `kinds` of the variables of the answer by name; further `coordinates` by name, with
+    their dimension and values.
     """
 
     dims: tuple[Dimension, ...]
@@ -79,16 +79,16 @@ class Grid:
 
     @property
     def count(self) -> int:
-        """How many lanes there are."""
+        """The number of lanes."""
         return math.prod(self.shape)
 
     @property
     def bytes_a_lane(self) -> int:
-        """What a lane's answer takes, uncompressed."""
+        """The size of a lane's answer [bytes], uncompressed."""
         return sum(np.dtype(kind.dtype).itemsize * math.prod(kind.shape) for kind in self.kinds.values())
 
     def numbers(self, lanes: Lanes) -> dict[str, np.ndarray]:
-        """What varies, at lanes by their place in the order of C."""
+        """The varied numbers of lanes, which are given by their index in C order."""
         places = np.unravel_index(lanes, self.shape)
         return {
             name: values[place]
@@ -97,15 +97,15 @@ class Grid:
         }
 
     def program(self, lanes: Lanes) -> np.ndarray:
-        """Which of the questions each lane is of."""
-        places, found = np.unravel_index(lanes, self.shape), np.zeros(len(lanes), int)
+        """The index of each lane's question."""
+        places, index = np.unravel_index(lanes, self.shape), np.zeros(len(lanes), int)
         for dimension, place in zip(self.dims, places, strict=True):
             if dimension.models:
-                found = found * dimension.size + place
-        return found
+                index = index * dimension.size + place
+        return index
 
     def blank(self, count: int) -> dict[str, np.ndarray]:
-        """Every variable of so many lanes that have not been run."""
+        """Every variable of `count` lanes that have not been solved."""
         return {name: np.full((count, *kind.shape), kind.missing, kind.dtype) for name, kind in self.kinds.items()}
 
     def answer(
@@ -116,27 +116,27 @@ class Grid:
         ready: Callable[[Lanes, dict[str, np.ndarray]], Any] | None = None,
         report: Callable[[BatchReport], Any] | None = None,
     ) -> dict[str, np.ndarray]:
-        """Every variable of these lanes, shape (lanes, ...); what failed is NaN. `cores`, `progress`, `ready`, `report`
-        as those of `batch`, which is called once for each structure.
+        """Solve lanes: every variable, shape (lanes, ...), NaN for failed lanes. `cores`, `progress`, `ready`,
+        `report` as those of `batch`, which is called once for each question.
         """
-        out = {name: np.full((len(lanes), *kind.shape), kind.missing, kind.dtype) for name, kind in self.kinds.items()}
-        programs, done = self.program(lanes), 0
+        out, programs, done = self.blank(len(lanes)), self.program(lanes), 0
 
         for program in np.unique(programs):
-            own = np.flatnonzero(programs == program)
+            members = np.flatnonzero(programs == program)
 
-            def part(share, done=done, size=len(own)):
+            def part(share, done=done, size=len(members)):
                 if progress is not None:
                     progress((done + share * size) / len(lanes))
 
-            def some(places, values, own=own):
+            def some(places, values, members=members):
                 if ready is not None:
-                    ready(own[places], values)
+                    ready(members[places], values)
 
-            found = self._solve(self.questions[program], lanes[own], some, cores=cores, progress=part, report=report)
-            for name, values in found.items():
-                out[name][own] = values
-            done += len(own)
+            question, how = self.questions[program], {"cores": cores, "progress": part, "report": report}
+            solved = self._solve(question, lanes[members], some, **how)
+            for name, values in solved.items():
+                out[name][members] = values
+            done += len(members)
         return out
 
     def complete(
@@ -146,21 +146,21 @@ class Grid:
         keep: Callable[[Lanes, dict[str, np.ndarray]], Any],
         **how: Any,
     ) -> int:
-        """Answer those of the lanes whose `values` are not known yet, in place; how many. `keep`: called with places
-        among the lanes and their values, chunk by chunk; `how`: as `answer`.
+        """Solve the lanes whose `values` are not known yet, in place; returns how many. `keep`: called after each
+        chunk with places among the lanes and their values; `how`: as `answer`.
         """
         rest = np.flatnonzero(values["code"] == NOT_RUN)
         if rest.size:
             answers = self.answer(lanes[rest], ready=lambda places, some: keep(rest[places], some), **how)
-            for name, one in answers.items():
-                values[name][rest] = one
+            for name, column in answers.items():
+                values[name][rest] = column
         return int(rest.size)
 
     def _solve(self, question: Question, lanes: Lanes, ready: Callable, **how: Any) -> dict[str, np.ndarray]:
         points = self.numbers(lanes)
-        if not points:  # models alone: something must say how many lanes there are
+        if not points:  # models alone: a column must give the number of lanes
             points = {"rtol": np.full(len(lanes), float(question.settings.rtol))}
-        # As many lanes as a chunk has, or all that there are of this structure: an answer is the same in any company.
+        # Always a chunk of the same width, so that an answer does not depend on which lanes are solved together.
         width = min(chunk_on(), self.count // len(self.questions))
 
         def some(places, answer):
@@ -169,20 +169,20 @@ class Grid:
         return self._values(answered(question, points, width=width, ready=some, **how))
 
     def _values(self, answer: Answer) -> dict[str, np.ndarray]:
-        """Every variable of the lanes of an answer."""
-        found = {**answer.ending, **answer.values, **{slope_name(k): v for k, v in answer.slopes.items()}}
-        found = {name: np.array(values, self.kinds[name].dtype) for name, values in found.items()}
-        for name, values in found.items():
+        """Every variable of the lanes of an answer, by its name."""
+        variables = {**answer.ending, **answer.values, **{slope_name(k): v for k, v in answer.slopes.items()}}
+        variables = {name: np.array(values, self.kinds[name].dtype) for name, values in variables.items()}
+        for name, values in variables.items():
             if name not in ENDINGS:
-                values[ran_in_vain(found["code"])] = np.nan
-        return found | {"again": np.zeros(len(found["code"]), "i1")}
+                values[ran_in_vain(variables["code"])] = np.nan
+        return variables | {"again": np.zeros(len(variables["code"]), "i1")}
 
 
 def slope_name(name: str) -> str:
-    """What the derivatives of an output are called."""
+    """The name of the variable with the derivatives of an output."""
     return f"{name}_derivative"
 
 
 def ran_in_vain(codes: np.ndarray) -> np.ndarray:
-    """Which lanes have been run in vain, by their result codes."""
+    """Whether lanes have failed, by their result codes."""
     return (codes != int(Result.REACHED_END)) & (codes != NOT_RUN)

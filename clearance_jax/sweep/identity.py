@@ -1,4 +1,4 @@
-"""What makes one sweep another, by names (see `clearance_jax.runs.identity`)."""
+"""The description of a sweep's question, by names (see `clearance_jax.runs.identity`)."""
 
 from typing import Any
 
@@ -16,23 +16,23 @@ AXIS = "axis "
 
 
 def description(grid: Grid) -> dict[str, Any]:
-    """A question by the names of its parts, each a number or a short text."""
-    found: dict[str, Any] = versions()
+    """The description of a question: numbers and short texts by name."""
+    described: dict[str, Any] = versions()
     for dimension in grid.dims:
-        found[f"{AXIS}{dimension.name}"] = _axis(dimension)
+        described[f"{AXIS}{dimension.name}"] = _axis(dimension)
     varied = {name: np.nan for dimension in grid.dims for name in dimension.columns}
     for label, question in zip(labels(grid), grid.questions, strict=True):
         model = replace(question.model, {k: v for k, v in varied.items() if k not in OPTIONS})
-        found |= numbers(model, label)
+        described |= numbers(model, label)
     question = grid.questions[0]
     for name, metric in question.metrics.items():
-        found |= {f"{what} (output {name})": value for what, value in numbers(metric).items()}
-    found["wrt"] = list(question.by)
-    found["derivatives_of"] = list(question.differentiated)
+        described |= {f"{what} (output {name})": value for what, value in numbers(metric).items()}
+    described["wrt"] = list(question.by)
+    described["derivatives_of"] = list(question.differentiated)
     if "t1" not in varied:
-        found["t1"] = float(question.t1)
-    found |= {f"option {name}": value for name, value in solve_words(question.settings).items()}
-    return found
+        described["t1"] = float(question.t1)
+    described |= {f"option {name}": value for name, value in solve_words(question.settings).items()}
+    return described
 
 
 def solve_words(settings: Settings) -> dict[str, Any]:
@@ -41,12 +41,12 @@ def solve_words(settings: Settings) -> dict[str, Any]:
 
 
 def labels(grid: Grid) -> list[str]:
-    """What tells the names of several models apart."""
-    found = [""]
+    """A suffix for the names of each model's numbers; empty for a single model."""
+    suffixes = [""]
     for dimension in grid.dims:
         if dimension.models:
-            found = [f"{before} ({dimension.name}: {label})" for before in found for label in dimension.labels]
-    return found
+            suffixes = [f"{before} ({dimension.name}: {label})" for before in suffixes for label in dimension.labels]
+    return suffixes
 
 
 def _axis(dimension: Dimension) -> str:

@@ -1,4 +1,4 @@
-"""How the lanes of a sweep are cut into regions: hyper-rectangles of lanes that are solved and written together."""
+"""The partition of a sweep's lanes into regions: blocks of lanes that are solved and written together."""
 
 import math
 from collections.abc import Sequence
@@ -7,40 +7,38 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-# Lanes of a region at least. A file for each chunk of 64 lanes would make millions of files of a large sweep.
+# Least number of lanes of a region: smaller regions would make too many files of a large sweep.
 LEAST = 4096
 
 
 class Partition(NamedTuple):
-    """The regions of a grid of `shape`: blocks of the shape `chunk` (smaller at the far ends), counted in the
-    order of C.
-    """
+    """The regions of a grid of `shape`: blocks of the shape `chunk` (smaller at the far ends), numbered in C order."""
 
     shape: tuple[int, ...]
     chunk: tuple[int, ...]
 
     @property
     def grid(self) -> tuple[int, ...]:
-        """How many regions there are along each dimension."""
+        """The number of regions along each dimension."""
         return tuple(-(-size // step) for size, step in zip(self.shape, self.chunk, strict=True))
 
     @property
     def count(self) -> int:
-        """How many regions there are."""
+        """The number of regions."""
         return math.prod(self.grid)
 
     def slices(self, region: int) -> tuple[slice, ...]:
-        """Where a region is."""
+        """The slices of a region in the grid."""
         places = np.unravel_index(region, self.grid)
         ends = zip(places, self.chunk, self.shape, strict=True)
         return tuple(slice(int(p) * step, min((int(p) + 1) * step, size)) for p, step, size in ends)
 
     def extent(self, region: int) -> tuple[int, ...]:
-        """How many lanes a region has along each dimension."""
+        """The number of lanes of a region along each dimension."""
         return tuple(part.stop - part.start for part in self.slices(region))
 
     def size(self, region: int) -> int:
-        """How many lanes a region has."""
+        """The number of lanes of a region."""
         return math.prod(self.extent(region))
 
     def lane(self, region: int, place: int) -> int:
@@ -50,12 +48,12 @@ class Partition(NamedTuple):
         return int(np.ravel_multi_index(where, self.shape))
 
     def lanes(self, region: int) -> Int[np.ndarray, " lanes"]:
-        """The lanes of a region by their place in the whole grid, in the order of C within the region."""
+        """The lanes of a region by their index in the whole grid, in C order within the region."""
         ranges = [np.arange(part.start, part.stop) for part in self.slices(region)]
         return np.ravel_multi_index(np.meshgrid(*ranges, indexing="ij"), self.shape).ravel()
 
     def of(self, lanes: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Of lanes their regions, and their places in these."""
+        """The regions of lanes, and the places of lanes within their regions."""
         places = np.unravel_index(lanes, self.shape)
         inside = [p % step for p, step in zip(places, self.chunk, strict=True)]
         regions = np.ravel_multi_index([p // step for p, step in zip(places, self.chunk, strict=True)], self.grid)
@@ -67,9 +65,7 @@ class Partition(NamedTuple):
 
 
 def partition(shape: Sequence[int], apart: Sequence[bool], least: int = LEAST) -> Partition:
-    """Regions of at least so many lanes, or all that there are, cut as evenly as that goes; dimensions that are to stay
-    `apart` (one structure each) are cut at every place.
-    """
+    """Even regions of at least `least` lanes (or all). Dimensions that stay `apart` (models) are cut everywhere."""
     chunk, so_far = [1] * len(shape), 1
     for i in reversed(range(len(shape))):
         if not apart[i]:

@@ -1,4 +1,4 @@
-"""How far a sweep is, and how fast."""
+"""The progress of a sweep, reported to a callback."""
 
 import time
 from collections.abc import Callable
@@ -11,20 +11,20 @@ from clearance_jax.sweep.plan import SweepProgress
 Tell = Callable[[SweepProgress], Any] | None
 
 
-class Pace:
-    """How far a sweep is, told to whoever listens; its clock starts with the first lanes that are done, and so knows
-    nothing of compiling.
+class SweepPace:
+    """Counts the lanes of a sweep and reports a `SweepProgress`. The clock starts with the first lanes that are done,
+    so that compiling does not count.
     """
 
     def __init__(self, grid: Grid, answers: AbstractAnswers, tell: Tell):
         self._lanes, self._tell, self._sizes = grid.count, tell, answers.partition.size
-        self._kept = answers.partial_counts()  # counted from the start, and not again when their region ends
+        self._kept = answers.partial_counts()  # counted at the start, and not again when their region ends
         self._done = self._lanes - sum(map(self._sizes, answers.open_regions())) + sum(self._kept.values())
         self._new, self._failed = 0.0, 0
         self._begin: tuple[float, float] | None = None
 
     def tell(self, more: float) -> None:
-        """So many lanes of the region under way are done."""
+        """Report that so many lanes of the current region are done."""
         if self._tell is None:
             return
         now, new = time.perf_counter(), self._new + more
@@ -33,7 +33,7 @@ class Pace:
         self._tell(SweepProgress(self._lanes, done, self._failed, new - self._begin[1], now - self._begin[0]))
 
     def end_region(self, region: int, new: int, wrong: int) -> None:
-        """A region is ready, with so many lanes newly solved, and so many that failed."""
+        """Report a finished region, with the numbers of newly solved and of failed lanes."""
         self._done += self._sizes(region) - self._kept.get(region, 0)
         self._new, self._failed = self._new + new, self._failed + wrong
         self.tell(0.0)

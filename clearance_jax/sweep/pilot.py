@@ -1,4 +1,4 @@
-"""A few lanes of a sweep ahead of the others, for how long all will take."""
+"""Time a few lanes of a sweep, to estimate how long all will take."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,13 +11,13 @@ from clearance_jax.sweep.answers import AbstractAnswers
 from clearance_jax.sweep.grid import Grid, Lanes
 from clearance_jax.sweep.layout import Partition
 
-# Of fewer lanes than so many times those of a pilot the whole is soon known.
+# A pilot is run if there are at least so many times its lanes.
 SHARE = 4
 
 
 def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
-    """So many lanes here and there in the missing regions (in `LANES` of them at most: each keeps its own aside); none
-    where there are few of them.
+    """`count` lanes spread over at most `LANES` missing regions, as each has its own partial results; none if few lanes
+    are missing.
     """
     if sum(partition.size(region) for region in missing) < SHARE * count:
         return np.zeros(0, int)
@@ -28,8 +28,8 @@ def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
 
 
 def pilot_time(grid: Grid, answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
-    """How long a lane takes of the time of all cores together [s], by a few of them, whose answers are kept: a lane
-    comes out the same in whatever company. `None`: not known.
+    """The time of a lane with all cores running [s], measured with a few lanes whose answers are kept; `None`: not
+    known.
     """
     lanes = choose(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
@@ -40,15 +40,15 @@ def pilot_time(grid: Grid, answers: AbstractAnswers, missing: list[int], cores: 
 
 
 def time_lanes(grid: Grid, lanes: Lanes, cores: int) -> tuple[float, dict[str, np.ndarray]]:
-    """How long these lanes take [s], without compiling, and their answers."""
+    """The time of these lanes [s], without compiling, and their answers."""
     reports: list[BatchReport] = []
     values = grid.answer(lanes, cores, report=reports.append)
     return sum(report.running for report in reports), values
 
 
 def keep(partition: Partition, add: Callable[..., Any], lanes: Lanes, values: dict[str, np.ndarray]) -> None:
-    """`add` the answers of lanes to each of their regions: with these, the places there, and the values."""
+    """Call `add(region, places, values)` for each region of the lanes."""
     regions, places = partition.of(lanes)
     for region in np.unique(regions).tolist():
-        own = regions == region
-        add(region, places[own], {name: one[own] for name, one in values.items()})
+        here = regions == region
+        add(region, places[here], {name: column[here] for name, column in values.items()})

@@ -1,4 +1,4 @@
-"""What a sweep will take, said before it starts; and how far it has come."""
+"""The expected time and size of a sweep, its progress, and checks of memory and disk."""
 
 import os
 import shutil
@@ -9,14 +9,13 @@ from clearance_jax.errors import ClearanceError
 
 
 class SweepPlan(NamedTuple):
-    """What a sweep will take. It prints itself.
+    """The plan of a sweep. It prints itself.
 
-    - `lanes`: how many there are, of which `known` are answered already; `regions`, `programs`: into how many they are
-      cut, and how many programs are compiled.
-    - `seconds`: the expected time of those not known, after compiling, by a pilot (`None`: too few for one).
-    - `memory`: bytes held at once, the answers in memory or one region of them; `disk`: of the store, uncompressed (0
-      without one).
-    - `place`: what the lanes run on.
+    - `lanes`: their number, of which `known` are answered already; `regions`, `programs`: the numbers of regions, and
+      of programs to compile.
+    - `seconds`: the expected time of the other lanes, after compiling (`None`: too few lanes for an estimate).
+    - `memory`: bytes of answers in memory at once; `disk`: bytes of the store, uncompressed (0 without one).
+    - `place`: what the lanes run on, in words.
     """
 
     lanes: int
@@ -39,8 +38,8 @@ class SweepPlan(NamedTuple):
 
 
 class SweepProgress(NamedTuple):
-    """How far a sweep is: `done` of its `lanes` (those of a region that is under way count as they come), `failed` of
-    the regions that are ready; `seconds` since the first lanes were done, in which `new` ones followed.
+    """The progress of a sweep: `done` of its `lanes`; `failed` lanes of finished regions; `new` lanes in the `seconds`
+    since the first ones were done.
     """
 
     lanes: int
@@ -56,7 +55,7 @@ class SweepProgress(NamedTuple):
 
     @property
     def left(self) -> float | None:
-        """Seconds to go; `None` where nothing is known."""
+        """Remaining time [s]; `None` if it is not known."""
         return (self.lanes - self.done) / self.rate if self.rate > 0 else None
 
     def __str__(self) -> str:
@@ -65,10 +64,10 @@ class SweepProgress(NamedTuple):
 
 
 def check_room(path: Path, needed: int) -> None:
-    """Raise where a store will not fit on its disk."""
+    """Raise `ClearanceError` if a store does not fit on its disk."""
     folder = next((p for p in path.absolute().parents if p.is_dir()), Path("/"))
     free = shutil.disk_usage(folder).free
-    # Where nothing can be written at all the disk says so itself.
+    # A disk with no room at all gives its own error.
     if needed > free > 0:
         raise ClearanceError(
             f"`{path}` may take {size(needed)}, but there are {size(free)} free. Ask for fewer samples or outputs, "
@@ -94,10 +93,10 @@ def shown_time(seconds: float) -> str:
 
 
 def check_memory(needed: int) -> None:
-    """Raise where answers will not fit in this machine's memory."""
+    """Raise `ClearanceError` if answers do not fit in this machine's memory."""
     try:
         whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):  # not every system says
+    except (AttributeError, ValueError, OSError):  # not every system tells
         return
     if needed > whole:
         raise ClearanceError(

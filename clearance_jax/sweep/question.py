@@ -1,4 +1,4 @@
-"""A sweep's question as it is given, read and checked: the grid of its points."""
+"""Read and check the arguments of a sweep, and build its `Grid`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ def grid_of(
     times: Any = None,
     options: Mapping[str, Any] | None = None,
 ) -> Grid:
-    """A question as it is given to `sweep`, read. **Raises** `ClearanceError` for what cannot be answered."""
+    """The grid of the arguments of `sweep`. **Raises** `ClearanceError` for what cannot be answered."""
     dims = dimensions(axes)
     models = models_of(mechanism, dims)
     every = [units_of_columns(model, dims) for model in models]
@@ -89,12 +89,12 @@ def _outputs(outputs: Any) -> Mapping[str, Any]:
 
 
 def _metric(name: str, given: Any) -> AbstractMetric:
-    """A metric; a quantity by its name as a metric of the solution."""
+    """The metric of an output; the name of a quantity becomes a metric of the solution."""
     return Function(Named(given)) if isinstance(given, str) else as_metric(given)
 
 
 class Named(NamedTuple):
-    """A quantity of a solution, by its name; at the end, or at the times that samples were asked for."""
+    """A function that gives a quantity of a solution by its name, at the end or at the times of `save_at`."""
 
     quantity: str
 
@@ -107,22 +107,22 @@ def _derivative_names(outputs: Any, wrt: tuple[str, ...], given: Sequence[str] |
         if given:
             raise ClearanceError("`derivatives_of` names outputs, but `wrt` no parameters by which.")
         return ()
-    found = tuple(_outputs(outputs)) if given is None else (given,) if isinstance(given, str) else tuple(given)
-    for name in found:
+    names = tuple(_outputs(outputs)) if given is None else (given,) if isinstance(given, str) else tuple(given)
+    for name in names:
         if name not in outputs:
             raise ClearanceError(f"`derivatives_of`: there is no output `{name}`. {suggest(str(name), outputs)}")
-    return tuple(sorted(found))
+    return tuple(sorted(names))
 
 
 def _kinds(
     model: Mechanism, question: Question, outputs: Mapping[str, Any], shapes: Any, dims: Sequence[Dimension]
 ) -> tuple[dict[str, Kind], dict[str, tuple[str, Any]]]:
-    """What every variable is, and the coordinates of dimensions that are not the sweep's."""
+    """The kinds of all variables, and the coordinates of dimensions that are not the sweep's."""
     kinds, coordinates = {name: ENDINGS[name] for name in ENDINGS if name in (*shapes.ending, "again")}, {}
     settings = question.settings
     if settings.save_at is not None:
         coordinates["time"] = "time", np.asarray(settings.save_at)
-    # Looked up where somebody asks: for a small sweep it takes as long as the lanes.
+    # Only if needed: it takes as long as the lanes of a small sweep.
     by_name = any(isinstance(given, str) for given in outputs.values())
     named, known = quantities(model, bool(settings.energy_balance)) if by_name else {}, {}
     along = {name: None for dimension in dims for name in (dimension.name, *dimension.columns)}
@@ -132,19 +132,19 @@ def _kinds(
             raise ClearanceError(f"The output `{name}` must be a number or an array: take one entry of its record.")
         form = question.metrics[name].form(model)
         shape, unit, meaning = shapes.values[name].shape, form.unit or str(getattr(given, "unit", "")), ""
-        own = _axes(name, form, shape, along)
-        coordinates |= {dim: (dim, list(along[dim][1])) for dim in own if along[dim][1]}
+        axes = _axes(name, form, shape, along)
+        coordinates |= {dim: (dim, list(along[dim][1])) for dim in axes if along[dim][1]}
         if isinstance(given, str):
-            found = named[given]
-            unit, meaning = found.unit, OBSERVED[found.variable].meaning if found.place is None else given
-            own = OBSERVED[found.variable].dims[len(found.index) :] if found.place is None else ()
-            own = (*(("time",) if settings.save_at is not None else ()), *own)
-            known = known or (labels(model) if own else {})
-            coordinates |= {dim: (dim, known[dim][1]) for dim in own if dim in known}
-            own = own if len(own) == len(shape) else tuple(f"{name}_{i}" for i in range(len(shape)))
-        kinds[name] = Kind(own, shape, "f8", unit, meaning or _words(given), type(question.metrics[name]).__name__)
+            quantity = named[given]
+            unit, meaning = quantity.unit, OBSERVED[quantity.variable].meaning if quantity.place is None else given
+            axes = OBSERVED[quantity.variable].dims[len(quantity.index) :] if quantity.place is None else ()
+            axes = (*(("time",) if settings.save_at is not None else ()), *axes)
+            known = known or (labels(model) if axes else {})
+            coordinates |= {dim: (dim, known[dim][1]) for dim in axes if dim in known}
+            axes = axes if len(axes) == len(shape) else tuple(f"{name}_{i}" for i in range(len(shape)))
+        kinds[name] = Kind(axes, shape, "f8", unit, meaning or _words(given), type(question.metrics[name]).__name__)
     if question.by:
-        units = [find(parameters(model), one)[0].unit for one in question.by]
+        units = [find(parameters(model), parameter)[0].unit for parameter in question.by]
         coordinates["parameter"] = "parameter", list(question.by)
         coordinates["parameter_unit"] = "parameter", units
         by = units[0] if len(set(units)) == 1 else "see parameter_unit"
@@ -164,16 +164,16 @@ def _kinds(
 
 
 def _axes(name: str, form: MetricForm, shape: tuple[int, ...], along: dict[str, Any]) -> tuple[str, ...]:
-    """The dimensions of an output beside the lanes', as its metric calls them; with the output's name in front where
-    something else is called so. `along`: what stands along each dimension, size and labels, to which they are added.
+    """The names of an output's dimensions, as its metric calls them; with the output's name in front if a name is taken
+    by another dimension. `along`: size and labels by dimension, to which these are added.
     """
     named = form.axes if len(form.axes) == len(shape) else [(str(i), ()) for i in range(len(shape))]
-    found = []
+    dims = []
     for (axis, words), size in zip(named, shape, strict=True):
         free = not axis.isdecimal() and along.setdefault(axis, (size, words)) == (size, words)
-        found.append(axis if free else f"{name}_{axis}")
-        along[found[-1]] = size, words
-    return tuple(found)
+        dims.append(axis if free else f"{name}_{axis}")
+        along[dims[-1]] = size, words
+    return tuple(dims)
 
 
 def _words(given: Any) -> str:

@@ -1,4 +1,4 @@
-"""`sweep`: one question, any number of answers, as one labelled dataset."""
+"""`sweep`: solve a question at many points, into one labelled dataset."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -22,7 +22,7 @@ from clearance_jax.sweep.plan import SweepPlan, check_memory, check_room
 from clearance_jax.sweep.question import grid_of
 from clearance_jax.sweep.widen import open_store
 
-# Chunks that a region has for each core at least: where fewer, cores wait at its end for the last one.
+# Least number of chunks of a region for each core, as cores wait at its end for the last chunk.
 CHUNKS_A_CORE = 32
 
 
@@ -45,8 +45,7 @@ def sweep(
     provenance: Mapping[str, Any] | None = None,
     **options: Unpack[SolveOptions],
 ) -> xr.Dataset:
-    """Outputs of a mechanism's motion at many points of its parameters and models: one solve for each lane, on every
-    core.
+    """Solve the outputs of a mechanism's motion at many points of its parameters and models, on every core.
 
     **Arguments:**
 
@@ -94,14 +93,14 @@ def sweep(
         return answers.dataset()
     if not Path(store).exists():
         check_room(Path(store), needed)
-    with ExitStack() as held:
-        client = None if cluster is None else held.enter_context(client_of(cluster, cores or 1))
+    with ExitStack() as stack:
+        client = None if cluster is None else stack.enter_context(client_of(cluster, cores or 1))
         cores_of_a_region = side_by_side if client is None else cores or 1
         least = max(LEAST, LANES * CHUNKS_A_CORE * cores_of_a_region)
-        if client is None:  # what the workers of a cluster have is theirs to know
+        if client is None:  # the workers of a cluster may have other chunks
             least = max(least, chunk_on())
         answers = open_store(store, grid, provenance, resume=resume, least=least)
-        held.callback(answers.close)
+        stack.callback(answers.close)
         if client is None:
             run_here(answers.grid, answers, side_by_side, plan, progress)
             if again is not None:

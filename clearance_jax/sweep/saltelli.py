@@ -1,6 +1,4 @@
-"""Samples from which global sensitivity indices follow (`results.sobol`). See Saltelli et al. 2010, doi
-10.1016/j.cpc.2009.09.018.
-"""
+"""Samples for global sensitivity indices (`results.sobol`), by Saltelli et al. 2010, doi 10.1016/j.cpc.2009.09.018."""
 
 from collections.abc import Mapping
 from typing import Any

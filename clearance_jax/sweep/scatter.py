@@ -1,4 +1,4 @@
-"""How a number scatters: one of scipy's frozen distributions, as it is given or by mean, deviation and bounds."""
+"""Distributions of numbers that scatter: frozen distributions of scipy, also by mean, deviation and bounds."""
 
 import inspect
 import math
@@ -12,7 +12,7 @@ from clearance_jax.errors import ClearanceError, quote
 
 
 def normal(mean: float, deviation: float, lower: float | None = None, upper: float | None = None) -> Any:
-    """Normal; with bounds what lies beyond is sorted out."""
+    """A normal distribution, truncated at the bounds if they are given."""
     _check_deviation(mean, deviation)
     if lower is None and upper is None:
         return scipy.stats.norm(mean, deviation)
@@ -23,7 +23,7 @@ def normal(mean: float, deviation: float, lower: float | None = None, upper: flo
 
 
 def log_normal(mean: float, deviation: float) -> Any:
-    """Log-normal, by the mean and the standard deviation of the number itself."""
+    """A log-normal distribution, by the mean and the standard deviation of the number itself."""
     _check_deviation(mean, deviation)
     if mean <= 0:
         raise ClearanceError(f"The mean of a log-normal scatter must be above zero, but it is {mean:g}.")
@@ -32,13 +32,13 @@ def log_normal(mean: float, deviation: float) -> Any:
 
 
 def uniform(lower: float, upper: float) -> Any:
-    """Uniform between two bounds."""
+    """A uniform distribution between two bounds."""
     _check_bounds(lower, upper)
     return scipy.stats.uniform(lower, upper - lower)
 
 
 DISTRIBUTIONS: Mapping[str, Callable[..., Any]] = {"normal": normal, "log-normal": log_normal, "uniform": uniform}
-"""By the word of a study; what each takes, its arguments say."""
+"""Distributions by their names in a study."""
 
 
 def scatter(
@@ -73,13 +73,13 @@ def scatter(
 
 
 def arguments_of(distribution: str) -> dict[str, bool]:
-    """The numbers that a distribution takes, and whether each must be there."""
+    """The arguments of a distribution, and whether each is required."""
     taken = inspect.signature(DISTRIBUTIONS[distribution]).parameters.values()
-    return {one.name: one.default is one.empty for one in taken}
+    return {argument.name: argument.default is argument.empty for argument in taken}
 
 
 def check_scatter(name: str, given: Any) -> None:
-    """Raise for what is no frozen distribution of numbers; `name`: of the number that is to scatter so."""
+    """Raise `ClearanceError` if `given`, for the number `name`, is not a frozen distribution of finite numbers."""
     if not callable(getattr(given, "ppf", None)):
         raise ClearanceError(
             f"`{name}` must scatter by `cj.scatter(...)` or by a frozen distribution of `scipy.stats`, not by "
@@ -90,9 +90,9 @@ def check_scatter(name: str, given: Any) -> None:
 
 
 def in_words(given: Any) -> list[Any]:
-    """A distribution as its name and its numbers, which are kept with what was sampled by it."""
+    """The name and numbers of a distribution, for the attributes of a dataset."""
     dist = getattr(given, "dist", None)
-    if dist is None:  # of scipy's newer kind, which says itself what it is
+    if dist is None:  # a distribution of scipy's new infrastructure
         return [repr(given)]
     return [dist.name, *map(float, given.args), *(f"{key}={float(value)!r}" for key, value in given.kwds.items())]
 

@@ -1,8 +1,7 @@
-"""A sweep on disk: a zarr store, written region by region, that says of itself what is in it and what is missing.
+"""A sweep on disk: a zarr store, written region by region, with a journal of the finished regions.
 
-A region is one chunk of every variable. zarr gives a chunk its name only when it is whole; a region counts once the
-journal says so, with a digest of its chunks. So whatever dies, and whenever: the regions of the journal are there; of
-the others the partial results are, and the rest is computed again, and comes out the same to the last bit.
+A region is one chunk of every variable. It counts once the journal has its record, with a digest of its chunks. After a
+kill the regions of the journal and the partial results are used; the rest is solved again, with the same bits.
 """
 
 import hashlib
@@ -30,21 +29,21 @@ from clearance_jax.sweep.identity import description
 from clearance_jax.sweep.layout import Partition, partition
 
 JOURNAL, LOCK, PARTIAL = "journal.jsonl", "writer.lock", "partial"
-# What zarr calls the file in which a group says of itself and, by us, of its arrays all that readers must know.
+# Zarr's file of metadata of a group; here it also has those of all arrays.
 ROOT = "zarr.json"
-# Beside these, while a cluster answers it, the question in a file whose name begins so.
+# Begin of the name of the file with the question, which is there while a cluster works.
 HANDED_OUT = "question."
 OWN_FILES = JOURNAL, LOCK, PARTIAL, ROOT
-# What a store says of its layout, among its attributes.
+# Attributes of a store about its layout.
 CHUNK, VARIABLES = "region", "variables"
 
 
-# What reading raises of a chunk that is damaged: a file, a checksum, a codec.
+# Exceptions of reading a damaged chunk: a file, a checksum, a codec.
 UNREADABLE = OSError, ValueError, RuntimeError, KeyError
 
 
 def zarr_library() -> Any:
-    """Zarr. **Raises** `ClearanceError` where it is not there."""
+    """The module `zarr`. **Raises** `ClearanceError` if it is not installed."""
     try:
         import zarr
     except ImportError:
@@ -53,7 +52,7 @@ def zarr_library() -> Any:
 
 
 def create(path: Path, grid: Grid, provenance: Mapping[str, Any], least: int) -> None:
-    """An empty store for a question, whole or not at all."""
+    """Create an empty store for a question; it gets its name when it is complete."""
     cut = partition(grid.shape, [bool(d.models) for d in grid.dims], least)
     partial = _lay_out(path, grid, provenance, cut.chunk)
     journal = Journal(partial / JOURNAL)
@@ -63,36 +62,36 @@ def create(path: Path, grid: Grid, provenance: Mapping[str, Any], least: int) ->
 
 
 def remade(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> bool:
-    """Write what a store says of itself anew, and say so; not where its journal is not that of this very question."""
+    """Write the metadata of a damaged store again, and warn; returns false if its journal has another question."""
     journal = Journal(path / JOURNAL)
     chunk = next((record["chunk"] for record in journal.records if "chunk" in record), None)
     if chunk is None or journal.differences(description(grid)):
         return False
-    held = Lock(path / LOCK)
+    lock = Lock(path / LOCK)
     try:
         partial = _lay_out(path, grid, provenance, chunk)
         (partial / ROOT).replace(path / ROOT)
         shutil.rmtree(partial)
     finally:
-        held.release()
+        lock.release()
     warnings.warn(f"`{path}`: its `{ROOT}` is damaged; it is mended.", RunWarning, stacklevel=2)
     return True
 
 
 def _lay_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Sequence[int]) -> Path:
-    """A group with all arrays of a question, beside a path."""
+    """Create a group with all arrays of a question, beside a path."""
     zarr = zarr_library()
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     partial = path.with_name(path.name + ".partial")
     shutil.rmtree(partial, ignore_errors=True)
-    own = {CHUNK: list(chunk), VARIABLES: list(grid.kinds)}
-    found = list(coordinates(grid))
-    inner = " ".join(name for name, dim, *_ in found if name != dim)
+    layout = {CHUNK: list(chunk), VARIABLES: list(grid.kinds)}
+    columns = list(coordinates(grid))
+    inner = " ".join(name for name, dim, *_ in columns if name != dim)
     root = zarr.create_group(
-        partial, attributes={**attributes(grid), **provenance, **own, **({"coordinates": inner} if inner else {})}
+        partial, attributes={**attributes(grid), **provenance, **layout, **({"coordinates": inner} if inner else {})}
     )
-    for name, dim, values, attrs in found:
+    for name, dim, values, attrs in columns:
         values = _as_stored(values)
         array = root.create_array(
             name,
@@ -121,20 +120,22 @@ def _lay_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Seque
 
 
 def _as_stored(values: Any) -> np.ndarray:
-    """A coordinate's values as zarr keeps them."""
+    """A coordinate's values in the type that zarr stores."""
     values = np.asarray(values)
     return values.astype(np.dtypes.StringDType()) if values.dtype.kind == "U" else values
 
 
 def _consolidate(zarr: Any, path: Path) -> None:
-    """Everything that readers must know in one file: they look no further, and one file changes at once."""
+    """Collect the metadata of all arrays in one file, which is read and replaced at once."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that consolidating is not in the standard yet, and of the journal beside
+        warnings.simplefilter(
+            "ignore"
+        )  # warnings that this is not in the standard yet, and about the journal in the folder
         zarr.consolidate_metadata(path)
 
 
 class Regions:
-    """The regions of a store that is there, to be read."""
+    """The regions of an existing store."""
 
     def __init__(self, path: Path):
         zarr = zarr_library()
@@ -150,15 +151,15 @@ class Regions:
         self.names = list(self.root.attrs[VARIABLES])
         self.journal = Journal(path / JOURNAL)
         self.records = {record["region"]: record for record in self.journal.records if "region" in record}
-        # Once: to open an array takes as long as to read a region of it.
-        # Chunks of missing values are written like any other: a region is there when its files are.
+        # Opened once: that takes as long as to read a region. Chunks of missing values are written too, as the digest
+        # is that of files.
         self.arrays = {name: self.root[name].with_config({"write_empty_chunks": True}) for name in self.names}
         lead = len(self.partition.shape)
         kinds = {name: (array.dtype, array.shape[lead:]) for name, array in self.arrays.items()}
         self.partial = PartialResults(path / PARTIAL, kinds)
 
     def coordinate(self, name: str) -> np.ndarray:
-        """The values of a coordinate. **Raises** `ClearanceError` where they cannot be read."""
+        """The values of a coordinate. **Raises** `ClearanceError` if they cannot be read."""
         try:
             return self.root[name][...]
         except UNREADABLE:
@@ -167,17 +168,17 @@ class Regions:
             ) from None
 
     def mend(self, grid: Grid) -> None:
-        """Write coordinates anew that are not those of the store's own question, and say so."""
+        """Write coordinates again that are not those of the question, and warn."""
         for name, _, values, _ in coordinates(grid):
             with suppress(ClearanceError):
                 if np.array_equal(self.coordinate(name), _as_stored(values)):
                     continue
             self.root[name][...] = _as_stored(values)
-            said = f"`{self.path}`: the coordinate `{name}` is damaged; it is mended."
-            warnings.warn(said, RunWarning, stacklevel=2)
+            message = f"`{self.path}`: the coordinate `{name}` is damaged; it is mended."
+            warnings.warn(message, RunWarning, stacklevel=2)
 
     def verify(self) -> None:
-        """Forget the regions that are not as they were written, and say so."""
+        """Drop the records of damaged regions, and warn."""
         bad = [region for region in self.records if not self._good(region)]
         for region in bad:
             del self.records[region]
@@ -196,17 +197,17 @@ class Regions:
             return False
 
     def _digest(self, region: int) -> str:
-        """Of the files of a region's chunks: they are read much sooner than what is in them."""
-        found, place = hashlib.blake2b(digest_size=16), np.unravel_index(region, self.partition.grid)
+        """The digest of the files of a region's chunks, which need not be decompressed for it."""
+        digest, place = hashlib.blake2b(digest_size=16), np.unravel_index(region, self.partition.grid)
         for name, array in self.arrays.items():
             if array.size:
                 chunk = array.metadata.encode_chunk_key((*map(int, place), *[0] * (array.ndim - len(place))))
-                found.update(name.encode())
-                found.update((self.path / name / chunk).read_bytes())
-        return found.hexdigest()
+                digest.update(name.encode())
+                digest.update((self.path / name / chunk).read_bytes())
+        return digest.hexdigest()
 
     def read(self, region: int) -> Values:
-        """The variables of a region, shape (lanes, ...)."""
+        """Read the variables of a region, shape (lanes, ...)."""
         where, lead = self.partition.slices(region), len(self.partition.shape)
         out = {}
         for name in self.names:
@@ -215,8 +216,8 @@ class Regions:
         return out
 
     def write(self, region: int, values: Mapping[str, np.ndarray], old: Values | None = None) -> str:
-        """Write a region's chunks, one after the other; their digest. Between the first and the last it is neither what
-        it was nor what it is to be: the `old` values, where it had any, are kept meanwhile.
+        """Write a region's chunks and return their digest. The `old` values, if there are any, are kept as partial
+        results until all chunks are written.
         """
         if old is not None:
             self.partial.add(region, np.arange(self.partition.size(region)), old)
@@ -227,7 +228,7 @@ class Regions:
 
 
 class Store(AbstractAnswers):
-    """Answers in a store; this process alone writes it. `before`: what is known of some lanes from elsewhere."""
+    """Answers in a store that only this process writes. `before`: the narrower store (`Before`) with known lanes."""
 
     on_disk = True
 
@@ -258,28 +259,28 @@ class Store(AbstractAnswers):
             self._regions.partial.add(region, places, values)
 
     def partial_counts(self):
-        found = self._regions.partial
-        return {region: found.count(region) for region in found.parts()}
+        partial = self._regions.partial
+        return {region: partial.count(region) for region in partial.parts()}
 
     def read(self, region):
         return self._regions.read(region)
 
-    def write(self, region, values, **said):
+    def write(self, region, values, **fields):
         with self._refusal(region):
             old = self.read(region) if region in self._regions.records else None
-            found = self._regions.write(region, values, old)
-        self.confirm(region, found, ending_counts(values["code"]), **said)
+            digest = self._regions.write(region, values, old)
+        self.confirm(region, digest, ending_counts(values["code"]), **fields)
 
-    def confirm(self, region: int, found: str, endings: Mapping[str, int], **said: Any) -> None:
-        """Somebody has written a region with this digest, whose lanes ended so."""
-        record = {"region": region, "digest": found, "ended": dict(endings), **said}
+    def confirm(self, region: int, digest: str, endings: Mapping[str, int], **fields: Any) -> None:
+        """Record a written region: its digest and the counts of its result codes."""
+        record = {"region": region, "digest": digest, "ended": dict(endings), **fields}
         with self._refusal(region):
             self._regions.journal.add(**record)
             self._regions.partial.remove(region)
         self._regions.records[region] = record
 
     def _refusal(self, region: int) -> AbstractContextManager[None]:
-        """What the disk refuses, in words."""
+        """The context that raises errors of writing as `ClearanceError`."""
         return refuse_in_words(f"region {region} of `{self.path}`", begun=True)
 
     def regions_to_repeat(self, settings):
@@ -289,19 +290,19 @@ class Store(AbstractAnswers):
         return [region for region, record in sorted(self._regions.records.items()) if wrong(record)]
 
     def record(self, region: int) -> dict[str, Any]:
-        """What the journal says of a region."""
+        """The journal's record of a region."""
         return self._regions.records[region]
 
     def dataset(self):
-        """Lazily, with how lanes ended among its attributes."""
-        found = open_sweep(self.path)
-        shown = {k: v for k, v in found.attrs.items() if k not in (CHUNK, VARIABLES)}
+        """All answers as a dataset that reads the store lazily."""
+        dataset = open_sweep(self.path)
+        shown = {k: v for k, v in dataset.attrs.items() if k not in (CHUNK, VARIABLES)}
         endings = [record["ended"] for record in self._regions.records.values()]
-        found.attrs = shown | counts(endings, self.grid.count)
-        return found
+        dataset.attrs = shown | counts(endings, self.grid.count)
+        return dataset
 
     def close(self) -> None:
-        """Others may write; what the store was before it grew goes once nothing is missing."""
+        """Release the store, and remove the narrower one if no region is missing."""
         if self._before is not None and not self.open_regions():
             self._before.remove()
         self._regions.partial.close()
@@ -309,7 +310,7 @@ class Store(AbstractAnswers):
 
 
 def partial_answers(grid: Grid, regions: Regions, before: Any, region: int) -> Values:
-    """What is known of the lanes of a missing region, from `before` and from partial results."""
+    """The known values of a missing region, from `before` and from partial results."""
     lanes = regions.partition.lanes(region)
     values = grid.blank(len(lanes)) if before is None else before.partial_answers(lanes, grid)
     regions.partial.fill(region, values)
@@ -319,5 +320,5 @@ def partial_answers(grid: Grid, regions: Regions, before: Any, region: int) -> V
 def put(arrays: Mapping[str, Any], cut: Partition, region: int, values: Mapping[str, np.ndarray]) -> None:
     """Write a region's chunk of each array."""
     where, extent = cut.slices(region), cut.extent(region)
-    for name, one in values.items():
-        arrays[name][where] = one.reshape(*extent, *one.shape[1:])
+    for name, column in values.items():
+        arrays[name][where] = column.reshape(*extent, *column.shape[1:])

@@ -1,4 +1,4 @@
-"""Opening a store for a question: a new one, one to go on with, or one whose axes have grown since."""
+"""Open the store of a question: a new one, one to continue, or one whose axes have grown."""
 
 import dataclasses
 import shutil
@@ -19,20 +19,19 @@ from clearance_jax.sweep.identity import AXIS, description, labels
 from clearance_jax.sweep.layout import LEAST
 from clearance_jax.sweep.store import HANDED_OUT, LOCK, OWN_FILES, Regions, Store, create, remade
 
-# The longest name of a folder, with some room for what is made beside it.
+# The longest name of a folder, with room for suffixes.
 LONGEST_NAME = 200
-# By how much numbers differ, over their size, that are meant to be the same.
+# The relative difference of numbers that count as the same.
 ROUND_OFF = 1e-14
 
 
 def open_store(
     path: str | Path, grid: Grid, provenance: Mapping[str, Any], *, resume: bool, least: int = LEAST
 ) -> Store:
-    """The store at a path, for this question.
+    """Open or create the store at a path for this question.
 
-    **Raises:** `ClearanceError` where there is one already and `resume` is off, where it belongs to another question
-    (with the difference), where another process writes it, where nothing can be written, and for names of outputs and
-    axes that no array of a store can have.
+    **Raises:** `ClearanceError` if it exists and `resume` is off, belongs to another question (with the differences),
+    is written by another process, or cannot be written; and for names of outputs and axes that no array can have.
     """
     path = Path(path)
     _check_names(grid)
@@ -47,18 +46,16 @@ def open_store(
         if not path.exists():
             create(path, grid, provenance, least)
         elif _differs(path, narrower, grid):
-            held = Lock(path / LOCK)
+            lock = Lock(path / LOCK)
             path.rename(narrower)
             create(path, grid, provenance, least)
-            held.release()
+            lock.release()
         return Store(path, grid, before_of(path, grid))
 
 
 def _check_names(grid: Grid) -> None:
-    """Raise for a name that the folder of an array cannot have: the store has a file of that name, or zarr or the disk
-    refuses it.
-    """
-    for name in (*(found[0] for found in coordinates(grid)), *grid.kinds):
+    """Raise `ClearanceError` for a name that the folder of an array cannot have."""
+    for name in (*(coordinate[0] for coordinate in coordinates(grid)), *grid.kinds):
         low = name.casefold()
         if low in OWN_FILES or low.startswith(HANDED_OUT) or low.startswith("__"):
             why = "a store has something of its own of that name"
@@ -72,7 +69,7 @@ def _check_names(grid: Grid) -> None:
 
 
 def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Regions:
-    """The regions of the store at a path, which is mended where it does not say what it is."""
+    """The regions of the store at a path, whose metadata are repaired if they are damaged."""
     try:
         return Regions(path)
     except ClearanceError:
@@ -82,32 +79,32 @@ def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Region
 
 
 def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
-    """Whether the store at a path is that of a narrower question. **Raises** `ClearanceError` where it is another's."""
+    """Whether the store at a path has a narrower question. **Raises** `ClearanceError` if it has another one."""
     old = Regions(path)
-    found, described = old.journal.differences(description(grid)), old.journal.question or {}
-    if not found:
+    changes, described = old.journal.differences(description(grid)), old.journal.question or {}
+    if not changes:
         return False
-    grown = {name: words for name, words in found.items() if name.startswith(AXIS) and name in described}
-    # What the store does not know may belong to a model that is new along a `Choice`; all else is another question.
-    own = tuple(label for label in labels(grid) if label)
-    more = {name for name in found if name not in described and name not in VERSIONS and name.endswith(own)}
-    others = {name: words for name, words in found.items() if name not in grown and name not in more}
+    grown = {name: words for name, words in changes.items() if name.startswith(AXIS) and name in described}
+    # New names may belong to a new model of a `Choice`; all other differences make another question.
+    suffixes = tuple(label for label in labels(grid) if label)
+    more = {name for name in changes if name not in described and name not in VERSIONS and name.endswith(suffixes)}
+    others = {name: words for name, words in changes.items() if name not in grown and name not in more}
     if others or _places(old, grid) is None:
-        raise ClearanceError(refusal(path, others or found))
+        raise ClearanceError(refusal(path, others or changes))
     if narrower.exists():
         raise ClearanceError(f"`{path}` is being widened already: finish that with its own axes, and then go on.")
     return True
 
 
 def snap(grid: Grid, old: Regions) -> Grid:
-    """The question with the very numbers of an older store, where its own differ from them by round-off: of axes that
-    are calculated (`linspace`) the old places would otherwise be none of the new ones.
+    """The grid with the exact numbers of an older store, if its own differ by round-off. Otherwise a calculated axis
+    (`linspace`) would not have the old places.
     """
     dims = []
     for dimension in grid.dims:
         columns = dict(dimension.columns)
         for name in columns:
-            with suppress(ClearanceError):  # one that is damaged may be mended, see `Regions.mend`
+            with suppress(ClearanceError):  # `Regions.mend` may repair a damaged one
                 columns[name] = _snap(columns[name], old.coordinate(name)) if name in old.root else columns[name]
         dims.append(dimension._replace(columns=columns))
     return dataclasses.replace(grid, dims=tuple(dims))
@@ -122,12 +119,12 @@ def _snap(values: np.ndarray, old: np.ndarray) -> np.ndarray:
 
 
 def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
-    """Of every place along each dimension where it was in an older store (-1: it was not); `None` where a place of the
-    older store is nowhere.
+    """By dimension, the index in the older store of every place (-1: new); `None` if a place of the older store is
+    missing.
     """
     if len(old.partition.shape) != len(grid.dims):
         return None
-    found = []
+    by_axis = []
     for dimension, size in zip(grid.dims, old.partition.shape, strict=True):
         if any(name not in old.root for name in (dimension.name, *dimension.columns)):
             return None
@@ -138,22 +135,22 @@ def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
         places = np.array([known.get(key, -1) for key in now])
         if len(set(places[places >= 0].tolist())) != len(known) or len(known) != size:
             return None
-        found.append(places)
-    return found
+        by_axis.append(places)
+    return by_axis
 
 
 def before_of(path: Path, grid: Grid) -> "Before | None":
-    """What is known from the store that the one at a path was before its axes grew, if it did."""
+    """The narrower store beside the one at a path, if there is one."""
     return Before(_narrower(path), grid) if _narrower(path).exists() else None
 
 
 def _narrower(path: Path) -> Path:
-    """Where a store lies while it is taken over into one with longer axes."""
+    """The path of a store while its answers are copied into one with longer axes."""
     return path.with_name(path.name + ".narrower")
 
 
 class Before:
-    """What is known of a question's lanes from the store that it was before its axes grew."""
+    """The answers of the store before its axes grew."""
 
     def __init__(self, path: Path, grid: Grid):
         self._old, self._kept, self._blank = Regions(path), {}, grid.blank
@@ -172,14 +169,14 @@ class Before:
         flat = np.ravel_multi_index([at[some] for at in before], old.partition.shape)
         regions, here = old.partition.of(flat)
         for region in np.unique(regions).tolist():
-            own = regions == region
+            members = regions == region
             for name, values in self._region(region).items():
-                out[name][some[own]] = values[here[own]]
+                out[name][some[members]] = values[here[members]]
         return out
 
     def _region(self, region: int) -> dict[str, np.ndarray]:
         if region not in self._kept:
-            self._kept = {region: self._read(region)}  # neighbours ask for the same one
+            self._kept = {region: self._read(region)}  # the next call mostly needs the same region
         return self._kept[region]
 
     def _read(self, region: int) -> dict[str, np.ndarray]:
@@ -190,5 +187,5 @@ class Before:
         return values
 
     def remove(self) -> None:
-        """All of it has been taken over."""
+        """Remove the store, when all of it has been copied."""
         shutil.rmtree(self._old.path)

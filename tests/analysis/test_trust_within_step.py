@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
-from clearance_jax.analysis.scatter import Samples, SamplingPlan, statistics
+from clearance_jax.analysis.scatter import MetricSamples, SamplingPlan, statistics
 from experiments.trust.scenes import FAMILIES, Numbers
 from experiments.trust.verdicts import contradiction
 
@@ -36,7 +36,7 @@ def test_one_probe_in_an_island_is_the_departure(height):
     changes = within() @ gradient
     changes[4] += height
     step = PLAN.step * PLAN.unit * gradient
-    seen = Samples(
+    seen = MetricSamples(
         np.float64(7.0), gradient, gradient, step, -step, within(), changes, draws, 7 + draws @ gradient,
         np.tile(gradient, (16, 1)), True, None,
     )  # fmt: skip

@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import laws, metrics
 from clearance_jax.calibrate.doubts import doubts
-from clearance_jax.calibrate.fit import Task, Variables
+from clearance_jax.calibrate.fit import FitTask, Variables
 from clearance_jax.calibrate.losses import LOSSES
 from clearance_jax.calibrate.measurement import Measurement, Series, read_measurement
 from clearance_jax.calibrate.options import FitOptions
-from clearance_jax.calibrate.readings import Instruments, Point
+from clearance_jax.calibrate.readings import FitPoint, Instruments
 from clearance_jax.calibrate.residuals import _memory, _roughness
 from clearance_jax.calibrate.result import Minimum
 from clearance_jax.calibrate.run import settle
@@ -291,7 +291,9 @@ def test_starts_are_scattered_over_the_bounds_by_a_seed():
 # Derivatives that mislead --------------------------------------------------------------------------------------------
 
 
-def task(model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.01, starts: int | None = None) -> Task:
+def task(
+    model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.01, starts: int | None = None
+) -> FitTask:
     """A fit of one number `c` between 0 and 10 to a formula instead of a motion."""
 
     class Formula:
@@ -301,14 +303,14 @@ def task(model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.0
             return self
 
         def __call__(self, x):
-            return Point(x, model(x[0])[:, None], slopes(x[0])[:, None, None], "")
+            return FitPoint(x, model(x[0])[:, None], slopes(x[0])[:, None, None], "")
 
     measured = Measurement(np.arange(float(seen.size)), (Series("y", "y", "", seen, noise),))
     variables = Variables(("c",), np.array([x]), np.zeros(1), np.full(1, 10.0), {"c": ""})
-    return Task(Formula(), variables, measured, FitOptions(starts=starts))  # pyright: ignore[reportArgumentType]
+    return FitTask(Formula(), variables, measured, FitOptions(starts=starts))  # pyright: ignore[reportArgumentType]
 
 
-def said(one: Task) -> list[str]:
+def said(one: FitTask) -> list[str]:
     fit, known, more = settle(one, search(one)[0])
     return [*doubts(one, fit, known), *more]
 

@@ -13,7 +13,7 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import design
-from clearance_jax.ask.place import Place
+from clearance_jax.ask.place import SolvePlace
 from clearance_jax.design import evaluate, formulation
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.metrics import Peak, PositionError
@@ -73,7 +73,7 @@ def test_a_cluster_gives_the_same(problem, monkeypatch):
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as made:
         cluster: Any = made
         with Client(cluster) as client:
-            place = Place(client)
+            place = SolvePlace(client)
             there = evaluate.simulations_of(specification, place=place).together(X, scenarios, False)[0]
             assert_allclose(there, here, rtol=1e-12, atol=1e-12)
             # A sweep of designs is one question, and what is known is not asked again.

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.cli.design import known_fidelity
+from clearance_jax.cli.design import check_choices
 from clearance_jax.design import formulation
 from clearance_jax.design.findings import OF_DYNAMICS, _see, known_findings
 from clearance_jax.design.manufacture import Neighbours
@@ -269,7 +269,7 @@ def test_a_study_and_the_command_say_the_fidelity(tmp_path):
     with pytest.raises(ClearanceError, match="fidelity"):
         cj.load_study(file)
     with pytest.raises(ClearanceError, match="`--fidelity` must be dynamics, quasi-static, auto"):
-        known_fidelity("static")
+        check_choices(None, "static")
 
 
 def test_a_report_of_poses_says_whose_pictures_it_shows(asked):

@@ -12,7 +12,7 @@ from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.findings import known_findings
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import PEAKS
-from clearance_jax.design.worn import own, values_for, worth
+from clearance_jax.design.worn import values_for, without_wear, worth
 from clearance_jax.report import design_figures
 from clearance_jax.report.html import render
 
@@ -110,7 +110,9 @@ def test_an_entry_of_an_array_reaches_a_life_and_no_number_of_another_wear_does(
     values = {"drive.pin.rise.1": 0.3, "wear.coefficient": 1e-12, "pressure.stiffness": 1e13, "pressure.spread": 0.1}
     measures = [SUNK, aged, other]
     assert (
-        values_for(SUNK, mechanism, measures, values) == own(mechanism, measures, values) == {"drive.pin.rise.1": 0.3}
+        values_for(SUNK, mechanism, measures, values)
+        == without_wear(mechanism, measures, values)
+        == {"drive.pin.rise.1": 0.3}
     )
     assert values_for(aged, mechanism, measures, values).keys() == values.keys() - {"pressure.stiffness"}
     assert values_for(other, mechanism, measures, values).keys() == values.keys() - {"pressure.spread"}

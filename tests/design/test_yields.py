@@ -16,7 +16,7 @@ from places import ROOT, SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.ask.place import Place
+from clearance_jax.ask.place import SolvePlace
 from clearance_jax.design import yields
 from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.evaluate import Simulations
@@ -142,7 +142,7 @@ def test_samples_that_are_asked_one_by_one_use_every_core(monkeypatch):
 
     class Two(Simulations):
         def __init__(self):
-            self.place, self._aged = Place(None, 2), {}
+            self.place, self._aged = SolvePlace(None, 2), {}
 
         def limits(self, x, scenario, gradient):
             if scenario.title != "first":

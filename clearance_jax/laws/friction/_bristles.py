@@ -1,4 +1,4 @@
-"""What laws of friction with bristles that bend have in common, and their form without corners."""
+"""The base of friction laws with elastic bristles, and their smoothed form."""
 
 import abc
 from typing import Any, ClassVar
@@ -30,7 +30,7 @@ class AbstractBristles(AbstractFrictionLaw):
     @property
     @abc.abstractmethod
     def largest_coefficient(self) -> Scalar:
-        """Where the bristles give way at the latest."""
+        """The coefficient at which the bristles give way at the latest."""
 
     @abc.abstractmethod
     def release(self, slip: Slip, bend: Slip, width: Scalar | None = None) -> Scalar:
@@ -63,12 +63,12 @@ class AbstractBristles(AbstractFrictionLaw):
         return (self.bend_rates(slip, memory[0]),)
 
     def latch(self, constants, memory, touch):
-        # The straight bristle has been bending with the slip since the touch, and giving way: a fast slip bends it
-        # fully in less time than a step is long.
-        release = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
-        share = jnp.where(release > 0, -jnp.expm1(-release) / jnp.where(release > 0, release, 1.0), 1.0)
-        time = touch.elapsed * share
-        bent = (jnp.where(touch.began, v * time, z) for v, z in zip(touch.slip, memory[0], strict=True))
+        # The straight bristle has bent with the slip since the touch, and given way: a fast slip bends it fully within
+        # a step, and its derivative by the time of the touch vanishes.
+        give = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
+        decay = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
+        free = touch.elapsed * decay
+        bent = (jnp.where(touch.began, v * free, z) for v, z in zip(touch.slip, memory[0], strict=True))
         return (tuple(jnp.where(touch.ended, 0.0, z) for z in bent),)
 
     def memory_scale(self, constants):
@@ -94,8 +94,8 @@ class AbstractLuGre(AbstractBristles):
         return self.kinetic_coefficient + stribeck
 
     def bent(self, slip, normal_force, bend, rates):
-        held = (self.bristle_stiffness * z + self.bristle_damping * r for z, r in zip(bend, rates, strict=True))
-        return tuple(-normal_force * (h + self.viscous * v) for h, v in zip(held, slip, strict=True))
+        elastic = (self.bristle_stiffness * z + self.bristle_damping * r for z, r in zip(bend, rates, strict=True))
+        return tuple(-normal_force * (h + self.viscous * v) for h, v in zip(elastic, slip, strict=True))
 
 
 class SmoothedBristles(AbstractModifiedFriction):
