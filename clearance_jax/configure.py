@@ -6,9 +6,9 @@ from pathlib import Path
 import jax
 from jax._src import xla_bridge  # the only place that knows whether a backend has started
 
-from clearance_jax._folder import programs_in, user_cache
-from clearance_jax._jax_cache import use_whole_entries
-from clearance_jax._kept import keep_in
+from clearance_jax._compile.files import programs_in, user_cache
+from clearance_jax._compile.jax_cache import use_whole_entries
+from clearance_jax._compile.kept import keep_in
 from clearance_jax.errors import ClearanceError
 
 # XLA runs a loop's body operation by operation, unless one turn of the loop touches fewer bytes than this: then the

@@ -20,8 +20,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax._module import Module
-from clearance_jax._types import Flag
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Flag
 from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 
 PARAMETER = "the parameter's"

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_norm, safe_sqrt, sincos
-from clearance_jax._sharing import share
+from clearance_jax._basis.numerics import safe_norm, safe_sqrt, sincos
+from clearance_jax._compile.barriers import share
 
 Term = Array | float
 Vector = tuple[Term, Term, Term]

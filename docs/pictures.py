@@ -278,7 +278,7 @@ FLOORS = (
     ("dynamics",),
     ("mechanism",),
     ("joints", "laws"),
-    ("spatial", "symmetric", "parameters, units"),
+    ("_basis", "_compile", "parameters, units"),
 )
 # Where a clearance goes, and the floor of it from the top.
 WAY = (

@@ -33,7 +33,7 @@ import numpy as np
 from jax.experimental.compilation_cache import compilation_cache
 
 import clearance_jax as cj
-from clearance_jax._sharing import compute_once, sharing
+from clearance_jax._compile.barriers import sharing, with_barriers
 from clearance_jax.dynamics.field import rate
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from experiments.common import output, seconds, table
@@ -226,9 +226,9 @@ def ground(xp) -> Motion:
 
 
 def once(tree):
-    """The same numbers, computed once each (see `clearance_jax._sharing`), in arrays of objects too."""
+    """The same numbers, computed once each (see `clearance_jax._compile.barriers`), in arrays of objects too."""
     return jax.tree.map(
-        lambda x: np.frompyfunc(compute_once, 1, 1)(x) if isinstance(x, np.ndarray) else compute_once(x), tree
+        lambda x: np.frompyfunc(with_barriers, 1, 1)(x) if isinstance(x, np.ndarray) else with_barriers(x), tree
     )
 
 

@@ -9,7 +9,7 @@ import math
 import re
 from typing import NamedTuple
 
-from clearance_jax._sharing import BARRIER
+from clearance_jax._compile.barriers import BARRIER
 
 # Operations that compute nothing, or count by what they call.
 MOVES = {

@@ -43,8 +43,8 @@ import numpy as np
 from jax.experimental.compilation_cache import compilation_cache
 
 import clearance_jax as cj
-from clearance_jax._kept import keep_in
-from clearance_jax._sharing import sharing
+from clearance_jax._compile.barriers import sharing
+from clearance_jax._compile.kept import keep_in
 from clearance_jax.dynamics.field import rate
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import PreparedClearance

@@ -23,13 +23,13 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
+from clearance_jax._basis.symmetric import Dense
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_merge import merge
 from clearance_jax.mechanism.state import State
-from clearance_jax.symmetric import Dense
 from experiments.common import SCENES, output, table
 from experiments.publish import command, say
 from experiments.reference import rigid_robots

@@ -34,8 +34,11 @@ mpl.use("Agg")
 # Types and shapes are checked in every module but these. Their functions are called for every scalar or operation of a
 # program that is traced, and their annotations tell nothing apart: checking `spatial` took a sixth of all tracing.
 PACKAGE = Path(__file__).parents[1] / "clearance_jax"
-UNCHECKED = ("__pycache__", "spatial", "_once")
-CHECKED = [f"clearance_jax.{path.stem}" for path in PACKAGE.iterdir() if path.stem not in UNCHECKED]
+UNCHECKED = ("__pycache__", "spatial", "once", "_basis", "_compile")
+PLACES = [*PACKAGE.iterdir(), *(PACKAGE / "_basis").glob("*.py"), *(PACKAGE / "_compile").glob("*.py")]
+CHECKED = [
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in PLACES if path.stem not in UNCHECKED
+]
 _hook = install_import_hook(CHECKED, "beartype.beartype")
 _hook.__enter__()
 

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from clearance_jax._module import Module
-from clearance_jax._solo import solo_jit
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import project
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import ConstantEffort, Servo

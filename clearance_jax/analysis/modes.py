@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._kept import kept_jit
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.kept import kept_jit
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.seated import play_moves

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
+from clearance_jax._basis.module import Module
 from clearance_jax.analysis.reverse import reverse
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.question import Question

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
+from clearance_jax._basis.module import Module
 from clearance_jax.analysis.divergence import divergence
 from clearance_jax.analysis.periodic import periodic_motion
 from clearance_jax.analysis.scatter import MetricSamples, SamplingPlan, Statistics, sample, statistics

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._kept import kept_jit
+from clearance_jax._compile.kept import kept_jit
 from clearance_jax.ask.question import Answer, Question
 from clearance_jax.solve.batch import BatchReport, batch
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
+from clearance_jax._basis.extras import missing_extra
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.extras import missing_extra
 from clearance_jax.solve.batch import cores_here
 
 # The name of a trial cluster: workers on this machine.

@@ -11,8 +11,8 @@ import jax.flatten_util
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._frame import TreeShape, tree_shape
-from clearance_jax._module import Module
+from clearance_jax._basis.module import Module
+from clearance_jax._compile.shapes import TreeShape, tree_shape
 from clearance_jax.ask.ending import ENDING, Ending
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Reply, measure_settings

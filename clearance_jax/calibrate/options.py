@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from clearance_jax._module import Module
+from clearance_jax._basis.module import Module
 from clearance_jax.calibrate.losses import LOSSES, LossName
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.parameters import describe

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from clearance_jax import _folder
+from clearance_jax._compile import files
 from clearance_jax.cli.common import say
 from clearance_jax.errors import ClearanceError
 
@@ -14,18 +14,18 @@ def cache(
     clear: Annotated[bool, typer.Option("--clear", help="Remove all of it. What is needed is compiled again.")] = False,
 ) -> None:
     """Show where compiled programs are kept between commands, and how much there is; or empty it."""
-    home = _folder.user_cache()
-    programs, jax = _folder.programs_in(home), _folder.jax_folder(home)
-    kept, compiled = _folder.size(programs), _folder.jax_size(jax)
+    home = files.user_cache()
+    programs, jax = files.programs_in(home), files.jax_folder(home)
+    kept, compiled = files.size(programs), files.jax_size(jax)
     if clear:
-        left = _folder.clear(programs) + _folder.jax_clear(jax)
+        left = files.clear(programs) + files.jax_clear(jax)
         if left:
             raise ClearanceError(f"{left} files in `{programs}` and `{jax}` cannot be removed. Remove them by hand.")
         say(f"removed {kept[0] + compiled[0]} programs, {_bytes(kept[1] + compiled[1])}")
         return
-    _show("ready to run", programs, kept, f" of at most {_bytes(_folder.LARGEST)}")
+    _show("ready to run", programs, kept, f" of at most {_bytes(files.LARGEST)}")
     _show("JAX's cache", jax, compiled, "")
-    why = _folder.unsafe(programs)
+    why = files.unsafe(programs)
     if why:
         say(f"Nothing in `{programs}` is used: {why}.")
 

@@ -6,12 +6,12 @@ from typing import Any
 import typer
 from rich.markup import escape
 
+from clearance_jax._basis.extras import require
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.cli.pictures import draw_sweep
 from clearance_jax.errors import ClearanceError
-from clearance_jax.extras import require
 
 # File endings that a store, which is a folder, must not have.
 OF_FILES = (".csv", ".txt", ".json", ".nc", ".h5", ".hdf5", ".parquet", ".xlsx", ".png", ".pdf")

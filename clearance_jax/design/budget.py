@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from clearance_jax._solo import solo_jit
+from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
 from clearance_jax.errors import ClearanceError, suggest

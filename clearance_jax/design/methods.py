@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy.optimize
 
+from clearance_jax._basis.extras import require
 from clearance_jax.design.program import Program
 from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.stochastic import stochastic_approximation
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.extras import require
 
 
 class Method(NamedTuple):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.question import Question
 from clearance_jax.design.scenarios import Scenario

@@ -9,7 +9,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from clearance_jax._module import Module
+from clearance_jax._basis.module import Module
 from clearance_jax.design import worn
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, quote

@@ -1,6 +1,6 @@
 """Wrenches of springs and of loads from outside on the bodies."""
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import spring_state
 from clearance_jax.mechanism.body import GROUND

@@ -2,11 +2,11 @@
 
 from typing import NamedTuple
 
+from clearance_jax._basis.symmetric import AbstractRow
 from clearance_jax.dynamics.frames import AbstractMoves, Frames
 from clearance_jax.dynamics.kinematics import sleeve_rotation
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import UNIT, ZERO, Term, Vector, absent, add, cross, dot, plus, scale, subtract
-from clearance_jax.symmetric import AbstractRow
 
 
 class Condition(NamedTuple):

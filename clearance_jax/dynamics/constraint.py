@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.conditions import Condition, closure_conditions
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import frames
@@ -14,7 +15,6 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import ZERO, absent, add, as_array, scale
-from clearance_jax.symmetric import AbstractConstraint, AbstractFactors
 
 # A condition repeats others if the square of the sine between them is below this. It is the square of how far loops may
 # be open at the stages of a step.

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.actuators import AbstractActuator

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.coordinate import Coordinate

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._solo import whole
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._basis.types import Rows, Scalar
+from clearance_jax._compile.solo import whole
 from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance
 from clearance_jax.dynamics.frames import Frames, rotors

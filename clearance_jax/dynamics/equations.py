@@ -7,9 +7,10 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
-from clearance_jax._alike import numbers_of
-from clearance_jax._sharing import share
-from clearance_jax._types import Scalar
+from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.alike import numbers_of
+from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.applied import applied_pairs
 from clearance_jax.dynamics.conditions import Condition, closure_conditions, conditions
 from clearance_jax.dynamics.constraint import closing_pairs, constraint
@@ -22,7 +23,6 @@ from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, minus, plus, times
-from clearance_jax.symmetric import AbstractConstraint, AbstractFactors
 
 
 class Balance(NamedTuple):

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Flag, Rows, Scalar
+from clearance_jax._basis.types import Flag, Rows, Scalar
 from clearance_jax.dynamics.energy import powers
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.mechanism.prepared import PreparedMechanism

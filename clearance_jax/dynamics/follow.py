@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, look_at
 from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, posture_of, shown_length, why_unreached
 from clearance_jax.dynamics.posture import PostureSolution, aim_at, change, find, rates, sought_values

@@ -10,11 +10,11 @@ from typing import ClassVar, NamedTuple
 
 from jaxtyping import Array, Float
 
+from clearance_jax._basis.symmetric import AbstractFactors, AbstractRow
 from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import ZERO, Term, Vector, add, cross, dot, minus, subtract, times
-from clearance_jax.symmetric import AbstractFactors, AbstractRow
 
 
 class Pair(NamedTuple):

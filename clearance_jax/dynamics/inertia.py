@@ -2,13 +2,13 @@
 
 from typing import NamedTuple
 
-from clearance_jax._sharing import compute_once
+from clearance_jax._basis.symmetric import NOTHING, Symmetric, of_point, rotate, shift
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.dynamics.frames import SpatialForce
 from clearance_jax.mechanism.body import Body, needs_six
 from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.spatial import Term, Vector, Z, absent, add, cross, plus, same_line, scale, subtract
-from clearance_jax.symmetric import NOTHING, Symmetric, of_point, rotate, shift
 
 
 class Composite(NamedTuple):
@@ -28,10 +28,10 @@ class Composite(NamedTuple):
     def __add__(self, other) -> "Composite":
         return Composite(plus(self.mass, other.mass), add(self.moment, other.moment), self.inertia + other.inertia)
 
-    def compute_once(self) -> "Composite":
+    def with_barriers(self) -> "Composite":
         """The same with every number computed once."""
-        mass, moment = compute_once((self.mass, self.moment))
-        return Composite(mass, moment, Symmetric(lambda i, j: compute_once(self.inertia.entry(i, j))))
+        mass, moment = with_barriers((self.mass, self.moment))
+        return Composite(mass, moment, Symmetric(lambda i, j: with_barriers(self.inertia.entry(i, j))))
 
     def momentum(self, column: JacobianColumn, pivot: Vector) -> SpatialForce:
         """Momentum and angular momentum (about its pivot) per unit rate of a column that moves all of it."""

@@ -11,8 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, chain_of, start_of
 from clearance_jax.dynamics.posture import PostureSolution, bounds, solve, sought_values
 from clearance_jax.errors import ClearanceError, suggest

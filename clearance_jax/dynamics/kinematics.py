@@ -5,9 +5,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_sqrt, safe_unit
-from clearance_jax._sharing import compute_once, share
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._basis.numerics import safe_sqrt, safe_unit
+from clearance_jax._basis.types import Rows, Scalar
+from clearance_jax._compile.barriers import share, with_barriers
 from clearance_jax.dynamics.frames import AbstractExtra, Frames
 from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
 from clearance_jax.dynamics.table import TabledFrames
@@ -80,7 +80,7 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
         return share(Relative(place, angle, velocity, spin))
     rows = product(transpose(rotation.rows), pin_axes(joint.joint, motion).rows)
     spin = rotation.undo(subtract(pin.spin, sleeve.spin))
-    return compute_once(Relative(place, 0.0, velocity, spin, rows))
+    return with_barriers(Relative(place, 0.0, velocity, spin, rows))
 
 
 def sleeve_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:

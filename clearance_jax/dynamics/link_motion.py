@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._numerics import sincos
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import sincos
+from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.links import Links, Order, rodrigues
 from clearance_jax.mechanism.moved import Moved, swing_rates
 from clearance_jax.mechanism.prepared import PreparedMechanism

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import assemble
 from clearance_jax.dynamics.conditions import closure_conditions
 from clearance_jax.dynamics.constraint import independent

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.energy import BALANCE_TERMS, drive_forces, energies, read_balance
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.reactions import reactions

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import correct
 from clearance_jax.dynamics.equations import Balance, accelerations, balance
 from clearance_jax.dynamics.frames import Frames, Pair

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._alike import side_by_side
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._basis.types import Flag, Scalar
+from clearance_jax._compile.alike import side_by_side
 from clearance_jax.dynamics.closures import StartErrors, correct
 from clearance_jax.dynamics.pin_loads import pin_loads
 from clearance_jax.dynamics.reactions import determinate

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, PreparedChain, look_at
 from clearance_jax.mechanism.paths import PreparedPath, matrix_of
 from clearance_jax.mechanism.state import layout, move, parts, position_rates

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._frame import TreeShape, tree_shape
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.shapes import TreeShape, tree_shape
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.observe import axes_of, coordinate_values, observe

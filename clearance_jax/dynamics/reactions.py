@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.frames import SpatialForce
 from clearance_jax.dynamics.kinematics import sleeve_axes

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from clearance_jax._alike import side_by_side
-from clearance_jax._sharing import compute_once
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._basis.types import Rows, Scalar
+from clearance_jax._compile.alike import side_by_side
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.moved import FrameStep, Moved, Values, carry, steps
@@ -57,7 +57,7 @@ def _relative_motion(*moved: FrameStep) -> RelativeMotion:
     if frame.rotation.is_plane and is_zero(frame.position[2]):
         now = Relative(frame.position, frame.rotation.angle, frame.velocity, frame.spin)
     else:
-        now = compute_once(Relative(frame.position, 0.0, frame.velocity, frame.spin, frame.rotation.rows))
+        now = with_barriers(Relative(frame.position, 0.0, frame.velocity, frame.spin, frame.rotation.rows))
     return RelativeMotion(now, rate_of(now, frame.acceleration, frame.spin_rate))
 
 

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._small_matrices import small_eigh
-from clearance_jax._types import Scalar
+from clearance_jax._basis.small_matrices import small_eigh
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.conditions import closure_conditions
 from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.field import slope

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import HELD, StartErrors, correct
 from clearance_jax.dynamics.deflected import deflect
 from clearance_jax.dynamics.equations import balance

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.symmetric import ArrayRow, Dense
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, SpatialForce, rotors
 from clearance_jax.dynamics.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
@@ -19,7 +20,6 @@ from clearance_jax.mechanism.links import Masks, Order, links_of, masks, order
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State
 from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtract, three
-from clearance_jax.symmetric import ArrayRow, Dense
 
 
 class ColumnArrays(NamedTuple):

@@ -16,9 +16,10 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._module import Module
-from clearance_jax._sharing import compute_once
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.symmetric import TermRow, factor
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Pair, SpatialForce, rotors
 from clearance_jax.dynamics.inertia import Composite, composite_of, inertia_of
 from clearance_jax.dynamics.relative_motion import coordinate_values
@@ -45,7 +46,6 @@ from clearance_jax.spatial import (
     times,
     total,
 )
-from clearance_jax.symmetric import TermRow, factor
 
 
 class TermMoves(AbstractMoves):
@@ -149,7 +149,7 @@ class WrittenOut(Module, Frames):
             for other in self.mechanism.joints:
                 if other.parent == joint.child:
                     whole += out[other.child].move(subtract(self[other.child].pivot, frame.pivot))
-            out[joint.child] = whole if self.mechanism.is_plane else whole.compute_once()
+            out[joint.child] = whole if self.mechanism.is_plane else whole.with_barriers()
         return out
 
     def mass_matrix(self, firm=None):
@@ -158,7 +158,7 @@ class WrittenOut(Module, Frames):
         whole, columns = self.composites(), self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
         # A chain in space is deep: what one link does is made of what the others do.
-        once = (lambda momentum: momentum) if mechanism.is_plane else compute_once
+        once = (lambda momentum: momentum) if mechanism.is_plane else with_barriers
         for joint in mechanism.joints:
             for column in columns[joint.child]:
                 at = joint.child
@@ -201,7 +201,7 @@ class WrittenOut(Module, Frames):
             for other in self.mechanism.joints:
                 if other.parent == joint.child:
                     whole += out[other.child].move(subtract(self[other.child].pivot, frame.pivot))
-            out[joint.child] = whole if self.mechanism.is_plane else compute_once(whole)
+            out[joint.child] = whole if self.mechanism.is_plane else with_barriers(whole)
         return out
 
     def _deficit(self, body: Body, extra: TermExtra | None) -> SpatialForce:
@@ -323,7 +323,7 @@ def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> Writt
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
         frame = place(joint, out[joint.parent], time, values)
-        out[joint.child] = frame if mechanism.is_plane else compute_once(frame)
+        out[joint.child] = frame if mechanism.is_plane else with_barriers(frame)
     return WrittenOut(mechanism, out, len(state.v))
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax._patterns import expand
+from clearance_jax._basis.patterns import expand
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.files import read_toml

@@ -17,11 +17,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._alike import side_by_side
-from clearance_jax._module import Module
-from clearance_jax._numerics import safe_unit
-from clearance_jax._sharing import compute_once, share
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.types import Flag, Scalar
+from clearance_jax._compile.alike import side_by_side
+from clearance_jax._compile.barriers import share, with_barriers
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative, carry
 from clearance_jax.joints.depth import depth_of
@@ -172,7 +172,7 @@ class PreparedClearance(Module):
         action = self._map(self._act_at)(points, self._by_point(memory))
         if self.joint.count > 1:
             # Six sums use it; each would compute it anew.
-            action = action._replace(normal_force=compute_once(action.normal_force))
+            action = action._replace(normal_force=with_barriers(action.normal_force))
         push = scale(-action.normal_force, points.normal)
         for traction, tangent in zip(action.traction, points.tangents, strict=True):
             push = add(push, scale(traction, tangent))

@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws import Geometry
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term, Vector

@@ -4,8 +4,8 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from clearance_jax._numerics import safe_sqrt
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import safe_sqrt
+from clearance_jax._basis.types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate

@@ -25,9 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._numerics import safe_unit
-from clearance_jax._sharing import compute_once
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.parameters import Parametrised, physical
 from clearance_jax.spatial import Vector
 
@@ -86,10 +86,10 @@ class Bore(NamedTuple):
         far, nx, ny = safe_unit(x, y)
         grows = far > 0.5 * self.clearance
         blend = square * jnp.where(grows, far, 0.5 * self.clearance)
-        each = compute_once(x * cosines + y * sines - self.depth)
+        each = with_barriers(x * cosines + y * sines - self.depth)
         top = jax.lax.stop_gradient(jnp.max(each))
         below = (each - top) / blend
-        weight = compute_once(jnp.exp(below))
+        weight = with_barriers(jnp.exp(below))
         whole = jnp.sum(weight)
         # Relative to a round wall's sum, whose largest term is one.
         more = jnp.log(whole) - np.log(np.sum(np.exp((np.cos(self._angles) - 1) / square)))

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Memory, Slip
 from clearance_jax.laws.geometry import Local
 from clearance_jax.spatial import Matrix, Term, Vector, Z, add, cross, plus, times

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 
 # Newton iterations for a depth; the longest of them, in powers of e.
 SEARCH, STRIDE = 16, 5.0

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.checks import check_sizes
 from clearance_jax.joints.film import ShortBearing

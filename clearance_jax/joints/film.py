@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_unit
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.bore import Bore, finer

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.checks import check_known, check_larger
 from clearance_jax.joints.fits import fit as fit_of

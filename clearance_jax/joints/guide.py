@@ -9,8 +9,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._sharing import compute_once
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
@@ -116,7 +116,7 @@ class GuideClearance(AbstractClearance):
             sides = np.array([(*corner, *wall) for wall in ((1, 0), (0, 1)) for corner in corners], float)
         x, y, z, first, second = (jnp.asarray(column) for column in sides.T)
         corner: Vector = (x * half[0], y * half[1], z * half[2])
-        arm = compute_once(turn(at, corner))
+        arm = with_barriers(turn(at, corner))
         normal: Vector = (first * x, second * y, jnp.zeros_like(x))
         other: Vector = (-second * y, first * x, jnp.zeros_like(x))
         along: Vector = (jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x))

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._small_matrices import small_eigh, small_inverse
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._basis.small_matrices import small_eigh, small_inverse
+from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PreparedClearance
 from clearance_jax.joints.contact import PlayCoordinate, Relative
 from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale, subtract, swing

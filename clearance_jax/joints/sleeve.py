@@ -20,9 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._numerics import safe_unit
-from clearance_jax._sharing import compute_once
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore, finer
@@ -177,14 +177,14 @@ class SleeveClearance(AbstractPin):
     def points(self, at):
         places, weights = lobatto(self.stations)
         if self.axial_clearance is None:
-            meeting = compute_once(self._stations(at, places))
+            meeting = with_barriers(self._stations(at, places))
             return self._contact_points(at, meeting, _around(self._radial(meeting)), weights)
         # Both kinds for every point, and a selection: a compiled concatenation would test the part of every number.
         angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
         along = np.arange(self.count) < self.stations
         angles = np.append(np.zeros(self.stations), angles)
         stations = self._stations(at, np.append(places, np.zeros(self.ring)))
-        meeting = compute_once(_choose(along, stations, self._faces(at, angles)))
+        meeting = with_barriers(_choose(along, stations, self._faces(at, angles)))
         outward: Vector = (jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 0.0)
         tangents = _choose(along, _around(self._radial(meeting)), (_around(outward)[0], outward))
         return self._contact_points(at, meeting, tangents, np.append(weights, share))
@@ -258,8 +258,8 @@ class SleeveClearance(AbstractPin):
         # The collar is square to the pin's axis: its height over a place of the face.
         arm = subtract((radius * np.cos(angles), radius * np.sin(angles), 0.0), (*at.place[:2], 0.0))
         slope = self._slope(at)
-        fall = compute_once(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))
-        height = compute_once(jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape))
+        fall = with_barriers(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))
+        height = with_barriers(jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape))
         side = jnp.where(height < 0, -1.0, 1.0)
         arm = arm[0], arm[1], minus(0.0, fall)
         return Meeting(side * height - self.axial_clearance, scale(side, slope), arm)
@@ -270,14 +270,14 @@ class SleeveClearance(AbstractPin):
         return (
             (0.0, 0.0, 1.0)
             if is_zero(x) and is_zero(y)
-            else (*compute_once((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
+            else (*with_barriers((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
         )
 
     def _contact_points(self, at: Relative, where: "Meeting", tangents, share: np.ndarray) -> ContactPoint:
         velocity = at.velocity_at(where.arm)
         everywhere = where.depth.shape
         rate, *slip = (
-            compute_once(jnp.broadcast_to(jnp.asarray(dot(along, velocity), float), everywhere))
+            with_barriers(jnp.broadcast_to(jnp.asarray(dot(along, velocity), float), everywhere))
             for along in (where.normal, *tangents)
         )
         return ContactPoint(where.depth, rate, tuple(slip), where.normal, tangents, where.arm, None, jnp.asarray(share))

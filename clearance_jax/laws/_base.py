@@ -23,9 +23,9 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._module import Module
-from clearance_jax._numerics import positive_part, step7, step7_slope
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import positive_part, step7, step7_slope
+from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws.free_impact import free_impact, needed
 from clearance_jax.laws.geometry import Geometry, Local

@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._module import Module
-from clearance_jax._numerics import corner, safe_sqrt
-from clearance_jax._sharing import share
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import corner, safe_sqrt
+from clearance_jax._basis.types import Flag, Scalar
+from clearance_jax._compile.barriers import share
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import AbstractLaw, Bristles, Memory, Slip, Smoothness, Touch
 from clearance_jax.laws.geometry import Geometry, Local

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 
 # Dormand and Prince's method of order 5, and its error by that of order 4.

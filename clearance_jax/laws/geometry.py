@@ -4,8 +4,8 @@ from typing import Any, Literal, NamedTuple
 
 from jaxtyping import Array
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.parameters import physical
 
 

@@ -1,6 +1,6 @@
 """A normal law with a stiffer elastic part, to separate the effect of play from that of elasticity."""
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractModifiedLaw, AbstractNormalLaw, Smoothness
 from clearance_jax.parameters import physical
 

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import AbstractStiffness
 from clearance_jax.laws.geometry import Geometry, Material

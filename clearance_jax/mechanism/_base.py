@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._module import structural_property
+from clearance_jax._basis.module import structural_property
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference

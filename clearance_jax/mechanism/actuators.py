@@ -6,8 +6,8 @@ import dataclasses
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.mechanism.sampling import check_period, names_key, period_key
 from clearance_jax.parameters import physical

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._module import Module
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.limits import Limits

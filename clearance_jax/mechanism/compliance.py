@@ -9,7 +9,7 @@ robots, ASME Journal of Dynamic Systems, Measurement, and Control 109, 1987.)
 
 import dataclasses
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion, Motor

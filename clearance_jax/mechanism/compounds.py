@@ -6,8 +6,8 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._module import Module
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Motion

@@ -7,8 +7,8 @@ from typing import Any
 
 import equinox as eqx
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.sampling import check_period, names_key, period_key

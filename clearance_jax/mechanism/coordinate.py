@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.spatial import Vector
 

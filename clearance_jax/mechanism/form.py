@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from clearance_jax._once import compute_once
+from clearance_jax._compile.once import compute_once
 
 # A mechanism in space with more free velocities and conditions of ideal closures than these, without play and with it,
 # or with more coordinates in all than the third, becomes a table: the mass matrix grows with the square of the free

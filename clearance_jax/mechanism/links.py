@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
+from clearance_jax._basis.module import Module
 from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.placement import Inertia

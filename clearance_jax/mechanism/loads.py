@@ -5,7 +5,7 @@ from typing import Literal, get_args
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values

@@ -12,10 +12,10 @@ from jax.core import Tracer
 from jax.lax.linalg import tridiagonal_solve
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
-from clearance_jax._numerics import sincos
-from clearance_jax._solo import whole
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import sincos
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.solo import whole
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import describe, flatten, physical
 from clearance_jax.spatial import Term, total

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.tree import AbstractJoint

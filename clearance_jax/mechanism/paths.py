@@ -9,9 +9,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
-from clearance_jax._solo import whole
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.solo import whole
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.motion_laws import Values
 from clearance_jax.mechanism.pieces import Pieces

@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._solo import whole
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.solo import whole
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Motion3, Values
 from clearance_jax.parameters import physical
 

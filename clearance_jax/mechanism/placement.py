@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.symmetric import Symmetric
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.parameters import as_leaf, physical
 from clearance_jax.spatial import IDENTITY, UNIT, Matrix, Rotation, Term, Vector, X, Y, Z, across, scale
-from clearance_jax.symmetric import Symmetric
 
 
 def present(value: Any) -> Term:

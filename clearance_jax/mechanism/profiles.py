@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax._solo import whole
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.solo import whole
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.minimum_jerk import HERMITE, least_jerk
 from clearance_jax.mechanism.motion_laws import AbstractDrive, Values, begin_key, offset_key, rise_key

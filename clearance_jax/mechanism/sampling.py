@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.parameters import describe
 

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
-from clearance_jax._numerics import safe_sqrt, sincos
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import safe_sqrt, sincos
+from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.motion_laws import spline_curvature
 from clearance_jax.mechanism.placement import Orientation, Position, PreparedOrientation
 from clearance_jax.spatial import about, as_array, hamilton, quaternion_of_matrix, rotation_vector

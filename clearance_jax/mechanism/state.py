@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Rows
+from clearance_jax._basis.types import Rows
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.controllers import AbstractController

@@ -13,8 +13,8 @@ import dataclasses
 
 import equinox as eqx
 
-from clearance_jax._module import structural_property
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import structural_property
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
 from clearance_jax.joints.checks import check_start

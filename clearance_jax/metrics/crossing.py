@@ -6,8 +6,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import signal_at

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.signals import clearance_index

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.errors import ClearanceError

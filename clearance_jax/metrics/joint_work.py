@@ -5,8 +5,8 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.observe import axes_of, observe
 from clearance_jax.mechanism._base import AbstractMechanism

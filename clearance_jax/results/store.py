@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from clearance_jax._basis.extras import missing_extra
 from clearance_jax.errors import ClearanceError
-from clearance_jax.extras import missing_extra
 
 
 def save(dataset: xr.Dataset, path: str | Path) -> None:

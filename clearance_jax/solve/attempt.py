@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Each, EachFlag, Scalar
+from clearance_jax._basis.types import Each, EachFlag, Scalar
+from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
 from clearance_jax.solve.control import Control, Decision, Means, first_end, judge, next_step
-from clearance_jax.solve.lane_axis import each_lane, sharing_lanes
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.refusal import has_left, leaves_walls
 from clearance_jax.solve.step import Trial, try_step

@@ -6,7 +6,7 @@ import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Code
+from clearance_jax._basis.types import Code
 
 
 class Result(enum.IntEnum):

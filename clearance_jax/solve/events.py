@@ -16,16 +16,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._alike import alike, stack_trees
-from clearance_jax._sharing import share
-from clearance_jax._types import Each, EachFlag, Rows
+from clearance_jax._basis.types import Each, EachFlag, Rows
+from clearance_jax._compile.alike import alike, stack_trees
+from clearance_jax._compile.barriers import share
+from clearance_jax._compile.lane_axis import each_lane, together
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
 from clearance_jax.dynamics.relative_motion import turning_rows
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, slope_coefficients, tops
-from clearance_jax.solve.lane_axis import each_lane, together
 from clearance_jax.spatial import add, dot, subtract, three
 
 # Samples of a step.

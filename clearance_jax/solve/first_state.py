@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._solo import whole
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.solo import whole
 from clearance_jax.dynamics.closures import StartErrors, assemble
 from clearance_jax.dynamics.control import renew
 from clearance_jax.dynamics.energy import balance_at_start

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._kept import kept_jit
-from clearance_jax._solo import solo_jit
+from clearance_jax._compile.kept import kept_jit
+from clearance_jax._compile.lane_axis import from_lanes, to_lanes
+from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors, project
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.errors import ClearanceError
@@ -24,7 +25,6 @@ from clearance_jax.solve import lanes
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.first_state import initial
-from clearance_jax.solve.lane_axis import from_lanes, to_lanes
 from clearance_jax.solve.lanes import batch_by
 from clearance_jax.solve.outcome import Outcome, SolveTask
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, sparsity

@@ -5,10 +5,10 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._sharing import share
-from clearance_jax._types import Each
+from clearance_jax._basis.types import Each
+from clearance_jax._compile.barriers import share
+from clearance_jax._compile.lane_axis import component_axis, components
 from clearance_jax.mechanism.state import Layout
-from clearance_jax.solve.lane_axis import component_axis, components
 
 
 def hermite(y0, s0, y1, s1, x):

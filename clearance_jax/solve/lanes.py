@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._sharing import share
-from clearance_jax._types import Each, EachFlag
+from clearance_jax._basis.types import Each, EachFlag
+from clearance_jax._compile.barriers import share
+from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
+from clearance_jax._compile.platforms import by_platform
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.lane_axis import each_lane, sharing_lanes
 from clearance_jax.solve.outcome import Outcome, SolveTask
-from clearance_jax.solve.platforms import by_platform
 
 # Numbers in one instruction (512 bits): a chunk of whole vectors leaves no lanes to do one by one.
 VECTOR = 8

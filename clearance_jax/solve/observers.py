@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
-from clearance_jax._sharing import compute_once
+from clearance_jax._basis.module import Module
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -148,7 +148,7 @@ def _search(at: Any, count: int, lowest: Any) -> SignalSearch:
         here = (slots == jnp.argmax(tops_left(now))) & ~looks
         again = now.looks == 1
         chosen = jnp.sum(jnp.where(here, now.place, 0.0))
-        value, slope = compute_once(at(jnp.where(looks, k / PIECES, chosen)))
+        value, slope = with_barriers(at(jnp.where(looks, k / PIECES, chosen)))
         # The part that ends here.
         pair = tuple(jnp.stack([a, b]) for a, b in zip(now.last, (value, slope), strict=True))
         place, height, bend = (x[0] for x in tops(pair[0], pair[1] / PIECES))

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Array
 
-from clearance_jax._types import Code, Each
+from clearance_jax._basis.types import Code, Each
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import Tolerances

@@ -17,13 +17,13 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
-from clearance_jax._module import Module
-from clearance_jax._sharing import share
-from clearance_jax._types import Each, Flag, Rows
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Each, Flag, Rows
+from clearance_jax._compile.barriers import share
+from clearance_jax._compile.lane_axis import by_component, each_lane, sharing_lanes
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates, vector
-from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes
 
 # A number moved by more directions than this is applied to all directions at once.
 THIN = 8

@@ -16,9 +16,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from clearance_jax._kept import kept_jit
-from clearance_jax._solo import solo_jit
-from clearance_jax._types import Code, Flag, Scalar
+from clearance_jax._basis.types import Code, Flag, Scalar
+from clearance_jax._compile.kept import kept_jit
+from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.pose import StaticPose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError

@@ -5,14 +5,14 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Code, Each, EachFlag, Flag, Scalar
+from clearance_jax._basis.types import Code, Each, EachFlag, Flag, Scalar
+from clearance_jax._compile.lane_axis import each_lane
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.lane_axis import each_lane
 from clearance_jax.solve.start import is_possible
 from clearance_jax.solve.tolerances import Tolerances, are_resolved
 

@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax._solo import solo_jit
+from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism

@@ -11,8 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from clearance_jax._module import Module
-from clearance_jax._solo import solo_jit
+from clearance_jax._basis.module import Module
+from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.energy import BALANCE_TERMS
 from clearance_jax.dynamics.quantities import QuantityEntry, evaluate, quantities
 from clearance_jax.dynamics.seated import Seated

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Flag
+from clearance_jax._basis.types import Flag
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.dynamics.seated import Seated

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._sharing import share
-from clearance_jax._types import Each, EachFlag, Scalar
+from clearance_jax._basis.types import Each, EachFlag, Scalar
+from clearance_jax._compile.barriers import share
+from clearance_jax._compile.lane_axis import component_axis, components, each_lane, sharing_lanes
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.constraint import choice
 from clearance_jax.dynamics.control import renew
@@ -18,7 +19,6 @@ from clearance_jax.dynamics.energy import hand_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.lane_axis import component_axis, components, each_lane, sharing_lanes
 from clearance_jax.solve.problem import Problem, field, lift, motion, split, with_model
 from clearance_jax.solve.tableau import tableau_of
 

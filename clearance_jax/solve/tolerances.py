@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Each, Flag, Scalar
+from clearance_jax._basis.types import Each, Flag, Scalar
 from clearance_jax.dynamics.energy import BALANCE_TERMS
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.placement import Inertia

@@ -19,8 +19,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.pose import StaticPose
 from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.dynamics.settled import size_of

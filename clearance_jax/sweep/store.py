@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from clearance_jax._basis.extras import missing_extra
 from clearance_jax.errors import ClearanceError
-from clearance_jax.extras import missing_extra
 from clearance_jax.results.store import open_sweep
 from clearance_jax.runs.disk import refuse_in_words
 from clearance_jax.runs.journal import Journal, RunWarning

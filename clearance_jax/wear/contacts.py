@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._numerics import safe_sqrt
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import safe_sqrt
+from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.errors import ClearanceError, suggest

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import positive_part
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import positive_part
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import Parametrised, as_leaf, physical
 from clearance_jax.units import to_si

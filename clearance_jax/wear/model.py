@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._module import Module
-from clearance_jax._types import Scalar
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.joints import AbstractPin, Modes
 from clearance_jax.mechanism.mechanism import Mechanism

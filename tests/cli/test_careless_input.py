@@ -327,7 +327,7 @@ def test_what_is_not_installed_is_said_before_anything_is_solved(tmp_path, monke
     def solve(*_, **__):
         raise AssertionError("work was begun")
 
-    monkeypatch.setattr("clearance_jax.extras.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("clearance_jax._basis.extras.importlib.util.find_spec", lambda _: None)
     monkeypatch.setattr(sys.modules["clearance_jax.cli.sweep"], "Interruption", solve)
     monkeypatch.setattr("clearance_jax.design.search.formulate", solve)
     (tmp_path / "study.toml").write_text(STUDY)

@@ -13,7 +13,7 @@ from sleeves import AXIAL, RADIAL, checked, random_states, relative, sleeve
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
-from clearance_jax._numerics import safe_unit
+from clearance_jax._basis.numerics import safe_unit
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.sleeve import Meeting
 from clearance_jax.laws import Material

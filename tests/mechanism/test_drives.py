@@ -10,7 +10,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr
 from scipy.interpolate import CubicSpline
 
 import clearance_jax as cj
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.expressions import read_expression

@@ -11,7 +11,7 @@ import pytest
 from places import SCENES
 
 import clearance_jax as cj
-from clearance_jax._solo import SOLO, solo_jit
+from clearance_jax._compile.solo import SOLO, solo_jit
 
 # What is compiled after `ready`, and which of the large packages are there in the end.
 COUNTED = """

@@ -17,8 +17,6 @@ LIBRARY = ROOT / PACKAGE
 # Each imports only those before it, and itself. What lies at the root as a leaf is one place.
 ORDER = (
     "leaves",
-    "spatial",
-    "symmetric",
     "laws",
     "joints",
     "mechanism",
@@ -37,10 +35,16 @@ ORDER = (
     "report",
     "cli",
 )
-LEAVES = {"_alike", "_frame", "_module", "_solo", "_types", "_numerics", "_once", "_sharing", "_version"}
-LEAVES |= {"errors", "extras", "configure", "units", "parameters", "_small_matrices"}
-LEAVES |= {"_code", "_folder", "_kept", "_library", "_patterns", "_remembered", "_structure", "_surroundings"}
-LEAVES |= {"_jax_cache"}
+LEAVES = {"_basis", "_compile", "_version", "configure", "errors", "parameters", "spatial", "units"}
+# What the physics and the tasks still ask of the compiler: barriers by hand, and what is called by itself as one
+# program. The list only gets shorter.
+COMPILER = f"{PACKAGE}._compile"
+PHYSICS = {"laws", "joints", "mechanism", "metrics", "wear", "design"}
+KNOW_THE_COMPILER = {
+    *("laws._friction", "joints._base", "joints.bore", "joints.guide", "joints.sleeve", "mechanism.form"),
+    *("mechanism.motion_laws", "mechanism.paths", "mechanism.pieces", "mechanism.profiles"),
+    *("metrics.signals", "design.budget"),
+}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
 HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}
@@ -129,6 +133,19 @@ def test_the_device_side_knows_only_the_device():
     assert f"{PACKAGE}.dynamics.field" in device
     host = {module: {m.split(".")[0] for m in imports(module)} & HOST_ONLY for module in device}
     assert {module: found for module, found in host.items() if found} == {}
+
+
+def test_the_compiler_is_known_in_one_place():
+    knows = {m.removeprefix(f"{PACKAGE}.") for m in MODULES if any(n.startswith(COMPILER) for n in EDGES[m])}
+    assert {module for module in knows if place(f"{PACKAGE}.{module}") in PHYSICS} == KNOW_THE_COMPILER
+
+
+def test_private_parts_of_jax_are_asked_in_one_place():
+    """What a new release of JAX may break."""
+    private = {
+        m for m in MODULES if any(n.startswith(("jax._src", "equinox._", "equinox.internal")) for n in imports(m))
+    }
+    assert {m for m in private if not m.startswith(COMPILER)} == {f"{PACKAGE}.configure"}
 
 
 def test_a_report_is_handed_what_it_shows():

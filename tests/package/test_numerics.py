@@ -1,11 +1,11 @@
-"""Functions of `_numerics`: values against numpy, gradients at the kink, mixed batches, arguments of 1e-12."""
+"""Functions of `numerics`: values against numpy, gradients at the kink, mixed batches, arguments of 1e-12."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from clearance_jax import _numerics as numerics
+from clearance_jax._basis import numerics
 
 MIXED = np.array([-3.0, -1.0, -1e-12, -1e-150, 0.0, 1e-150, 1e-12, 1e-6, 0.25, 1.0, 2.0])
 ULP = np.finfo(float).eps

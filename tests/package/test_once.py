@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from clearance_jax._once import compute_once
+from clearance_jax._compile.once import compute_once
 from experiments.hlo import busiest_loop
 
 # Only a compiler that optimises computes anything twice.

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from clearance_jax._sharing import share, sharing
+from clearance_jax._compile.barriers import share, sharing
 from experiments import operations
 from experiments.hlo import busiest_loop, read
 

@@ -21,11 +21,11 @@ from equinox import _config as equinox_config
 from typer.testing import CliRunner
 
 import clearance_jax as cj
-from clearance_jax import _folder, _kept, _surroundings
-from clearance_jax._code import altered
-from clearance_jax._jax_cache import WholeEntries
-from clearance_jax._kept import keep_in, kept_jit
-from clearance_jax._structure import Reader, Untold, text
+from clearance_jax._compile import files, kept, surroundings
+from clearance_jax._compile.code import altered
+from clearance_jax._compile.jax_cache import WholeEntries
+from clearance_jax._compile.kept import keep_in, kept_jit
+from clearance_jax._compile.structure import Reader, Untold, text
 from clearance_jax.cli.main import app
 from clearance_jax.laws import HuntCrossley
 from clearance_jax.solve import control
@@ -37,8 +37,8 @@ import textwrap
 import clearance_jax as cj
 cj.configure(cache=sys.argv[1])
 import jax.numpy as jnp
-from clearance_jax._kept import kept_jit
-from clearance_jax._surroundings import surroundings
+from clearance_jax._compile.kept import kept_jit
+from clearance_jax._compile.surroundings import surroundings
 
 def function(x, power):
     print("traced")
@@ -109,11 +109,11 @@ def test_a_damaged_or_strange_entry_is_ignored(folder):
         assert fresh() == (13.0, False)
     # Whole, but of another version, or of another program.
     for content in (b"not even pickled", b"\x80\x04K\x01."):
-        _folder.write(folder, path.stem, content)
+        files.write(folder, path.stem, content)
         assert fresh() == (13.0, True)
     whole = path.read_bytes()
     path.rename(folder / f"{'0' * 32}.program")
-    path.write_bytes(whole.replace(_folder._digest(path.stem, whole), b""))
+    path.write_bytes(whole.replace(files._digest(path.stem, whole), b""))
     (folder / f"{'0' * 32}.program").replace(path)
     assert fresh() == (13.0, False)
     path.unlink()
@@ -122,9 +122,9 @@ def test_a_damaged_or_strange_entry_is_ignored(folder):
 
 
 def test_a_file_under_the_name_of_another_is_not_read(folder):
-    _folder.write(folder, "one", b"content")
+    files.write(folder, "one", b"content")
     (folder / "one.program").rename(folder / "two.program")
-    assert _folder.read(folder, "two") is None
+    assert files.read(folder, "two") is None
 
 
 def test_a_folder_that_others_can_write_to_is_not_used(folder, monkeypatch):
@@ -133,13 +133,13 @@ def test_a_folder_that_others_can_write_to_is_not_used(folder, monkeypatch):
     assert fresh() == (13.0, True)  # it became so while a process ran
     with pytest.warns(UserWarning, match="must be writable by its owner alone, but others than its owner can write"):
         keep_in(folder)
-    assert not _kept._where
+    assert not kept._where
     folder.chmod(0o700)
     (next(folder.iterdir())).chmod(0o666)
-    assert _folder.read(folder, next(folder.iterdir()).stem) is None
+    assert files.read(folder, next(folder.iterdir()).stem) is None
     monkeypatch.setenv("CLEARANCE_KEPT", "0")
     keep_in(folder)
-    assert not _kept._where
+    assert not kept._where
 
 
 def test_where_nothing_can_be_written_programs_are_compiled(folder):
@@ -150,18 +150,18 @@ def test_where_nothing_can_be_written_programs_are_compiled(folder):
 
 def test_what_was_used_last_goes_last(tmp_path):
     for k in range(4):
-        _folder.write(tmp_path, str(k), bytes(1000))
+        files.write(tmp_path, str(k), bytes(1000))
         os.utime(tmp_path / f"{k}.program", (k, k))
-    assert _folder.read(tmp_path, "0") is not None
-    _folder.write(tmp_path, "4", bytes(1000), largest=4000)
+    assert files.read(tmp_path, "0") is not None
+    files.write(tmp_path, "4", bytes(1000), largest=4000)
     assert sorted(path.stem for path in tmp_path.iterdir()) == ["0", "3", "4"]
 
 
 def test_many_may_write_at_once(tmp_path):
     def write(k):
         for _ in range(20):
-            assert _folder.write(tmp_path, "same", bytes([k]) * 100_000)
-            content = _folder.read(tmp_path, "same")
+            assert files.write(tmp_path, "same", bytes([k]) * 100_000)
+            content = files.read(tmp_path, "same")
             assert content is not None
             assert len(set(content)) == 1
 
@@ -285,10 +285,10 @@ def test_surroundings_are_part_of_the_key(monkeypatch):
         found.append(key(1))
     for name in ("source_digest", "processor", "_versions", "_flags"):
         with monkeypatch.context() as patch:
-            patch.setattr(_surroundings, name, lambda: "another")
+            patch.setattr(surroundings, name, lambda: "another")
             found.append(key(1))
     with monkeypatch.context() as patch:
-        patch.setattr(_kept, "SOLO", {"xla_cpu_use_fusion_emitters": "another"})
+        patch.setattr(kept, "SOLO", {"xla_cpu_use_fusion_emitters": "another"})
         found.append(key(1))
     with monkeypatch.context() as patch:
         patch.setattr(equinox_config, "EQX_ON_ERROR", "nan")
@@ -522,7 +522,7 @@ def test_the_command_shows_and_empties_what_is_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "jax"))
     programs = tmp_path / "clearance_jax" / "programs"
-    _folder.write(programs, "one", bytes(3 << 20))
+    files.write(programs, "one", bytes(3 << 20))
     (tmp_path / "jax").mkdir()
     for name in ("jit_f-123-cache", "jit_f-123-atime", ".jit_f-123-cache.0.partial", "a thesis.txt"):
         (tmp_path / "jax" / name).write_text("content")

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from clearance_jax._small_matrices import LITTLE, small_eigh, small_inverse
+from clearance_jax._basis.small_matrices import LITTLE, small_eigh, small_inverse
 
 SHAPES = [(3, 3), (7, 3, 3), (5, 200, 4, 4), (2, 3, 26, 12, 12)]
 

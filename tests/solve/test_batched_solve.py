@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
-from clearance_jax._sharing import barrier, share, sharing
+from clearance_jax._compile.barriers import barrier, share, sharing
+from clearance_jax._compile.lane_axis import each_lane, to_lanes
 from clearance_jax.solve import lanes
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.flow import Inputs, task_of
-from clearance_jax.solve.lane_axis import each_lane, to_lanes
 from clearance_jax.solve.lanes import batch_by, over_chunks
 
 T1 = 3e-3

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 import clearance_jax as cj
-from clearance_jax.solve.platforms import by_platform
+from clearance_jax._compile.platforms import by_platform
 
 # More than a chunk of a CPU, which makes four of 25 of them.
 CLEARANCES = jnp.linspace(5e-5, 5e-4, 100)

@@ -13,7 +13,7 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax._sharing import BARRIER
+from clearance_jax._compile.barriers import BARRIER
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.joints import AbstractClearance, AbstractElement

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._numerics import corner
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import corner
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Slip, Smoothness
 from clearance_jax.laws._friction import AbstractFrictionLaw, AbstractModifiedFriction
 from clearance_jax.parameters import flatten, physical

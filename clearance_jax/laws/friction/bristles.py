@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 
-from clearance_jax._numerics import positive_part, step5
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import positive_part, step5
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Slip
 from clearance_jax.laws._friction import speed_of
 from clearance_jax.laws.friction._bristles import (

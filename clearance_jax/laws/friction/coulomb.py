@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws._friction import AbstractFrictionLaw, Kink, along_slip, outside
 from clearance_jax.parameters import physical

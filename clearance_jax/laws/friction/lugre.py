@@ -1,6 +1,6 @@
 """Friction with bristles that bend: LuGre's."""
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._friction import speed_of
 from clearance_jax.laws.friction._bristles import (
     DAMPING,

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from clearance_jax._numerics import step3
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import step3
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws._friction import AbstractFrictionLaw, Kink, along_slip, outside
 from clearance_jax.parameters import Demand, physical

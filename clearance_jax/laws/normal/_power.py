@@ -4,8 +4,8 @@ from typing import Any
 
 import equinox as eqx
 
-from clearance_jax._numerics import positive_part, positive_power, power_three_halves
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import positive_part, positive_power, power_three_halves
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, stiffness_of
 from clearance_jax.laws.geometry import Geometry
 

@@ -3,8 +3,8 @@
 import dataclasses
 from typing import Any, ClassVar
 
-from clearance_jax._numerics import step3
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import step3
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws.free_impact import damping_for, needed
 from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws.free_impact import needed
 from clearance_jax.laws.normal import ratios

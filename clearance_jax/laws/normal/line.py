@@ -6,8 +6,8 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._numerics import positive_part
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import positive_part
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws.geometry import Geometry, Material

@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from clearance_jax._numerics import positive_part
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import positive_part
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.free_impact import needed
 from clearance_jax.laws.normal.oscillator import oscillator_ratio, oscillator_restitution

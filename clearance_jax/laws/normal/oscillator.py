@@ -7,7 +7,7 @@ sqrt(2 (n + 1) m K): the restitution is the same at every speed.
 import jax
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 
 # About z = 1 the angle over its sine is a series.
 NEAR = 1e-3

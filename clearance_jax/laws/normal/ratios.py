@@ -7,7 +7,7 @@ follows from the phase-plane integral of the impact. Every ratio but the exact o
 import jax
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 
 # A ratio below which the restitution that it delivers is a series.
 SMALL = 1e-3

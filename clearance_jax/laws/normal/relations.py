@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._numerics import positive_part, positive_power, power_three_halves, safe_sqrt
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import positive_part, positive_power, power_three_halves, safe_sqrt
+from clearance_jax._basis.types import Scalar
 
 _NODES, _WEIGHTS = (0.5 * np.asarray(x) for x in np.polynomial.legendre.leggauss(20))
 _NODES = _NODES + 0.5

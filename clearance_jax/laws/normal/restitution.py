@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 
-from clearance_jax._types import Scalar
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Smoothness, stiffness_of
 from clearance_jax.laws.normal import ratios
 from clearance_jax.laws.normal._impact import RESTITUTION, SLOWEST, AbstractImpactLaw

@@ -4,8 +4,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from clearance_jax._numerics import positive_part
-from clearance_jax._types import Scalar
+from clearance_jax._basis.numerics import positive_part
+from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal._power import STIFFNESS, power, power_energy, stiffness_unit
 from clearance_jax.parameters import physical

@@ -14,8 +14,8 @@ from jax._src import compiler  # the flags of XLA as they are in force: the vari
 from jax._src import config as jax_config  # all that a trace depends on
 from jax._src import core as jax_core
 
-from clearance_jax._code import PACKAGE, VERSIONED
-from clearance_jax._structure import hash_texts
+from clearance_jax._compile.code import PACKAGE, VERSIONED
+from clearance_jax._compile.structure import hash_texts
 
 _jax: Any = jax.config  # whose settings have no types
 

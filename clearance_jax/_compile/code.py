@@ -15,7 +15,7 @@ class Untold(Exception):
     """Part of a question of which it is not known whether it is the same in another process."""
 
 
-PACKAGE, PYTHON = Path(__file__).parent, Path(os.__file__).parent
+PACKAGE, PYTHON = Path(__file__).parents[1], Path(os.__file__).parent
 # Flags of classes: made at run time, as all classes written in Python; and immutable, as some classes written in C are
 # that are made at run time too (locks and patterns from Python 3.13 on).
 _MADE_LATER, _UNCHANGEABLE = 1 << 9, 1 << 8

@@ -2,7 +2,7 @@
 
 XLA on the CPU fuses elementwise work into one kernel for each result, and computes shared values anew in each. In a
 chain of bodies this work doubles with every link. So a program is read before it is compiled: a value that several
-others use, and that costs more than a load from memory, gets a barrier (`_sharing`) across which XLA does not fuse.
+others use, and that costs more than a load from memory, gets a barrier (`barriers`) across which XLA does not fuse.
 Derivatives are part of the program by then, and are read as well.
 """
 
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun, new_jaxpr_eqn
 
-from clearance_jax._sharing import barrier
+from clearance_jax._compile.barriers import barrier
 
 # Operations that may be repeated: one or two cost less than keeping their value costs the compiler.
 REPEATED = 2

@@ -11,7 +11,7 @@ from jax._src import compilation_cache  # what makes JAX's cache, and how it pac
 from jax._src import config as jax_config
 from jax._src.lru_cache import LRUCache
 
-from clearance_jax import _folder
+from clearance_jax._compile import files
 
 
 class WholeEntries(LRUCache):
@@ -35,7 +35,7 @@ class WholeEntries(LRUCache):
         if self.eviction_enabled:
             super().put(key, value)
         elif not self._file(key).exists():
-            _folder.write_whole(self._file(key), value, 0o666)  # less the umask, as JAX does
+            files.write_whole(self._file(key), value, 0o666)  # less the umask, as JAX does
 
     def _file(self, key: str):
         return self.path / f"{key}-cache"

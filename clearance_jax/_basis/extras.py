@@ -6,7 +6,7 @@ from pathlib import Path
 from clearance_jax.errors import ClearanceError
 
 # In a clone, the project file is beside the library.
-CLONE = Path(__file__).parents[1]
+CLONE = Path(__file__).parents[2]
 
 
 def install_command(extra: str) -> str:

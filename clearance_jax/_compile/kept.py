@@ -3,8 +3,8 @@
 `configure(cache=...)` switches it on. Any uncertainty (a structure that cannot be read completely, a damaged file, an
 executable that cannot be kept) leads to a usual compilation, never to an error. So does code of the user's in a
 program, because no key can cover what it reads and remembers. The key of a file covers everything on which its program
-depends: the traced functions, with the library as it is in memory (`_library`), the structure of the arguments
-(`_structure`), and the surroundings (`_surroundings`).
+depends: the traced functions, with the library as it is in memory (`library`), the structure of the arguments
+(`structure`), and the surroundings (`surroundings`).
 """
 
 import contextlib
@@ -29,13 +29,13 @@ from jax.core import Tracer
 from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
 
-from clearance_jax import _folder
-from clearance_jax._code import altered
-from clearance_jax._library import library_text
-from clearance_jax._remembered import remember_in
-from clearance_jax._solo import SOLO, solo_jit
-from clearance_jax._structure import Untold, hash_texts, text, tree_text
-from clearance_jax._surroundings import is_plain, settings, surroundings
+from clearance_jax._compile import files
+from clearance_jax._compile.code import altered
+from clearance_jax._compile.library import library_text
+from clearance_jax._compile.remembered import remember_in
+from clearance_jax._compile.solo import SOLO, solo_jit
+from clearance_jax._compile.structure import Untold, hash_texts, text, tree_text
+from clearance_jax._compile.surroundings import is_plain, settings, surroundings
 
 # Largest number of calls that are recognised without reading their arguments again.
 _MOST = 1024
@@ -53,7 +53,7 @@ def keep_in(folder: Path | None) -> None:
     remember_in(None)
     if folder is None or os.environ.get("CLEARANCE_KEPT") == "0":
         return
-    why = _folder.unsafe(folder)
+    why = files.unsafe(folder)
     if why:
         warnings.warn(
             f"The folder of kept programs must be writable by its owner alone, but {why}: `{folder}` is not used. "
@@ -110,7 +110,7 @@ class kept_jit:
             key = self._key(leaves, tree)
         except (Untold, RecursionError):
             return None, None
-        if not (self.filtered or all(map(eqx.is_array, leaves))) or _folder.unsafe(_where[0]):
+        if not (self.filtered or all(map(eqx.is_array, leaves))) or files.unsafe(_where[0]):
             return None, None
         if key not in self._programs:
             self._programs[key] = _read(key) or self._compile(key, arguments)
@@ -142,7 +142,7 @@ class kept_jit:
         lowered = jax.jit(flat).lower(*numbers)
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
-        if altered or not _folder.make_writable(_where[0]):
+        if altered or not files.make_writable(_where[0]):
             return lowered.compile(SOLO), outside[0]
         # A program from JAX's own cache cannot be kept: it would lack functions.
         with _jax_cache_off():
@@ -154,7 +154,7 @@ class kept_jit:
             content = pickle.dumps((_needs_lapack(calls), frame, serialize_executable.serialize(program)))
         except Exception:  # what a tree holds may refuse in its own words: the program is good in this process
             return program, outside[0]
-        _folder.write(_where[0], key, content)
+        files.write(_where[0], key, content)
         return program, outside[0]
 
 
@@ -200,7 +200,7 @@ def _is_ordinary(leaves: list) -> bool:
 
 
 def _read(key: str) -> tuple[Any, Any] | None:
-    content = _folder.read(_where[0], key)
+    content = files.read(_where[0], key)
     if content is None:
         return None
     try:

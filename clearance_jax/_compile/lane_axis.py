@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._sharing import share, sharing
-from clearance_jax._types import Each, Rows
+from clearance_jax._basis.types import Each, Rows
+from clearance_jax._compile.barriers import share, sharing
 
 LAST = eqx.if_array(-1)
 

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array
 
-from clearance_jax._module import Module
-from clearance_jax._sharing import share
+from clearance_jax._basis.module import Module
+from clearance_jax._compile.barriers import share
 from clearance_jax.spatial import Rotation, Term, Vector, absent, as_array, dot, is_zero, minus, plus, times, total
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._sharing import share
+from clearance_jax._compile.barriers import share
 
 Real = Float[Array, "..."]
 

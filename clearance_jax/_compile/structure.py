@@ -1,6 +1,6 @@
 """A text of everything of which a value consists, the same in another process: numbers, words, and the user's code.
 
-One reader serves everything that is kept between processes. Programs (`_kept`) use it strictly: a text without
+One reader serves everything that is kept between processes. Programs (`kept`) use it strictly: a text without
 something on which a program depends would return a wrong program, so it raises `Untold` for everything that it cannot
 read completely, and for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) use
 the best possible text: the user's functions and classes are read by their code (byte code, constants, closures,
@@ -24,7 +24,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax._code import (
+from clearance_jax._compile.code import (
     MADE,
     Untold,
     content,

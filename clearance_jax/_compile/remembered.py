@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from clearance_jax import _folder
+from clearance_jax._compile import files
 
 # Answers at most.
 _MOST = 20_000
@@ -36,7 +36,7 @@ def remember(question: str, ask: Callable[[], float]) -> float:
 
 
 def _read(folder: Path) -> dict[str, float]:
-    content = None if _folder.unsafe(folder) else _folder.read(folder, _NAME)
+    content = None if files.unsafe(folder) else files.read(folder, _NAME)
     try:
         return {} if content is None else {key: float.fromhex(value) for key, value in json.loads(content).items()}
     except (ValueError, AttributeError, TypeError):
@@ -50,5 +50,5 @@ def _write() -> None:
     every = _read(_where[0]) | _new
     if len(every) > _MOST:
         every = dict(_new)
-    _folder.write(_where[0], _NAME, json.dumps({key: value.hex() for key, value in every.items()}).encode())
+    files.write(_where[0], _NAME, json.dumps({key: value.hex() for key, value in every.items()}).encode())
     _new.clear()

@@ -9,13 +9,13 @@ import types
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from clearance_jax._code import MADE, PACKAGE, Untold, altered, elsewhere, inner_of, name_of
-from clearance_jax._structure import Reader, hash_texts
+from clearance_jax._compile.code import MADE, PACKAGE, Untold, altered, elsewhere, inner_of, name_of
+from clearance_jax._compile.structure import Reader, hash_texts
 
 _HEAD = PACKAGE.name + "."
 # The state of these changes in a process, and no program depends on it.
-_STATEFUL = "_kept", "_library", "_remembered", "_folder", "_structure", "_code", "configure"
-_ASIDE = {f"{_HEAD}{name}" for name in _STATEFUL}
+_STATEFUL = "kept", "library", "remembered", "files", "structure", "code"
+_ASIDE = {f"{_HEAD}_compile.{name}" for name in _STATEFUL} | {f"{_HEAD}configure"}
 # By module: its contents, its text, and the modules to which it leads.
 _read: dict[str, tuple[list, str, set[str]]] = {}
 

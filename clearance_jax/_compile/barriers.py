@@ -38,7 +38,7 @@ def share(tree: Any) -> Any:
     return jax.tree.map(_once, tree) if _sharing.get() else tree
 
 
-def compute_once(tree: Any) -> Any:
+def with_barriers(tree: Any) -> Any:
     """As `share`, in any program: for chains of values, each used by the next, where repeated work would double with
     every link. A value in several places stays one value.
     """
