@@ -47,7 +47,7 @@ lowest: .venv/installed
 test: check
 	$(PYTEST)
 
-# A part of `make test`, in two minutes: laws, numerics, keys, messages, layers (`QUICK` in tests/conftest.py).
+# A part of `make test`, in two minutes: laws, numerics, keys, messages, layers (files marked `quick`).
 quick: check
 	$(PYTEST) -m quick
 

@@ -55,9 +55,6 @@ gc.collect()
 gc.freeze()
 gc.set_threshold(50_000, 20, 20)
 
-# Files of which `make quick` is made: what a law or a message breaks, and what compiles little.
-QUICK = {"curves", "fits", "fitting", "fuzz", "keys", "laws", "laws_reference", "layers", "numerics", "operations"}
-QUICK |= {"joint_reactions", "play_input", "design_report", "squeezer", "careless_input", "sweep_figures", "urdf_files"}
 # Those that take longest begin and the quick ones end, so that no process is left alone with one file at the end.
 LONG = (
     "notebooks",
@@ -92,12 +89,10 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     def place(item):
         name = item.path.stem.removeprefix("test_")
-        return LONG.index(name) if name in LONG else len(LONG) + (name in QUICK)
+        quick = item.get_closest_marker("quick") is not None
+        return LONG.index(name) if name in LONG else len(LONG) + quick
 
     items.sort(key=place)
-    for item in items:
-        if item.path.stem.removeprefix("test_") in QUICK:
-            item.add_marker("quick")
 
 
 @pytest.hookimpl(tryfirst=True)

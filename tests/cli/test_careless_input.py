@@ -32,6 +32,8 @@ from clearance_jax.solve.settings import MOST_SAMPLES
 from clearance_jax.solve.simulate import DOUBTFUL, EnergyWarning, doubt
 from clearance_jax.units import to_si
 
+pytestmark = pytest.mark.quick
+
 SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
 TEXT = SCENE.read_text()
 STUDY = f"""

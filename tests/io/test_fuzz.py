@@ -8,6 +8,8 @@ import pytest
 from tests import fuzz, fuzz_cases
 from tests.fuzz_cases import Case
 
+pytestmark = pytest.mark.quick
+
 
 def test_a_share_of_the_cases():
     found = fuzz.fuzz(180, seed=0)

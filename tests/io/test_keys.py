@@ -29,6 +29,8 @@ from clearance_jax.io.schema import schema
 from clearance_jax.io.study import load_study
 from clearance_jax.io.table import Keys, TomlTable
 
+pytestmark = pytest.mark.quick
+
 READERS = (
     "scene",
     "scene_joint",

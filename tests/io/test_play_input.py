@@ -13,6 +13,8 @@ from clearance_jax.cli.main import app
 from clearance_jax.mechanism.play import with_play
 from clearance_jax.parameters import bounds_hold, check_values
 
+pytestmark = pytest.mark.quick
+
 NAN = float("nan")
 LAW: Any = laws.HuntCrossley(1e9, 0.5)
 BODY = (cj.Body("arm", 1.0, cj.Inertia(1e-3, 1e-3, 1e-3)),)

@@ -14,6 +14,8 @@ from clearance_jax.mechanism.limits import Limits
 from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO, hinge, link, robot
 from tests.urdf_reference import homogeneous, poses, pseudo_inertia, tree
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.fixture
 def written(tmp_path):

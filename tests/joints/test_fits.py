@@ -7,6 +7,8 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits
 from clearance_jax.joints.fits import COMMON, Fit, fit, fits_within, limit_deviations
 
+pytestmark = pytest.mark.quick
+
 # Lower and upper deviation [um] by class and diameter [mm]: DIN ISO 286-2 and JIS B 0401 as tool catalogues have them.
 LIMITS = {
     "h9": {2: (-25, 0), 500: (-155, 0)},

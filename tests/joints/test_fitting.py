@@ -12,6 +12,8 @@ from clearance_jax.joints import Fitting, PressFit, rolling_bearing
 from clearance_jax.joints.bearings import OF_BALLS, OF_ROLLERS, tabulated_clearance
 from clearance_jax.joints.fitting import REFERENCE_TEMPERATURE
 
+pytestmark = pytest.mark.quick
+
 DIAMETER = 0.02
 
 

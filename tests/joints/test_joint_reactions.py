@@ -9,6 +9,8 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.observe import observe
 
+pytestmark = pytest.mark.quick
+
 HERTZ = laws.Hertz(1e9)
 RUBBING = laws.TanhCoulomb(0.1, 1e-3)
 

@@ -13,6 +13,8 @@ from clearance_jax import laws
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw
 from clearance_jax.laws.normal.ratios import exact_ratio
 
+pytestmark = pytest.mark.quick
+
 PENETRATIONS = jnp.array([-1e-3, -1e-12, 0.0, 1e-12, 1e-9, 1e-6, 1e-5, 3e-5])
 RATES = jnp.array([-1.0, -1e-3, 0.0, 1e-9, 1.0])
 GRID = [x.ravel() for x in jnp.meshgrid(PENETRATIONS, RATES)]

@@ -14,6 +14,8 @@ from places import ROOT
 
 from clearance_jax import laws
 
+pytestmark = pytest.mark.quick
+
 REFERENCE = np.load(ROOT / "tests" / "data" / "laws_reference.npz")
 GEOMETRY = laws.Geometry(jnp.asarray(0.01), jnp.asarray(0.0105), jnp.asarray(5e-4))
 # A round-off of the terms that a force, or a slope, is the difference of.

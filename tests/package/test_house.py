@@ -6,6 +6,8 @@ from collections import Counter
 import pytest
 from places import ROOT
 
+pytestmark = pytest.mark.quick
+
 MODULES = sorted((ROOT / "clearance_jax").rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
 # Words that say nothing of what they hold, and how often they may be assigned or be arguments.

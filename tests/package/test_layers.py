@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
+pytestmark = pytest.mark.quick
+
 PACKAGE = "clearance_jax"
 LIBRARY = ROOT / PACKAGE
 # Each imports only those before it, and itself. What lies at the root as a leaf is one place.

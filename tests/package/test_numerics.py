@@ -7,6 +7,8 @@ import pytest
 
 from clearance_jax._basis import numerics
 
+pytestmark = pytest.mark.quick
+
 MIXED = np.array([-3.0, -1.0, -1e-12, -1e-150, 0.0, 1e-150, 1e-12, 1e-6, 0.25, 1.0, 2.0])
 ULP = np.finfo(float).eps
 

@@ -9,7 +9,7 @@ from experiments import operations
 from experiments.hlo import busiest_loop, read
 
 # Only a compiler that optimises computes anything twice.
-pytestmark = pytest.mark.optimised
+pytestmark = [pytest.mark.optimised, pytest.mark.quick]
 
 # Eight entries: a reduction of four rows (32), a product in both kernels (16), a sine (8), a barrier (0).
 PROGRAM = """HloModule made_up, entry_computation_layout={(f64[4,8]{1,0})->f64[4,8]{1,0}}

@@ -5,6 +5,8 @@ import pytest
 
 from clearance_jax.report.curves import envelope, flights, smooth
 
+pytestmark = pytest.mark.quick
+
 
 def test_an_envelope_holds_every_extreme_and_no_more():
     time = np.sort(np.random.default_rng(0).uniform(0, 1, 20_000))

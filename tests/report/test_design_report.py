@@ -31,6 +31,8 @@ from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.marks import picture
 from clearance_jax.results.places import outline, places
 
+pytestmark = pytest.mark.quick
+
 # Below it a text is hard to read [px]; the width that a phone leaves a figure, of its 390 px [px].
 LEAST_TEXT, PHONE = 11.0, 340.0
 

@@ -14,6 +14,8 @@ from clearance_jax.report import recurrence_figures, sweep_axes, sweep_figures
 from clearance_jax.results.sobol import middle_derivatives, sobol_indices
 from clearance_jax.sweep.saltelli import sobol_samples
 
+pytestmark = pytest.mark.quick
+
 CLEARANCE, SPEED, FRICTION = "wrist.radial_clearance", "drive.main.speed", "wrist.friction.coefficient"
 UNITS = {CLEARANCE: "m", SPEED: "rad/s", FRICTION: ""}
 

@@ -10,6 +10,8 @@ from clearance_jax.dynamics.closures import correct
 from clearance_jax.mechanism.state import layout
 from experiments.reference import squeezer
 
+pytestmark = pytest.mark.quick
+
 SCENE = SCENES / "squeezer.toml"
 # Every coordinate of the scene is the test set's angle of its name, so nothing is converted: its gamma, delta and
 # epsilon are absolute and hang on the ground, its theta, phi and omega are relative and hang on the body before.
