@@ -64,7 +64,7 @@ class AbstractBristles(AbstractFrictionLaw):
 
     def latch(self, constants, memory, touch):
         # The straight bristle has bent with the slip since the touch, and given way: a fast slip bends it fully within
-        # a step, and its derivative by the time of the touch vanishes.
+        # a step, and then hardly anything is left of its derivative by the time of the touch.
         give = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
         decay = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
         free = touch.elapsed * decay
