@@ -44,15 +44,21 @@ lowest: .venv/installed
 	out/lowest/bin/uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct -e ".[dev]"
 	out/lowest/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -m quick
 
+# All tests but the slow ones, of which a fifth has its turn each day; then a tenth as users run: optimised, types
+# unchecked, programs kept.
 test: check
 	$(PYTEST)
+	CLEARANCE_TESTS=as-users $(PYTEST)
 
 # A part of `make test`, in two minutes: laws, numerics, keys, messages, layers (files marked `quick`).
 quick: check
 	$(PYTEST) -m quick
 
-# A thousand random scenes by the library and by the second simulator (tests/second): hours. It goes on where it was ended.
+# Every test, both ways; then a thousand random scenes by the library and by the second simulator (tests/second): hours.
+# The scenes go on where they were ended.
 nightly: .venv/installed
+	$(PYTEST) --all
+	CLEARANCE_TESTS=as-users $(PYTEST) --all
 	$(BIN)/python -m tests.second --out out/second
 
 # Where the suite's time goes, by file and by test: out/suite.md.

@@ -41,6 +41,7 @@ def searched(numbers):
     return motion.y, motion
 
 
+@pytest.mark.slow
 def test_the_cycle_of_a_linear_oscillator_is_the_closed_form():
     numbers = jnp.asarray([50.0, 1.5, 4.0])
     search = jax.jit(jax.jacrev(searched, has_aux=True))  # the crank below takes jacfwd
@@ -71,6 +72,7 @@ def crank(clearance, damping, friction):
     return cj.replace(cj.load(CRANK), {f"wrist.{name}": value for name, value in values.items()})
 
 
+@pytest.mark.slow
 def test_the_cycle_of_a_crank_with_clearance():
     def cycle(*numbers):
         motion = periodic_motion(crank(*numbers), REVOLUTION, max_iterations=10)

@@ -35,6 +35,7 @@ def test_of_a_peak_the_second_is_looked_at_in_the_same_part_of_the_motion(monkey
         scatter.sample(plan, CALM, cj.metrics.Peak(cj.metrics.Acceleration("pin"), since=0.125), SHORT, Settings())
 
 
+@pytest.mark.slow
 def test_a_regular_motion_is_trusted():
     report = cj.gradient_report(CALM, place, [NAME], SHORT, on_untrusted="raise")
     assert report.trusted
@@ -50,6 +51,7 @@ def test_a_regular_motion_is_trusted():
     assert "NOT" not in str(report)
 
 
+@pytest.mark.slow
 def test_a_chaotic_motion_is_not():
     def report(**options):
         return cj.gradient_report(WILD, place, [NAME], LONG, **options)
@@ -121,6 +123,7 @@ def test_a_metric_of_several_numbers_is_refused():
         cj.gradient_report(CALM, lambda _, solution: solution.final[:2], [NAME], 0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_experiment(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)

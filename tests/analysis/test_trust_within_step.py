@@ -59,6 +59,7 @@ def test_labels():
     assert island.good is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "calm", "wild", "ends"),
     [

@@ -139,6 +139,7 @@ def least_deviations(size: float) -> np.ndarray:
     return size * np.sqrt(np.diag(np.linalg.inv(np.array(slopes) @ np.array(slopes).T)))
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_the_intervals_hold_the_truth_as_often_as_they_say():
     """100 trials with noise of 1 % of the height of the fall."""
@@ -250,6 +251,7 @@ def test_signals_that_stand_still_are_signals():
     assert any("`sleeve.contact_force` are no larger than the errors" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_several_starts_find_what_one_does_not(monkeypatch):
     """Of a vibration every frequency at which the beat fits is a minimum; a motion that grows has fewer."""
     name, times = "drive.slide.angular_frequency", np.linspace(0.0, 1.0, 101)
@@ -436,6 +438,7 @@ def test_an_interrupted_search_keeps_its_best():
 # What is measured ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_data_may_be_a_dataset_of_the_library_or_in_other_units():
     """Coordinates with labels, vectors, signals and units name the same numbers."""
     mechanism, times = cj.load(SCENES / "arm.toml"), np.linspace(0.0, 0.02, 21)
@@ -521,6 +524,7 @@ def asked_of(path: Path) -> Any:
     return cj.load_study(path).calibrate
 
 
+@pytest.mark.slow
 def test_the_command_calibrates_and_reports(tmp_path):
     path, report, residuals = written(tmp_path), tmp_path / "report.html", tmp_path / "residuals.nc"
     result = CliRunner().invoke(app, ["run", str(path), "--report", str(report), "-o", str(residuals), "--starts", "2"])

@@ -96,6 +96,7 @@ def test_bad_expressions_are_refused(text):
         read_expression(text)
 
 
+@pytest.mark.slow
 def test_dataset_roundtrip_and_figure(tmp_path):
     scene = load_scene(SCENES / "slider_crank.toml")
     result = trace(scene.mechanism, 2e-3, rtol=1e-6, save_at=201)
@@ -134,6 +135,7 @@ def test_trace_agrees_with_simulate():
     np.testing.assert_allclose(result.solution.y[:, :4], direct.y[:, :4], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path):
     runner = CliRunner()
     assert "Examples" in runner.invoke(app, ["--help"]).output
@@ -155,6 +157,7 @@ def test_command_line(tmp_path):
     assert not (tmp_path / "o.nc.partial").exists()
 
 
+@pytest.mark.slow
 def test_a_robot_by_itself_holds_its_posture_and_says_how_it_is_driven(tmp_path):
     """By drives, where it stands: nothing moves, the drives carry its weight. What a trajectory moves is not held."""
     robot, out = SCENES / "six_axes.urdf", tmp_path / "o.nc"
@@ -172,6 +175,7 @@ def test_a_robot_by_itself_holds_its_posture_and_says_how_it_is_driven(tmp_path)
     assert undriven(mechanism.with_drives(lead)) == ("finger_left",)
 
 
+@pytest.mark.slow
 def test_no_legend_covers_anything():
     """In a figure of several panels legends stand outside of all axes, and of their labels and titles."""
     scene = load_scene(SCENES / "slider_crank_two_clearances.toml")
@@ -237,6 +241,7 @@ def test_bad_commands_end_with_one_sentence_and_code_2(arguments, words, monkeyp
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "words"),
     [

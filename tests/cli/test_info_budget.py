@@ -19,6 +19,7 @@ def info(*arguments):
     return " ".join(result.output.split())
 
 
+@pytest.mark.slow
 def test_the_budget_of_a_scene_is_a_table_with_advice_and_a_picture(tmp_path):
     picture = tmp_path / "budget.png"
     said = info(TWO, "--budget", "--t1", "4 ms", "--plot", str(picture), "--set", "wrist.radial_clearance=0.5mm")

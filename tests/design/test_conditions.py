@@ -54,6 +54,7 @@ def test_twice_the_speed_is_half_the_time(kind):
         np.testing.assert_allclose([float(x) for x in after(jnp.asarray(time / 2))], expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_payload_is_a_body_that_is_fixed_to_its_carrier():
     """Torques of the motors with the payload as a body of its own, and with it in its carrier's numbers."""
     place, mass, inertia = (0.3, 0.05), 0.7, 2e-3

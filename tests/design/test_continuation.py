@@ -21,6 +21,7 @@ def normal(found):
     return joint.clearance.normal
 
 
+@pytest.mark.slow
 def test_the_answer_is_that_of_the_law_itself(tmp_path):
     record = tmp_path / "points.jsonl"
     direct, by_way = problem().solve(), problem().solve(smoothing=WIDTHS, record=record)

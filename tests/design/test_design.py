@@ -272,6 +272,7 @@ def test_messages():
         asked(limits=[design.Limit(metrics.Impacts("wrist"), 3.0)]).solve()
 
 
+@pytest.mark.slow
 def test_infeasible_and_unlimited_problems_say_so():
     impossible = asked(limits=[design.Limit(PEAK, 1e-9, "piston")]).solve()
     assert not impossible.feasible
@@ -322,8 +323,8 @@ def test_conditional_value_at_risk():
         design.Yield({NAME: 1.0}).draws((NAME,))
 
 
-@pytest.mark.optimised
 @pytest.mark.slow
+@pytest.mark.optimised
 def test_a_yield_is_what_fresh_samples_have(capsys):
     found, fresh = yield_design.main(quick=True)
     assert found.feasible
@@ -376,6 +377,7 @@ def test_allocations(study, monkeypatch, tmp_path, capsys):
     assert all(path.stat().st_size > 1000 for path in (tmp_path / "out").glob("*.png"))
 
 
+@pytest.mark.slow
 def test_islands_are_reported(capsys):
     found = treacherous.main(quick=True)
     assert found.docking.feasible

@@ -46,6 +46,7 @@ def alone(problem):
     return simulations.together(X, scenarios_of(problem.specification), True)
 
 
+@pytest.mark.slow
 def test_lanes_are_what_single_solves_are(problem, alone, monkeypatch):
     monkeypatch.setattr(sys.modules["clearance_jax.ask.answers"], "FEW", 4)
     simulations = evaluate.simulations_of(problem.specification)

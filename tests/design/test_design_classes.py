@@ -58,6 +58,7 @@ def enumerated(asked):
     return found
 
 
+@pytest.mark.slow
 def test_three_joints_of_five_classes_equal_enumeration(chosen, enumerated):
     names, (cost, worst) = min(((n, v) for n, v in enumerated.items() if v[1] <= 0), key=lambda pair: pair[1][0])
     found = chosen.classes
@@ -76,6 +77,7 @@ def test_three_joints_of_five_classes_equal_enumeration(chosen, enumerated):
     assert f"({names[0]}: " in str(chosen)
 
 
+@pytest.mark.slow
 def test_another_bound_has_another_answer(asked, enumerated):
     """The same evaluations, with the bound half as wide again and half as narrow."""
     for factor in (0.6, 1.5):
@@ -88,6 +90,7 @@ def test_another_bound_has_another_answer(asked, enumerated):
         assert_allclose(found.objective, best, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_combination_that_nothing_holds_is_refused_in_a_sentence(asked):
     loose = {name: {"H8/e8": 2.0, "H9/d9": 1.0} for name in ARM}
     found = asked.solve(classes=loose)
@@ -101,6 +104,7 @@ def test_a_combination_that_nothing_holds_is_refused_in_a_sentence(asked):
     assert str(found).startswith("NO FEASIBLE DESIGN: tool")
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_keeps_its_best_and_goes_on(asked, chosen, tmp_path):
     file, count = tmp_path / "points.jsonl", itertools.count(1)
     whole = chosen.program.solves
@@ -130,6 +134,7 @@ def test_an_interrupted_search_keeps_its_best_and_goes_on(asked, chosen, tmp_pat
         early.verify()
 
 
+@pytest.mark.slow
 def test_searched_by_poses_it_is_the_same_choice(asked, chosen):
     found = asked.solve(classes=CLASSES, fidelity="auto")
     assert found.classes is not None
@@ -137,6 +142,7 @@ def test_searched_by_poses_it_is_the_same_choice(asked, chosen):
     assert_allclose(found.evaluation.x, chosen.evaluation.x, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_said_of_chosen_classes(chosen):
     certificate = chosen.verify(sweep=2, solver="tsit5")
     assert certificate.holds
@@ -172,6 +178,7 @@ def relax(box, start):
     return design.run(box, "slsqp", start)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_random_problems_equal_enumeration(seed):
     rng = np.random.default_rng(seed)
@@ -233,6 +240,7 @@ def test_a_search_that_fails_is_no_proof_that_nothing_holds():
     assert found.doubts
 
 
+@pytest.mark.slow
 def test_without_gradients_no_slopes_are_asked_for():
     weights, values = np.ones(3), np.array([0.02, 0.04, 0.06])
 

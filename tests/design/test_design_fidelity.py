@@ -50,6 +50,7 @@ def auto(asked):
     return asked.solve(fidelity="auto")
 
 
+@pytest.mark.slow
 def test_the_answer_is_the_one_of_the_dynamics(single, auto):
     assert auto.feasible
     assert auto.evaluation.fidelity == "dynamics"
@@ -68,6 +69,7 @@ def test_full_solves_are_few_and_counted_apart(single, auto):
     assert "by dynamics" not in str(single)
 
 
+@pytest.mark.slow
 def test_poses_alone_are_a_design_that_the_dynamics_judge(asked, auto):
     posed = asked.solve(fidelity="quasi-static")
     assert posed.program.cheap is None
@@ -78,6 +80,7 @@ def test_poses_alone_are_a_design_that_the_dynamics_judge(asked, auto):
     assert_allclose(certificate.worst, auto.program.at(posed.evaluation.x).worst, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_goes_on_from_its_record(asked, auto, tmp_path):
     file, seen = tmp_path / "points.jsonl", []
 
@@ -103,6 +106,7 @@ def test_an_interrupted_search_goes_on_from_its_record(asked, auto, tmp_path):
     assert few.program.gradients == 1
 
 
+@pytest.mark.slow
 def test_what_poses_cannot_give_is_left_to_the_dynamics(asked):
     impacts = design.ToleranceProblem(
         asked.specification.mechanism, 1e-3, {PLAY[0]: (1e-5, 1e-3)}, [design.Limit(metrics.Impacts("wrist"), 3.0)]
@@ -272,6 +276,7 @@ def test_a_study_and_the_command_say_the_fidelity(tmp_path):
         check_choices(None, "static")
 
 
+@pytest.mark.slow
 def test_a_report_of_poses_says_whose_pictures_it_shows(asked):
     posed = asked.solve(fidelity="quasi-static")
     found = _see(known_findings(posed))
@@ -280,6 +285,7 @@ def test_a_report_of_poses_says_whose_pictures_it_shows(asked):
     assert all(standing.value is not None for standing in found.standings)
 
 
+@pytest.mark.slow
 def test_a_design_among_neighbours_is_told_as_such(asked):
     wider = dataclasses.replace(asked.specification, manufacture=Neighbours(samples=2), fidelity="auto")
     program = design.formulate(wider)

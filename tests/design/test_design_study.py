@@ -169,6 +169,7 @@ def test_a_wrong_study_ends_with_one_sentence_and_code_2(old, new, words, study,
     assert "Traceback" not in message
 
 
+@pytest.mark.slow
 def test_every_study_of_the_repository_loads():
     studies = sorted((ROOT / "optimize" / "studies").glob("*.toml"))
     assert studies

@@ -29,6 +29,7 @@ def bound(mechanism, fidelity="static"):
     return cj.measure(mechanism, {"error": ERROR}, TURN, fidelity=fidelity)["error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["slider_crank", "slider_crank_two_clearances"])
 def test_a_static_bound_is_the_sum_of_levers(scene):
     """Of small play: what is left out of the weights is the square of play over length."""
@@ -80,6 +81,7 @@ def test_no_place_within_the_play_has_a_larger_error(two_pins):
     assert np.max(seen / most) > 0.7
 
 
+@pytest.mark.slow
 def test_the_derivative_of_a_static_bound(two_pins):
     names = [f"{joint.name}.radial_clearance" for joint in two_pins.clearance_joints()]
     at = np.array([float(joint.clearance.radial_clearance) for joint in two_pins.clearance_joints()])
@@ -107,6 +109,7 @@ def budget(two_pins):
     return error_budget(two_pins, "piston", TURN)
 
 
+@pytest.mark.slow
 def test_parts_of_an_error(budget, two_pins):
     shares, peaks = budget.shares, budget.peaks
     assert set(shares) == {joint.name for joint in two_pins.clearance_joints()}
@@ -121,6 +124,7 @@ def test_parts_of_an_error(budget, two_pins):
     assert peaks["quasi_static"] == pytest.approx(float(bound(two_pins, "quasi-static")), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_dynamics_is_the_error_of_a_solve(budget, two_pins):
     # Samples miss the top of a peak by the square of their distance.
     solved = cj.measure(two_pins, {"error": ERROR}, TURN, start="settled", rtol=1e-6)["error"]

@@ -30,6 +30,7 @@ def hopeless():
     return small(5e-6).solve()
 
 
+@pytest.mark.slow
 def test_an_impossible_bound_names_the_joint_and_what_would_help(hopeless):
     said = str(hopeless)
     assert said.startswith("NO FEASIBLE DESIGN: piston")
@@ -43,6 +44,7 @@ def test_an_impossible_bound_names_the_joint_and_what_would_help(hopeless):
     assert np.allclose(hopeless.evaluation.x, 1e-5)
 
 
+@pytest.mark.slow
 def test_a_motion_without_an_end_says_why():
     found = small(2e-4, max_steps=20).solve(most=3)
     assert not found.feasible
@@ -133,6 +135,7 @@ bound = "0.08 mm"
 """
 
 
+@pytest.mark.slow
 def test_a_command_that_is_stopped_at_any_stage_keeps_what_it_has(tmp_path, monkeypatch):
     file, record = tmp_path / "study.toml", tmp_path / "points.jsonl"
     file.write_text(STUDY)

@@ -153,6 +153,7 @@ def test_another_motion_is_no_difference_of_solves():
     assert moved_inside(program, SLSQP, program.best, fresh) == (program.best, {})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rtol", [1e-3, 1e-4])
 def test_what_coarse_solves_find_is_certified(rtol):
     peak = metrics.Peak(metrics.PositionError("piston"))

@@ -44,6 +44,7 @@ def lasting() -> design.Design:
     return design.ToleranceProblem(mechanism, CYCLE, {PLAY: (2e-5, 4e-4)}, [limit], **SOLVE).solve(most=8)
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_the_largest_clearance_that_holds_is_the_bound_less_wear(lasting):
     assert lasting.feasible
@@ -60,6 +61,7 @@ def test_the_largest_clearance_that_holds_is_the_bound_less_wear(lasting):
     assert slopes[PEAKS:, 1] == pytest.approx(DEPTH / 1.25e-11, rel=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_a_certificate_over_a_life_is_what_a_life_says(lasting):
     """By finer jumps; a bound 1 % looser gives what the closed form has, bound / clearance."""
@@ -74,6 +76,7 @@ def test_a_certificate_over_a_life_is_what_a_life_says(lasting):
     assert direct.end == pytest.approx(CYCLES, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_a_yield_over_scattering_wear_is_its_closed_form(lasting):
     """Of parts whose coefficient scatters by 50 % those last whose depth is below what the bound leaves."""
@@ -119,6 +122,7 @@ def test_an_entry_of_an_array_reaches_a_life_and_no_number_of_another_wear_does(
     assert worth(mechanism, measures, "drive.pin.rise.1") == 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_the_maintenance_interval_falls_with_the_clearance(lasting):
     """As (bound - clearance - penetration) over the depth of a cycle; figure and page show it."""
@@ -135,6 +139,7 @@ def test_the_maintenance_interval_falls_with_the_clearance(lasting):
     assert all(f">{life:.4g}<" in page for life in found.lives[""])
 
 
+@pytest.mark.slow
 def test_sectors_of_all_designs_follow_from_the_mechanism(lasting, monkeypatch):
     """A patch of a stiff foundation is too narrow for 360 sectors: more are taken, and as many for other numbers."""
     (limit,) = lasting.specification.limits

@@ -20,6 +20,7 @@ from experiments.iftomm import bricard
 KNOWN = np.loadtxt(REFERENCE / "bricard_p3.csv", delimiter=",", skiprows=1, unpack=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [5, 3])
 def test_bricards_mechanism_moves_as_published(cut):
     """To the last digit of the reference, wherever the loop is cut; its energy stays."""

@@ -97,6 +97,7 @@ def start(values, mechanism):
     return initial_state(cj.replace(mechanism, values).prepare(), jnp.asarray(1e-3), "settled")
 
 
+@pytest.mark.slow
 def test_a_settled_loop_presses_with_its_reaction_and_rides_along():
     mechanism = slider_crank()
     now, later = (initial_state(mechanism.prepare(), jnp.asarray(t), "settled") for t in (1e-3, 1e-3 + 1e-7))
@@ -111,6 +112,7 @@ def test_a_settled_loop_presses_with_its_reaction_and_rides_along():
     assert abs(float(seen.penetration_rate[0, 0])) < 1e-2 * 5e-4 * SPEED
 
 
+@pytest.mark.slow
 def test_the_first_revolution_is_like_the_second():
     mechanism = slider_crank()
     peak = metrics.Peak(metrics.ContactForce("wrist"))
@@ -121,6 +123,7 @@ def test_the_first_revolution_is_like_the_second():
     assert first["centre"] > 3 * first["settled"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("t0", [0.0, 1e-3])
 def test_derivatives_of_a_settled_start_and_of_a_motion_from_it(t0):
     mechanism = slider_crank()
@@ -190,6 +193,7 @@ def test_a_start_says_which_joints_begin_at_relative_rest():
         assert said in repr(shown)
 
 
+@pytest.mark.slow
 def test_lanes_of_a_batch_start_as_single_solves_do():
     """A driven pendulum from rest: its load turns by r J / g for a jerk J, and its pin swings with sqrt(g / c)."""
     play = cj.RevoluteClearance(1e-4, 0.01, laws.HuntCrossley(STIFFNESS, 0.5))

@@ -83,6 +83,7 @@ def test_a_force_at_a_lever_beyond_the_sleeve_bears_on_both_edges(pin):
     np.testing.assert_allclose([y / RADIAL, tilt_x / SCALES[3]], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_faces_balls_and_blocks_are_pressed_as_deep_as_they_bear():
     along = pressed(sleeve(), (0.0, 0.0, 7.0))
     np.testing.assert_allclose(along / SCALES, [0, 0, -1 - depth(7.0) / AXIAL, 0, 0], rtol=1e-12, atol=1e-9)
@@ -104,6 +105,7 @@ def test_faces_balls_and_blocks_are_pressed_as_deep_as_they_bear():
     np.testing.assert_allclose(aside / [1e-3, 1e-3, 0.02, 0.02, 0.03], [-1 - depth(2.0) / 1e-3, 0, 0, 0, 0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_loads_of_all_sizes_and_directions_find_their_place():
     """From grams to tons, through the middle or far from it: `pressed` checks each against the contact's own wrench."""
     rng = np.random.default_rng(2)
@@ -130,6 +132,7 @@ def test_a_search_that_finds_no_rest_says_so():
     assert float(seated(box, jnp.asarray([7e3, 0.0, 0.0]), jnp.asarray([0.0, 4.9e3, 0.0])).left) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_start_that_cannot_be_settled_is_refused():
     """A block that hangs 0.7 m beside its soft guide: 1 kg is held, of 2 t nothing is, and under 7 t it turns on from
     round to round.
@@ -228,6 +231,7 @@ def test_the_tool_changer_starts_settled():
     assert float(reaction.turning[0]) * float(at[3]) < 0
 
 
+@pytest.mark.slow
 def test_a_loop_settles_as_the_tree_does():
     """A plate that carries an arm on a sleeve: by the sleeve's own coordinates, or by those of a floating body."""
     tree = arm(sleeve(normal=SOFT))
@@ -271,6 +275,7 @@ def test_a_robot_settles_with_play_in_all_its_joints():
     assert left < 1e-3 * fallen
 
 
+@pytest.mark.slow
 def test_blocks_and_balls_settle_too():
     """A block under an eccentric weight in a plane guide, and a ball that swings: the forces are those by hand."""
     guide = cj.GuideClearance(1e-4, 0.1, 0.05, SOFT)
@@ -351,6 +356,7 @@ def test_lightly_loaded_sleeves_of_a_robot_begin_at_relative_rest():
     assert 0 < np.mean(rested) < 1
 
 
+@pytest.mark.slow
 def test_lanes_of_settled_starts_in_space_are_those_alone():
     """The search for tilted pins, over lanes; quintics from rest, of which the faster ones leave the pin at rest."""
     m = arm(dataclasses.replace(sleeve(normal=SOFT), stations=2), cj.drives.Quintic([0.0, 0.1], [0.0, 0.1]))
@@ -390,6 +396,7 @@ def leg() -> cj.Mechanism:
     return cj.Mechanism(bodies, joints, gravity=cj.Gravity(z=-9.81))
 
 
+@pytest.mark.slow
 def test_a_moment_that_passes_through_zero_within_the_play_is_settled():
     """A leg's calf hangs nearly straight: its pin tilts until its weight bears no moment. The whole vector field, with
     the contacts' own forces, does not move it. (With its load taken as given the pin leapt from wall to wall: eight of

@@ -41,6 +41,7 @@ def zoo():
     return cj.Mechanism(bodies, joints, gravity=cj.Gravity(0.3, -1.0, -9.81))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: arm(3), lambda: arm(7), zoo], ids=["arm3", "arm7", "zoo"])
 def test_field_agrees_with_lagrange(make):
     mechanism = make()
@@ -172,6 +173,7 @@ def gaps(mechanism, solution):
     return np.abs(jax.vmap(at)(solution.time, solution.y))
 
 
+@pytest.mark.slow
 def test_bennett_linkage_moves():
     """Over-constrained, through its fold, where its bars lie in a plane: by Bennett's relation between its angles."""
     mechanism, (alpha, beta) = bennett()
@@ -186,6 +188,7 @@ def test_bennett_linkage_moves():
     assert np.ptp(first) > 2.0
 
 
+@pytest.mark.slow
 def test_a_plane_linkage_in_space_moves_as_in_the_plane():
     """Whatever closes it: a revolute holds its plane three times over, a spherical joint once."""
     wanted = cj.simulate(four_bar(cj.Revolute, False), 1.0, save_at=21, rtol=1e-10)
@@ -197,6 +200,7 @@ def test_a_plane_linkage_in_space_moves_as_in_the_plane():
         assert np.max(gaps(mechanism, found)) < 1e-12
 
 
+@pytest.mark.slow
 def test_delta_robot_is_where_its_spheres_meet():
     drives = [cj.drives.Harmonic(0.3, 4.0, phase=phase, offset=0.1) for phase in (0.0, 1.0, 2.5)]
     mechanism = delta(drives)
@@ -210,6 +214,7 @@ def test_delta_robot_is_where_its_spheres_meet():
 # Accuracy -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_error_of_an_arm_follows_the_tolerance():
     """A free arm of three: from 1e-5 to 1e-11 the error falls as the tolerance does, and the energy balance closes."""
     mechanism = arm(3, seed=3)
@@ -220,6 +225,7 @@ def test_error_of_an_arm_follows_the_tolerance():
         assert float(coarse.energy_residual) < 10 * rtol
 
 
+@pytest.mark.slow
 def test_derivatives_of_an_arms_end():
     """By a length, a mass and an inertia: against differences of the sixth order."""
     mechanism = arm(3, seed=3)
@@ -310,6 +316,7 @@ def test_mobility_is_counted():
     assert cj.mobility(arm(3)) == (3, 0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("digits", [8, 4])
 def test_a_rounded_linkage_is_said_to_be_over_constrained(digits):
     """Its angles are irrational: rounded, it does not close, though it still counts as one that moves."""

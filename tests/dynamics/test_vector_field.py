@@ -79,6 +79,7 @@ def lagrangian_acceleration(mechanism, time, y):
     return jnp.linalg.solve(mass, jax.grad(lagrangian, 1)(time, q, v) - convected)
 
 
+@pytest.mark.slow
 def test_accelerations_are_lagranges():
     m = tree().prepare()
     t, y = states(m, 200)
@@ -90,6 +91,7 @@ def test_accelerations_are_lagranges():
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_velocities_and_accelerations_are_derivatives():
     m = tree().prepare()
     t, y = states(m, 50, seed=1)
@@ -113,6 +115,7 @@ def through_the_factors(motion, pairs, efforts):
     return own.solve(*equations._right_sides(motion, pairs, efforts, own.conditions))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "second"), [("tool_changer", False), ("squeezer", True), ("bennett", False)])
 def test_accelerations_have_the_derivatives_that_go_through_the_factors(scene, second, monkeypatch):
     """A tree in space, ideal closures in the plane, closures that repeat each other: forward and reverse, and twice."""
@@ -230,6 +233,7 @@ def double_pendulum(closed: bool) -> cj.Mechanism:
     return cj.Mechanism((*slides, *bodies), tuple(joints), loops, gravity=GRAVITY)
 
 
+@pytest.mark.slow
 def test_ideal_loops_move_as_the_tree_and_do_not_drift():
     t = np.linspace(0, 2.0, 101)
     tree_angles = np.asarray(cj.simulate(double_pendulum(False), 2.0, save_at=t, rtol=1e-11, solver="dopri8").y)
@@ -247,6 +251,7 @@ def test_ideal_loops_move_as_the_tree_and_do_not_drift():
     assert float(s.energy_residual) < 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [{}, {"pin.radial_clearance": 1e-9}])
 def test_two_million_times_smaller_play_has_the_same_mass(values):
     # The play coordinates are measured from the sleeve: their size does not touch the digits of the mass matrix.

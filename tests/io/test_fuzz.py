@@ -11,6 +11,7 @@ from tests.fuzz_cases import Case
 pytestmark = pytest.mark.quick
 
 
+@pytest.mark.slow
 def test_a_share_of_the_cases():
     found = fuzz.fuzz(180, seed=0)
     assert found.wrong == []

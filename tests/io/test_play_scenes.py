@@ -190,6 +190,7 @@ ARM: Any = cj.Mechanism(
 )
 
 
+@pytest.mark.slow
 def test_a_robots_slide_gets_play_by_a_scene_a_command_and_python(written, tmp_path):
     urdf = """<robot name="lift"><link name="base"/><link name="block"><inertial><mass value="1"/>
     <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>

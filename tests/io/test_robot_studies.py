@@ -90,6 +90,7 @@ def read(folder, *changes):
     return design.problem.specification
 
 
+@pytest.mark.slow
 def test_a_study_multiplies_trajectories_payloads_and_speeds(folder):
     asked = read(folder)
     assert list(asked.conditions) == [
@@ -111,6 +112,7 @@ def test_a_study_multiplies_trajectories_payloads_and_speeds(folder):
     assert float(rest.band) == pytest.approx(2e-5)
 
 
+@pytest.mark.slow
 def test_the_time_of_a_crossing_is_read_with_its_level_and_its_direction(folder):
     crossing = """[metric.touch]
 kind = "crossing-time"
@@ -136,6 +138,7 @@ bound = "30 ms"
             read(folder, ("[design.limit.tip]", crossing.replace(*change)))
 
 
+@pytest.mark.slow
 def test_conditions_that_are_written_down_are_multiplied_too(folder):
     asked = read(
         folder,

@@ -99,6 +99,7 @@ def test_joints_that_mimic_in_a_circle(written):
     refused(written(text), "`shoulder`, `elbow` mimic one another")
 
 
+@pytest.mark.slow
 def test_a_chain_of_thousands_is_judged_at_once(written):
     links = "".join(f'<link name="l{i}"/>' for i in range(1999))
     joints = "".join(

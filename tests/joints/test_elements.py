@@ -121,6 +121,7 @@ def test_what_it_exerts_is_the_slope_of_its_energy_and_its_loss_is_that_of_its_d
         assert abs(float(power - wanted)) < 1e-12 * float(scale)
 
 
+@pytest.mark.slow
 def test_a_sleeve_on_preloaded_rollers_keeps_its_books_and_settles_where_it_bears():
     """An arm in space on it: at rest it sags as its springs say, and its motion balances."""
     element = cj.joints.PreloadedBearing(2e6, 1e6, 4e3, 60.0, 40.0, 30.0, 2e-4)
@@ -240,6 +241,7 @@ def test_a_scene_says_what_fills_a_play(tmp_path):
         cj.load(path)
 
 
+@pytest.mark.slow
 def test_modes_of_a_pin_whose_arm_a_digital_servo_holds_are_those_of_an_analogue_one(tmp_path):
     """And the command says them, with a warning of those that nothing damps."""
     play = cj.RevoluteClearance(2e-5, 0.01, laws.HuntCrossley(1e9, 0.0))

@@ -63,6 +63,7 @@ def test_a_block_bounces_and_rubs_in_its_guide():
     assert along < 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solve", [cj.simulate, cj.trace])
 def test_a_block_that_slides_out_of_its_guide_ends_the_solve(solve):
     """20 mm in a guide of 30 mm, at 0.5 m/s: it is out after 5 mm, at 0.01 s, and went on for 100 mm."""
@@ -98,6 +99,7 @@ def test_a_guide_closes_a_loop_as_it_does_in_a_tree():
     np.testing.assert_allclose(ends[0][:6], ends[1][:6], rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [None, BRISTLES], ids=["smooth", "bristles"])
 def test_a_ball_in_a_plane_motion_is_a_pin(friction):
     """A pendulum on a ball that starts at the wall below, in the plane of x and z, against a pin about y."""
@@ -178,6 +180,7 @@ def stepped(h):
     return np.array(out)
 
 
+@pytest.mark.slow
 def test_a_slider_crank_with_play_in_its_guide_moves_as_published():
     """The published rows are those of their own scheme at h = 0.1 ms; ours is what this scheme converges to."""
     play = cj.GuideClearance(side_clearance=ACROSS, length=0.1, height=0.05, normal=cj.laws.HuntCrossley(1e9, 0.5))

@@ -124,6 +124,7 @@ def solved(mechanism, rtol, **names):
     return cj.simulate(cj.replace(mechanism, names), 0.02, rtol=rtol)
 
 
+@pytest.mark.slow
 def test_the_error_of_an_arm_on_a_sleeve_follows_rtol_and_its_books_close():
     m = arm(sleeve())
     best = solved(m, 1e-12).final[:10]
@@ -158,6 +159,7 @@ def test_a_drive_acts_about_the_bisector_of_the_axes_of_sleeve_and_pin(form):
     np.testing.assert_allclose(np.asarray(rate.spin), 5.0 / 0.01 * (z + p) / (1 + z @ p), rtol=1e-12, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moved", ["driven", "actuated"])
 def test_how_frames_stand_about_the_axis_of_a_sleeve_does_not_change_the_motion(moved):
     """Both frames turned by one angle: nothing physical. (The points of a face stand at angles of the sleeve.)"""
@@ -201,6 +203,7 @@ def test_derivatives_of_an_arm_on_a_sleeve():
         np.testing.assert_allclose(found[name], exact, rtol=1e-6, atol=1e-6 * size, err_msg=name)
 
 
+@pytest.mark.slow
 def test_radial_play_only_in_space_is_the_plane_scene():
     """The same arm as a plane mechanism, and in space about another axis, under its own names."""
     play = cj.RevoluteClearance(RADIAL, RADIUS, HERTZ, FRICTION)
@@ -257,6 +260,7 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
     )
 
 
+@pytest.mark.slow
 def test_a_solve_of_a_loop_in_space_is_that_of_the_tree():
     """On a plate that tumbles: what event location interpolates at a loop, with the sleeve's own turning, is what a
     tree's is.
@@ -276,6 +280,7 @@ def test_a_solve_of_a_loop_in_space_is_that_of_the_tree():
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_command_line_gives_a_robots_joint_play():
     robot = "experiments/scenes/six_axes.urdf"
     given = "axis_5:kind=sleeve,radial_clearance=0.05mm,axial_clearance=0.1mm,length=40mm"

@@ -111,6 +111,7 @@ def loose_bennett():
     return dataclasses.replace(exact, joints=tuple(loose[:3]), loops=tuple(loose[3:]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "start"), [(arm_on_a_plate, "settled"), (loose_bennett, "centre")])
 def test_play_in_space_is_what_lagrange_and_virtual_work_say(make, start):
     mechanism, end = make(), 0.01

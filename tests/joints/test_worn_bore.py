@@ -130,6 +130,7 @@ def rotor(depth):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_books_close_and_the_error_follows_rtol_on_a_worn_profile():
     mechanism = rotor(POCKETS)

@@ -25,6 +25,7 @@ def pendulum(law, mass=1.0):
     )
 
 
+@pytest.mark.slow
 def test_one_motion_warns_with_its_numbers():
     with pytest.warns(ValidityWarning, match=r"joint `hip`: .*m is beyond 0 um, it is for comparison only") as caught:
         cj.simulate(pendulum(laws.goldsmith(*STEEL, restitution=0.5)), 6e-3, save_at=50)

@@ -100,6 +100,7 @@ def reference(motion, bearing, speed, memory=()):
     return out.y
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "end"), [(30.0, 0.02), (800.0, 0.003)], ids=["light", "heavy"])
 def test_a_film_carries_a_light_load_and_hands_a_heavy_one_over(speed, end):
     law, oil = laws.HuntCrossley(WALL, DAMPING), cj.joints.ShortBearing(VISCOSITY, ROUGHNESS)

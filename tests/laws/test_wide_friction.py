@@ -51,6 +51,7 @@ def test_the_moment_is_that_of_the_pressures(degrees, torque):
     assert float(action.points.slip[0]) == pytest.approx(40.0 * (PIN - depth), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_power_balances_in_every_motion():
     """Of a pin that rolls, turns and slides, in the plane and in space with axial play: friction only takes."""
     joint, _ = wide(np.radians(60.0))
@@ -115,6 +116,7 @@ def test_line_contacts_rub_over_the_ellipse_of_hertz(make):
         assert float(action.friction_power) == pytest.approx(40.0 * float(-action.torque[2]), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_disc_on_a_wide_bearing_comes_to_rest():
     """Its moment about the pin slows it down; all of its energy is friction."""
     joint, depth = wide(np.radians(60.0))

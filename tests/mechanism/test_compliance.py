@@ -87,6 +87,7 @@ def pendulum(stiffness):
     return cj.with_compliance(arm, "hip", cj.Compliance(stiffness, 1.0))
 
 
+@pytest.mark.slow
 def test_a_settled_start_is_deflected_by_its_load():
     """-k d = m g l cos(angle + d); and there it stays, but for the pin's play."""
     stiffness = 500.0
@@ -153,6 +154,7 @@ def own_swing(stiffness, damping):
     return solve_ivp(rate, (0, END), at, "Radau", rtol=1e-7, atol=1e-11).y[:, -1]
 
 
+@pytest.mark.slow
 def test_the_sleeve_of_an_elastic_drive_stands_on_its_parent():
     """The pin slips by the motor's turn and the spring's: against own equations; where it is stiff, the rigid drive."""
     soft = swinging(1e4)

@@ -139,6 +139,7 @@ def test_computed_torque_makes_every_error_an_oscillator_of_its_own():
     assert 1e-3 < abs(float(off)) < 0.1
 
 
+@pytest.mark.slow
 def test_a_sampled_computed_torque_of_a_large_mechanism_errs_by_its_period():
     """Seventeen turning links are a table; inverse dynamics and sampling are the same there."""
     count = 17
@@ -172,6 +173,7 @@ def carrying(picked_up, put_down):
     return arm(bodies=(load,), joints=(cj.Fixed("grip", "lower", "load", cj.Position(x=0.4)),))
 
 
+@pytest.mark.slow
 def test_a_payload_comes_and_goes_as_if_the_solve_were_cut_there():
     m = carrying(0.3, 0.6)
     s = cj.simulate(m, 1.0, rtol=1e-11)
@@ -224,6 +226,7 @@ def test_the_work_of_a_payload_has_derivatives_by_when_it_is_handed_over():
     np.testing.assert_allclose(jax.jacfwd(work)(times), differences, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_controller_knows_when_a_payload_comes_and_what_it_believes_of_that_has_derivatives():
     target = cj.controllers.Reference("hip", cj.drives.Harmonic(0.3, 5.0))
     start = {"hip.position": 0.0, "hip.velocity": 1.5}

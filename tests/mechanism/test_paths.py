@@ -134,6 +134,7 @@ def test_derivatives_are_those_of_the_closed_form():
     np.testing.assert_allclose(jax.jacfwd(elbow, (0, 1))(*at), wanted, rtol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [6, 9])
 def test_frames_of_arms_are_brought_to_random_poses(n):
     """A pose that some posture has is found from another one nearby, to round-off; with joints to spare too."""
@@ -416,6 +417,7 @@ ASTRAY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ASTRAY)
 def test_paths_that_no_posture_follows_are_refused(case):
     elbow, path, words = ASTRAY[case]

@@ -323,6 +323,7 @@ def test_what_is_not_named_stays():
     assert isinstance(drive_of(crank, "main"), cj.drives.ConstantSpeed)
 
 
+@pytest.mark.slow
 def test_a_held_crank_is_one_at_no_speed():
     crank = slider_crank()
     held, slow = (

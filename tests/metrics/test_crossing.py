@@ -28,6 +28,7 @@ def touch(clearance, gravity=GRAVITY, **options):
     return TOUCH(falling(clearance, gravity), 0.05, rtol=1e-10, **options)
 
 
+@pytest.mark.slow
 def test_a_pin_in_free_fall_touches_when_galileo_says():
     """After sqrt(2 c / g); and its derivatives by both."""
     time, slopes = jax.jit(jax.value_and_grad(touch, (0, 1)))(CLEARANCE, GRAVITY)
@@ -38,6 +39,7 @@ def test_a_pin_in_free_fall_touches_when_galileo_says():
     assert float(slopes[0]) == pytest.approx(float(touch(CLEARANCE + step) - touch(CLEARANCE - step)) / 2e-8, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_lanes_touch_as_they_do_alone_and_what_does_not_touch_has_no_time():
     clearances = np.array([1e-4, 1e-3, 1e-1])
     exact = np.sqrt(2 * clearances / GRAVITY)
@@ -93,6 +95,7 @@ def test_a_driven_crank_passes_an_angle():
     assert np.isnan(passes(20.0, -1.0))
 
 
+@pytest.mark.slow
 def test_a_quantity_that_is_none_is_refused(block):
     for name in ("slide.positon", "block.position"):
         with pytest.raises(cj.ClearanceError, match="no quantity"):

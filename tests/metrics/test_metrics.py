@@ -52,6 +52,7 @@ def test_error_at_times_is_the_references_and_so_is_its_derivative(mechanism):
     )
 
 
+@pytest.mark.slow
 def test_peak_is_between_samples_and_follows_its_top(mechanism):
     metric = metrics.Peak(ERROR, 3)
     peaks, slopes = jax.jvp(lambda c: at(metric, mechanism, c), (5e-4,), (1.0,))
@@ -71,6 +72,7 @@ SUMS = {"rms": metrics.Rms(ERROR), "mean": metrics.Mean(ERROR), "lost": metrics.
 SUMS |= {"rms since": metrics.Rms(ERROR, since=SINCE)}
 
 
+@pytest.mark.slow
 def test_sums_over_the_motion_and_their_gradients(mechanism):
     """Averages and the energy lost, by one solve, against dense samples, the energy balance and differences."""
 
@@ -93,6 +95,7 @@ def test_sums_over_the_motion_and_their_gradients(mechanism):
     )
 
 
+@pytest.mark.slow
 def test_peak_contact_force_is_the_traces(mechanism):
     value = at(metrics.Peak(metrics.ContactForce("wrist")), mechanism, 5e-4)
     episodes = cj.to_dataset(mechanism, cj.trace(mechanism, T1, rtol=1e-9))
@@ -100,6 +103,7 @@ def test_peak_contact_force_is_the_traces(mechanism):
     assert int(at(metrics.Impacts("wrist"), mechanism, 5e-4)) == episodes.sizes["episode"]
 
 
+@pytest.mark.slow
 def test_a_batch_counts_several_impacts_at_once(mechanism):
     asked = {"all": metrics.Impacts("wrist"), "late": metrics.Impacts("wrist", since=SINCE)}
 
@@ -136,6 +140,7 @@ def test_whole_numbers_have_no_derivative(mechanism):
         jax.grad(lambda c: 1.0 * at(metrics.Impacts("wrist"), mechanism, c))(5e-4)
 
 
+@pytest.mark.slow
 def test_a_failed_lane_is_nan_in_every_metric(mechanism):
     """Lanes: fine; a clearance out of its bounds; not a number."""
     force = metrics.ContactForce("play")
@@ -174,6 +179,7 @@ def test_an_over_constrained_ideal_mechanism_is_refused():
         metrics.Peak(metrics.PositionError("tip"))(pin, 0.01)
 
 
+@pytest.mark.slow
 def test_the_end_moves_a_peak_that_lies_there():
     """A mass on a spring, x = 1 - cos(w t): the acceleration w^2 cos(w t) is highest at the start. Let go from the
     middle at speed v it is v w sin(w t), highest at the end.
@@ -208,6 +214,7 @@ def test_peaks_of_a_driven_point_beside_a_free_mass():
     np.testing.assert_allclose(times, np.round(times), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_free_ideal_motion_is_solved_for():
     """A servo drives a joint with play: the ideal mechanism moves freely, and the error is against its own motion."""
     mechanism = playful_servo()
@@ -231,6 +238,7 @@ def final(mechanism, solution):
     return solution.final[:4]
 
 
+@pytest.mark.slow
 def test_modes_agree_and_screening_says_what_it_is(mechanism):
     names = [CLEARANCE, FRICTION, "conrod.mass", "drive.main.speed"]
     known = load_variation("slider_crank_0.5mm")["dy"][-1]
@@ -295,6 +303,7 @@ class Countdown(metrics.AbstractSignal):
         return 1 - time
 
 
+@pytest.mark.slow
 def test_only_what_comes_after_since_counts(mechanism):
     """One solve with metrics of the whole and of its later part, against dense samples and the trace."""
     force, error = metrics.ContactForce("wrist"), ERROR
@@ -339,6 +348,7 @@ def test_samples_of_one_metric_and_where_it_begins_to_count_are_put_in_order():
     assert _in_order(settings) == (settings, None)
 
 
+@pytest.mark.slow
 def test_since_lies_before_the_end(mechanism):
     with pytest.raises(ClearanceError, match="`since` must lie before the end"):
         metrics.Peak(ERROR, since=T1)(mechanism, T1)
@@ -347,6 +357,7 @@ def test_since_lies_before_the_end(mechanism):
     assert np.isfinite(lanes[1])
 
 
+@pytest.mark.slow
 def test_what_a_joint_bears_and_loses_is_in_the_books_and_its_peak_has_an_instant(mechanism):
     """The only joint that loses anything: its share is all of it, damping and friction apart."""
     t1, force = 1.5e-3, metrics.ContactForce("wrist")

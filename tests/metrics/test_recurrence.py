@@ -34,6 +34,7 @@ def oscillator(stiffness: float, damping: float) -> cj.Mechanism:
     )
 
 
+@pytest.mark.slow
 def test_a_sweep_tells_sections_and_exponents_by_their_parts():
     """A period that is a turn of a speed follows it from lane to lane."""
     rates = np.array([4.0, 5.0, 8.0])
@@ -76,6 +77,7 @@ def test_uncertainties_of_exponents():
     assert 0 < apart.mean() < 2 * uncertainty(jnp.asarray(apart), 1.0)
 
 
+@pytest.mark.slow
 def test_a_section_is_the_states_of_a_plain_solve(crank):
     phase = 0.3 * REVOLUTION
     metric = PoincareSection(NAMES, REVOLUTION, count=3, phase=phase)
@@ -127,6 +129,7 @@ def scatter(steps: np.ndarray) -> float:
     return float(steps.std(ddof=1) / np.sqrt(steps.size))
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_a_chaotic_exponent_is_how_two_trajectories_part(crank, growths):
     mechanism = cj.replace(crank, {CLEARANCE: CHAOTIC})
@@ -172,6 +175,7 @@ def test_a_lane_that_fails_has_neither(growths):
     assert np.all(np.isnan(growths[2][2]))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_had_is_said(crank):
     with pytest.raises(ClearanceError, match="too short for 9 points"):
         PoincareSection("guide", REVOLUTION, count=9)(crank, 8 * REVOLUTION - 1e-6)

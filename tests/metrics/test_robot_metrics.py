@@ -55,6 +55,7 @@ def test_path_deviation_is_the_distance_from_the_whole_curve(arm):
     assert float(jnp.min(same_time - path)) < 1e-7 < float(jnp.max(same_time - path))
 
 
+@pytest.mark.slow
 def test_the_peak_of_a_path_deviation_is_the_largest_of_its_samples(arm):
     found = cj.measure(
         arm,
@@ -160,6 +161,7 @@ def test_a_signal_that_jumps_into_the_band_settles_there(arm):
     assert float(found) == pytest.approx(0.04, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_settling_time_of_lanes_and_of_poses(block):
     bands = jnp.asarray([1e-3, 2e-3, 1e-9])
     found = jax.vmap(lambda band: settling(block, band=band))(bands)

@@ -54,6 +54,7 @@ def test_a_shaft_bears_the_moment_of_what_turns_with_it():
         metrics.Mean(metrics.JointReaction("shift"))(rotor, 0.4)
 
 
+@pytest.mark.slow
 def test_freedom_is_counted_in_space():
     """Repeated conditions count once; a mechanism's own error is nothing, however it closes."""
     linkage, _ = bennett()
@@ -71,6 +72,7 @@ def test_freedom_is_counted_in_space():
         traced(linkage)
 
 
+@pytest.mark.slow
 def test_errors_of_a_closed_linkage_without_play_are_nothing():
     linkage, _ = bennett()
     driven = cj.Mechanism(
@@ -110,6 +112,7 @@ def rssr(drive):
     return cj.Mechanism(bodies, joints, (ball,), points=points, gravity=cj.Gravity(z=-G))
 
 
+@pytest.mark.slow
 def test_static_weights_of_a_closed_loop_are_those_of_its_assembly():
     """Against differences of the rocker's place, each variant assembled from the same guess."""
     linkage, asked = rssr(cj.drives.Harmonic(0.8, 20.0, phase=0.3)), ("hub", "cardan", "pivot", "ball")

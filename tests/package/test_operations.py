@@ -80,6 +80,7 @@ def test_barriers_and_moves_count_nothing(barriers):
         assert busiest_loop(text) == 2 * 8 + 1  # and the loop's own counter
 
 
+@pytest.mark.slow
 def test_fusing_repeats_little():
     (row,) = operations.main(quick=True)
     assert 1 <= row.repeated <= 1.3

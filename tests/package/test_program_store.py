@@ -66,6 +66,7 @@ def run(folder, flags=""):
     return bool(traced), answer
 
 
+@pytest.mark.slow
 def test_a_second_process_traces_nothing_unless_flags_differ(tmp_path):
     first, answer = run(tmp_path)
     assert first
@@ -478,6 +479,7 @@ def test_a_value_within_itself_ends():
 # What is kept --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_simulation_and_its_derivative_are_kept(folder, monkeypatch):
     """Samples, a failing solve, and a gradient by a program that another process made; the same bits as without."""
     mechanism = cj.load("experiments/scenes/joint5_velocity_1.toml")
@@ -563,6 +565,7 @@ def cached(folder, programs, count=1):
     return [tuple(map(int, out.split())) for out, _ in said]
 
 
+@pytest.mark.slow
 def test_what_of_jaxs_cache_cannot_be_read_is_compiled_anew(tmp_path):
     ((_, compiled),) = cached(tmp_path, 1)
     entries = sorted(tmp_path.glob("*-cache"))
@@ -575,6 +578,7 @@ def test_what_of_jaxs_cache_cannot_be_read_is_compiled_anew(tmp_path):
     assert sorted(tmp_path.glob("*-cache")) == entries
 
 
+@pytest.mark.slow
 def test_two_processes_may_begin_together_with_an_empty_cache(tmp_path):
     programs = 40
     found = cached(tmp_path, programs, count=2)

@@ -192,6 +192,7 @@ def test_every_quantity_has_a_name(solution):
     assert {"wrist.eccentricity", "guide.position", "damping_loss"} <= set(solution.names)
 
 
+@pytest.mark.slow
 def test_in_a_batch_and_under_differentiation(solution):
     def end(clearance):
         return cj.simulate(cj.replace(CRANK, {NAME: clearance}), T1, rtol=1e-7)

@@ -308,6 +308,7 @@ def test_pictures_are_small_and_all_used():
         assert f"images/{picture.name})" in pages, picture.name
 
 
+@pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_loads_nothing(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(tmp_path)]
     built = subprocess.run(command, capture_output=True, text=True, timeout=300)

@@ -77,6 +77,7 @@ def test_a_page_is_named_by_its_command_wherever_the_line_ends(tmp_path, monkeyp
     assert "first" in (tmp_path / "some.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_work_precision(tmp_path, monkeypatch):
     monkeypatch.setitem(work_precision.peers.PACKAGES, "Exudyn", "a_package_that_nobody_has")
     found = work_precision.main(quick=True)
@@ -124,6 +125,7 @@ HARD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", HARD)
 def test_hard_cases(group):
     rows = hard.main(quick=True, cases=HARD[group])
@@ -144,6 +146,7 @@ def test_a_hard_case_says_which_bound_it_breaks():
     assert "0 of 1 cases pass. The error falls with rtol in 0 of the 1" in hard.summary([row])
 
 
+@pytest.mark.slow
 def test_steps_of_laws_with_memory():
     without, latched, by_penetration = memory.main(quick=True)
     assert without.touches == latched.touches == by_penetration.touches > 0
@@ -160,14 +163,17 @@ def test_impacts_over_decades():
     assert refused.cell == "refused"
 
 
+@pytest.mark.slow
 def test_batches():
     assert batches.main(quick=True) <= 10
 
 
+@pytest.mark.slow
 def test_lanes_beside_scalar_c():
     assert scalar.main(quick=True) <= 1e-4
 
 
+@pytest.mark.slow
 def test_what_a_scene_does_not_have_costs_nothing():
     rows = needs.main(quick=True)
     whole, *others = rows
@@ -197,6 +203,7 @@ def test_a_program_that_is_not_installed_is_left_out(capsys):
     assert "no_such_program is not installed" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_robots_against_newton_and_euler():
     fixed, free = robots.main(quick=True)
     assert (fixed.coordinates, free.coordinates) == (8, 14)
@@ -205,12 +212,14 @@ def test_robots_against_newton_and_euler():
         assert max(row.errors.values()) <= 1e-12
 
 
+@pytest.mark.slow
 def test_articulated_bodies_agree_with_composite_ones():
     rows = forward_dynamics.main(quick=True)
     assert [row.program.split()[0] for row in rows] == ["composite", "articulated", "articulated"]
     assert max(row.error for row in rows) <= 1e-10
 
 
+@pytest.mark.slow
 def test_quasi_static():
     rows = quasi_static.main(quick=True)
     assert len(rows) == 6
@@ -242,6 +251,7 @@ def test_searches_against_sweeps():
     assert not any(np.array_equal(row.x, row.best) for row in rows)
 
 
+@pytest.mark.slow
 def test_settled_starts():
     rows = settled_starts.main(quick=True)
     assert [row.case.from_rest for row in rows] == [True, False] * 2
@@ -268,6 +278,7 @@ def test_the_largest_displacement_of_a_tool_by_a_sleeve():
     assert settled_starts.largest_displacement(mechanism, moves) == pytest.approx(20e-6, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_first_results(monkeypatch):
     monkeypatch.delenv("CLEARANCE_KEPT", raising=False)
     cold, kept = first_results.main(quick=True)
@@ -278,6 +289,7 @@ def test_first_results(monkeypatch):
     assert min(cold.memory, kept.memory) > 100
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_lanes_over_cores():
     found = {(row.lanes, row.order): row.efficiency for row in cores.main(quick=True)}
@@ -287,6 +299,7 @@ def test_lanes_over_cores():
     assert found["the same, shuffled", "learned"] > found["the same, shuffled", "as they come"]
 
 
+@pytest.mark.slow
 def test_gpu_with_the_cpu_in_its_place(tmp_path):
     (row,) = gpu.main(quick=True)
     *_, median, largest, slopes = row
@@ -302,6 +315,7 @@ def test_without_a_gpu_nothing_is_written(tmp_path, monkeypatch, capsys):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_sweeps(monkeypatch):
     run = importlib.import_module("clearance_jax.sweep.run")
     monkeypatch.setattr(run, "LEAST", run.LEAST)  # the experiment makes regions small, for itself
@@ -317,6 +331,7 @@ def test_sweeps(monkeypatch):
     assert found.kills == (2, 2, 0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_jumps_over_cycles():
     (row,) = wear_jumps.main(quick=True)
@@ -330,6 +345,7 @@ def test_lives_that_are_killed():
     assert (found.kills, found.kept, found.identical) == (2, True, True)
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_calibrations_of_a_pendulum_that_shares_no_code():
     right, wrong = calibration.main(quick=True)
@@ -340,6 +356,7 @@ def test_calibrations_of_a_pendulum_that_shares_no_code():
     assert (wrong.silent, wrong.doubted) == (0, 1)
 
 
+@pytest.mark.slow
 def test_bifurcations(tmp_path):
     swept, rows = bifurcation.main(quick=True)
     assert swept["section"].shape == (4, 4, 2)
@@ -352,6 +369,7 @@ def test_bifurcations(tmp_path):
     assert (tmp_path / "out" / "bifurcation_quick.png").exists()
 
 
+@pytest.mark.slow
 def test_paper_sweeps(tmp_path):
     swept, trends = paper_sweeps.main(quick=True)
     assert not swept["code"].any()

@@ -75,6 +75,7 @@ def test_velocity_4_in_both_readings():
     assert float(drive("Velocity_4", "9 s")["drive.joint5.end"][-1]) == 9
 
 
+@pytest.mark.slow
 def test_the_pin_falls_and_swings_as_closed_forms_have_it():
     """It falls with gravity and with the payload's start, whose reaction pushes it the same way; then it swings."""
     start = 6 * np.pi / 2 / 0.5**2 * 0.17662
@@ -88,6 +89,7 @@ def test_the_pin_falls_and_swings_as_closed_forms_have_it():
         assert m.energy_residual < 1e-8
 
 
+@pytest.mark.slow
 def test_the_quick_page(tmp_path, monkeypatch):
     monkeypatch.setattr(publish, "found", [])
     monkeypatch.setattr(publish, "drawn", [])
@@ -114,8 +116,8 @@ def test_the_quick_page(tmp_path, monkeypatch):
     assert [path.name for path in publish.drawn] == ["paper_6.png", "paper_13.png", "paper_compensation.png"]
 
 
-@pytest.mark.optimised
 @pytest.mark.slow
+@pytest.mark.optimised
 def test_the_quick_page_of_wear(tmp_path, monkeypatch):
     """Its claims in the literal reading, and that the volume is k times the impulse times the pin's speed."""
     monkeypatch.setattr(publish, "found", [])

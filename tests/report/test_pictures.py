@@ -106,6 +106,7 @@ def test_stations_are_those_of_the_joint(pin):
         np.testing.assert_allclose(np.hypot(*centre.T) - RADIAL, own, rtol=0, atol=1e-17)
 
 
+@pytest.mark.slow
 def test_a_file_says_what_its_joints_are(arm, tmp_path):
     cj.save(arm, tmp_path / "a.nc")
     again = cj.load_dataset(tmp_path / "a.nc")

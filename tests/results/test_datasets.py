@@ -390,6 +390,7 @@ def long_steps():
     return mechanism, cj.trace(mechanism, 0.04, save_at=2, rtol=1e-9, solver="dopri8")
 
 
+@pytest.mark.slow
 def test_largest_forces_agree_between_short_and_long_steps(long_steps):
     mechanism, trace = long_steps
     short = cj.to_dataset(mechanism, cj.trace(mechanism, 0.04, save_at=2, rtol=1e-10, solver="tsit5"))
@@ -453,6 +454,7 @@ def test_the_largest_speed_of_a_motion_without_play_is_that_of_its_steps():
     assert found.sizes["after"] == 1
 
 
+@pytest.mark.slow
 def test_the_first_fall_of_a_solve_ends_where_that_of_its_trace_does(crank):
     """The metric of designs' reports, and the rule of datasets, that share nothing."""
     mechanism, trace = crank

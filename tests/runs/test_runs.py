@@ -59,6 +59,7 @@ def stopped(name, path, count):
         RUNS[name].ask(path, stop)
 
 
+@pytest.mark.slow
 @EACH
 def test_goes_on_to_the_same_bytes(name, tmp_path, whole, work):
     """Stopped again and again; what was done is not done again, and a run that is done does nothing."""

@@ -47,6 +47,7 @@ def expected():
     return jax.jit(jax.vmap(lane))(LANES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cost", ["learned", None, -LANES["clearance"]], ids=["learned", "given", "cost"])
 @pytest.mark.parametrize("cores", [1, 2])
 def test_every_lane_is_what_vmap_makes_of_it(expected, cost, cores):
@@ -70,6 +71,7 @@ def test_efficiency_is_that_of_the_attempts():
     assert f"lane efficiency {report.efficiency:.3f} (order: given)" in str(report)
 
 
+@pytest.mark.slow
 def test_a_metric_is_a_function_too():
     """With NaN where the solve fails, as under vmap; its solve is counted as `simulate`'s."""
     metric = cj.metrics.Rms(cj.metrics.PositionError("piston"))

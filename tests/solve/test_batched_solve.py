@@ -36,6 +36,7 @@ def solve(mechanism, **options):
     return s.final, s.y, s.code, s.steps, s.rejected, s.end_time
 
 
+@pytest.mark.slow
 def test_a_crank_with_samples_and_books():
     def lane(c):
         return solve(catalogue.slider_crank(c), rtol=1e-7, save_at=17)
@@ -43,6 +44,7 @@ def test_a_crank_with_samples_and_books():
     same_as_alone(lane, CLEARANCES, 1e-7)
 
 
+@pytest.mark.slow
 def test_memory_closures_and_breaks_of_drives():
     """A law that latches and a bristle; a loop without play; a drive that switches."""
     sticky = catalogue.slider_crank().with_clearance(
@@ -65,6 +67,7 @@ def test_memory_closures_and_breaks_of_drives():
         same_as_alone(lane, jnp.asarray(values), 1e-6)
 
 
+@pytest.mark.slow
 def test_observers_and_integrals():
     metrics = {
         "peak": cj.metrics.Peak(cj.metrics.PositionError("piston"), count=2),
@@ -79,6 +82,7 @@ def test_observers_and_integrals():
     same_as_alone(lane, CLEARANCES, 1e-5)
 
 
+@pytest.mark.slow
 def test_a_lane_that_fails_harms_no_other():
     """Impossible numbers, no time, too few steps: each a code of its own, beside lanes that end as they do alone."""
     clearances = jnp.array([1e-4, jnp.nan, 3e-4, 1e-4, -1e-4])
@@ -121,6 +125,7 @@ def test_an_impossible_lane_takes_no_attempt_wherever_its_start_was_computed():
         assert found[1:] == [0, 0]
 
 
+@pytest.mark.slow
 def test_a_batch_of_batches_is_one_batch():
     def lane(c, speed):
         changed = cj.replace(catalogue.slider_crank(c), {"drive.main.speed": speed})
@@ -132,6 +137,7 @@ def test_a_batch_of_batches_is_one_batch():
     np.testing.assert_allclose(grid[1, 2], lane(CLEARANCES[1], speeds[2]), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_batch_are_each_lanes():
     def end(c):
         return cj.simulate(catalogue.slider_crank(c), 1e-3, rtol=1e-7, energy_balance=False)["piston.position.x"]
@@ -141,6 +147,7 @@ def test_derivatives_of_a_batch_are_each_lanes():
     np.testing.assert_allclose(together, [alone(c) for c in CLEARANCES[:2]], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_derivatives_of_what_laws_remember_are_each_lanes():
     play = cj.RevoluteClearance(1e-4, 0.01, catalogue.NORMAL["hunt-crossley"], catalogue.FRICTION["dahl"])
     turns = cj.Motion(cj.drives.ConstantSpeed(1.0))

@@ -123,6 +123,7 @@ def test_reverse_is_forward():
     np.testing.assert_allclose(along, 2 * forward @ AT, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_batch_is_loop():
     at = jnp.outer(jnp.linspace(0.8, 1.3, 5), AT)
     slopes = jax.jacfwd(lambda v: fallen(v).final)
@@ -238,6 +239,7 @@ def test_a_spring_without_damping_has_derivatives():
 # The experiment ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_quick_experiment(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     found = derivatives.main(quick=True)

@@ -5,6 +5,7 @@ import re
 import catalogue
 import jax
 import jax.numpy as jnp
+import pytest
 
 import clearance_jax as cj
 from clearance_jax._compile.platforms import by_platform
@@ -47,6 +48,7 @@ def of_three(numbers):
     return cj.simulate(mechanism, 1e-3, rtol=1e-6, energy_balance=False)["piston.position.x"]
 
 
+@pytest.mark.slow
 def test_a_batch_is_one_loop_on_a_gpu():
     program = exported(end)
     assert sum(over(WHOLE, one) for one in loops(program)) >= 2  # attempts, and the stages in them
@@ -61,6 +63,7 @@ def test_it_is_chunks_on_a_cpu():
     assert not any(over(WHOLE, one) for one in carried)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_batch_are_one_loop_on_a_gpu():
     values = jnp.stack([CLEARANCES, jnp.full(100, 0.03), jnp.full(100, 0.21)], axis=1)
     program = exported(jax.value_and_grad(of_three), values=values)
@@ -69,6 +72,7 @@ def test_derivatives_of_a_batch_are_one_loop_on_a_gpu():
     assert not foreign(program)
 
 
+@pytest.mark.slow
 def test_all_that_a_solve_has_is_lowered_for_a_gpu():
     """A loop to be assembled and closed, a settled start, samples, energy balance, observers."""
     four_bar = cj.load("experiments/scenes/four_bar.toml")

@@ -94,6 +94,7 @@ def test_play_does_not_accelerate_at_a_pose():
     assert np.abs(held).max() <= 1e-8 * np.abs(free).max()
 
 
+@pytest.mark.slow
 def test_play_does_not_accelerate_at_a_pose_in_space_wherever_its_search_begins():
     mechanism = cj.load(SCENES / "tool_changer.toml")
     times = np.linspace(0.02, 0.48, 9)
@@ -121,6 +122,7 @@ def sliding_block() -> cj.Mechanism:
     return dataclasses.replace(crank, bodies=(*crank.bodies[:2], block)).with_clearance("guide", guide)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mechanism",
     [
@@ -155,6 +157,7 @@ def test_nothing_accelerates_in_its_play_whatever_rubs(mechanism):
     assert np.abs(play).max() <= 1e-8 * np.max(largest)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mechanism", "t1", "point", "names"),
     [
@@ -184,6 +187,7 @@ def test_derivatives_are_those_of_differences(mechanism, t1, point, names):
         np.testing.assert_allclose(slopes[name], expected, rtol=1e-6, atol=1e-6 * float(jnp.abs(of(nothing)).max()))
 
 
+@pytest.mark.slow
 def test_a_slow_motion_is_that_of_the_dynamics():
     mechanism, t1 = payload(3e-5, 60.0, 0.8, True), 0.8
     times = np.linspace(0.1, t1, 36)
@@ -216,6 +220,7 @@ def peak(mechanism, c, **options):
     return jnp.stack([found["peak"], found["rms"]])
 
 
+@pytest.mark.slow
 def test_an_error_is_nearly_proportional_to_the_clearance_in_a_batch_too(crank):
     both = jax.vmap(lambda c: peak(crank, c, **POSES))(jnp.array([1e-4, 2e-4]))
     assert np.allclose(both[0], peak(crank, 1e-4, **POSES), rtol=1e-9)
@@ -223,12 +228,14 @@ def test_an_error_is_nearly_proportional_to_the_clearance_in_a_batch_too(crank):
     assert np.allclose(both[1] / both[0], 2.0, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_slow_dynamics_has_the_same_peak(crank):
     """The pin of a slow crank rides along its wall; the load of gravity alone would be too small to keep it there."""
     dynamic = peak(crank, 1e-5, start="settled", rtol=1e-7)
     assert np.allclose(peak(crank, 1e-5, **POSES)[0], dynamic[0], rtol=0.1)
 
 
+@pytest.mark.slow
 def test_samples_that_fall_on_the_grid_are_its_poses(crank):
     """At equal distances the poses of the grid are read again; elsewhere they are found beside it."""
     even = cj.simulate(crank, TURN, save_at=301, **POSES)
@@ -240,12 +247,14 @@ def test_samples_that_fall_on_the_grid_are_its_poses(crank):
     np.testing.assert_allclose(coarse.time, times[::100], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_chunks_side_by_side_come_to_an_end(crank):
     """More samples than a chunk, on two cores: kernels of LAPACK that shared threads waited for each other for ever."""
     found = cj.batch(lambda c: peak(crank, c, **POSES), np.linspace(1e-5, 1e-4, 192), cores=2)
     assert np.allclose(np.asarray(found)[-1], peak(crank, 1e-4, **POSES), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_words_of_three_motions_and_what_they_are_worth():
     """A slow quintic, a trapezoid whose jumps ring a little, and a fast one: gaps over peaks of 0.1, 20 and 80 %."""
     slow, jumping, fast = (
@@ -316,6 +325,7 @@ def test_what_poses_cannot_give_is_refused_in_words():
         cj.simulate(mechanism, 0.1, fidelity="static")
 
 
+@pytest.mark.slow
 def test_what_follows_the_steps_of_a_motion_refuses_poses(crank):
     """A trace answered by the dynamics, without a word."""
     with pytest.raises(ClearanceError, match="follows the steps of a motion"):
@@ -335,6 +345,7 @@ def test_a_static_bound_has_no_validity(crank):
     assert float(question.p[0]) > 0
 
 
+@pytest.mark.slow
 def test_a_sweep_stores_how_far_poses_are_to_be_believed(tmp_path):
     mechanism = payload(1.22e-4, 30.0, 0.16, False)
     axes = {"joint5.radial_clearance": [1e-6, 1.22e-4]}
@@ -344,6 +355,7 @@ def test_a_sweep_stores_how_far_poses_are_to_be_believed(tmp_path):
     assert "2 not valid" in found.validity.attrs["long_name"]
 
 
+@pytest.mark.slow
 def test_the_command_line_says_it_and_writes_it(tmp_path):
     out, scene = tmp_path / "poses.nc", str(SCENES / "joint5_velocity_1.toml")
     words = ["simulate", scene, "--t1", "0.2s", "--samples", "11", "--fidelity"]
@@ -382,6 +394,7 @@ def test_forces_that_depend_on_the_past_or_on_motion_have_no_poses(normal, frict
             cj.simulate(mechanism, 0.001, start="settled")
 
 
+@pytest.mark.slow
 def test_pins_that_nothing_holds_and_poses_that_are_none_are_not_valid():
     floating = dataclasses.replace(wheel(), gravity=cj.Gravity())
     assert int(validity(cj.simulate(floating, 0.01, **POSES)).level) == NOT_VALID

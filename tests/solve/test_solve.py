@@ -124,6 +124,7 @@ def test_ideal_slider_crank_keeps_its_loop_and_the_closed_form():
     np.testing.assert_allclose(y[:, 1], x, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_batch_equals_loop():
     # Two compiled programs round differently; steps on a grid keep that from changing the steps they take.
     m = catalogue.slider_crank()
@@ -200,6 +201,7 @@ def test_deviation_from_ideal_falls_in_proportion_to_the_clearance():
         assert farthest == pytest.approx(c / np.cos(beta).min(), rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
 def test_joint5_against_its_reference(solver):
     reference = np.load(REFERENCE / "joint5_mu0.3.npz")
@@ -213,6 +215,7 @@ def test_joint5_against_its_reference(solver):
         assert float(s.energy_residual) <= 10 * rtol
 
 
+@pytest.mark.slow
 def test_a_mechanism_that_cannot_be_assembled_is_refused_or_is_a_failed_lane():
     m = cj.replace(catalogue.slider_crank(), {"drive.main.start": 1.5})
     with pytest.raises(ValueError, match=r"cannot be assembled.*`wrist` stays open by"):

@@ -93,6 +93,7 @@ def operations(mechanism, t1, **options) -> tuple[int, int]:
     return count(program) - barriers, barriers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
 def test_programs_stay_small(solver):
     """With samples and energy balance; 10 900 and 43 600 operations before stages, assembly and samples were loops."""
@@ -150,6 +151,7 @@ def test_tableaus_end_with_the_end_of_the_step(solver):
     assert abs(tableau.errors.sum()) < 1e-13
 
 
+@pytest.mark.slow
 def test_any_explicit_solver_serves():
     m = catalogue.slider_crank()
     fine = cj.simulate(m, 2e-3, rtol=1e-9)
@@ -192,6 +194,7 @@ def test_first_switch_of_a_known_motion():
     assert float(first(straight((0.0, 0.0), (0.9e-3, 0.0)))) == np.inf
 
 
+@pytest.mark.slow
 def test_a_graze_between_two_samples_is_found():
     """A parabola whose top is inside the wall for a thousandth of the step, between two samples."""
     joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepare()
@@ -256,6 +259,7 @@ class Twin(AbstractClearance):
         return self.radial_clearance
 
 
+@pytest.mark.slow
 def test_a_joint_kind_of_its_own_and_laws_mapped_over_its_points():
     """Two rims of half the stiffness are one rim; with memory at each point, in the tree and closing a loop."""
     law, half = (laws.flores(k, 0.6) for k in (2e9, 1e9))

@@ -35,6 +35,7 @@ def tip(clearance, **options):
 # Solves that fail ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivatives", ["controlled", "screening"])
 def test_a_solve_that_stops_early_has_no_value_and_no_derivative(derivatives):
     """Too few steps, and a clearance below zero: it was the state where the solve stopped, and a derivative of it."""
@@ -56,6 +57,7 @@ def test_a_solve_that_stops_early_has_no_value_and_no_derivative(derivatives):
     assert np.isfinite(kept["tip.position"]).all()
 
 
+@pytest.mark.slow
 def test_nothing_of_a_failed_motion_looks_like_an_answer():
     """Named quantities, samples and metrics, also those that a norm or a comparison would make a number again."""
 
@@ -153,6 +155,7 @@ def sampled(times, **options):
     return s["tip.position"][:, 1], s.time, s.code
 
 
+@pytest.mark.slow
 def test_sample_times_of_a_minibatch_come_back_in_its_order():
     """Of lanes they came back as others' places: .1028 for .0208 m, with code 0."""
     order = np.argsort(UNSORTED[:4])
@@ -191,6 +194,7 @@ def test_a_derivative_by_sample_times_is_the_velocity_there():
 # Tolerances ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_floats_do_not_resolve_is_refused():
     """At 1e-16 a solve said that it had succeeded; at 1e-99 it took ten million steps."""
     for rtol in (1e-16, 1e-99, 0.0):

@@ -38,6 +38,7 @@ def same(found, expected):
 # What comes out ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_lane_is_its_own_solve(whole):
     """To ten times the tolerance: the motion is regular here."""
 
@@ -109,6 +110,7 @@ def test_models_scatter_and_samples_in_time():
     np.testing.assert_allclose(found["x"].isel(time=0), 0.17)
 
 
+@pytest.mark.slow
 def test_derivatives_are_in_the_order_asked():
     names = ["wrist.radial_clearance", "slider.mass"]
     axes = {"drive.main.speed": cj.Zipped({"drive.main.speed": [400.0, 500.0], "t1": [6e-4, 5e-4]})}

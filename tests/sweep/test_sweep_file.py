@@ -158,6 +158,7 @@ def test_what_a_sweep_file_cannot_say(parts, words, tmp_path):
         cj.sweep(**load(tmp_path, **parts))
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_store_that_can_grow(tmp_path):
     path, store = tmp_path / "sweep.toml", tmp_path / "out.zarr"
     text = f"""

@@ -40,6 +40,7 @@ def stopped(path, done, **options):
         swept(path, progress=stop, **options)
 
 
+@pytest.mark.slow
 def test_a_store_holds_the_same(tmp_path, whole):
     plans, seen = [], []
     found = swept(tmp_path / "a.zarr", plan=plans.append, progress=seen.append, provenance={"scene": "a text"})
@@ -90,6 +91,7 @@ def test_another_question_is_refused_in_words(tmp_path, monkeypatch):
             swept(path, resume=True)
 
 
+@pytest.mark.slow
 def test_a_function_of_the_users_is_part_of_the_question(tmp_path, monkeypatch):
     """What it does, what it keeps, and the functions that it calls; not where it lies."""
 

@@ -182,6 +182,7 @@ def rotor(drive, **changes):
     )
 
 
+@pytest.mark.slow
 def test_a_pin_that_turns_and_one_that_swings():
     """V = k F R w t of a pin that turns, 4 k F R a a cycle of one that swings: R the radius at which it rubs."""
     penetration = (196.2 / 1e10) ** (2 / 3)
@@ -194,6 +195,7 @@ def test_a_pin_that_turns_and_one_that_swings():
     assert float(found.volume) == pytest.approx(2 * 4 * K * 196.2 * reach * 0.2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_tilted_pin_wears_its_sleeve_most_at_the_edges():
     """A weight beside the sleeve tilts the pin: it bears at opposite edges, on opposite sides, and nowhere between."""
     play = cj.SleeveClearance(

@@ -269,6 +269,7 @@ until = { kind = "impact-speed", bound = "45 mm/s" }
 """
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_the_command_lives_until_the_end_and_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     study, whole, result = (tmp_path / name for name in ("life.toml", "whole.nc", "life.nc"))

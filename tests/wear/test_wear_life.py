@@ -123,6 +123,7 @@ def test_what_cannot_wear():
         wear.march(slowing, np.zeros(20), 10, until=lambda _: -np.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
     """A load that swings to and fro over a sleeve that wears by several times its elastic penetration."""
@@ -145,6 +146,7 @@ def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
     assert jumped.evaluations <= cycles / 20
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_a_joint_wears_over_its_life():
     """A pin that turns under its weight, V = k F s a cycle and more; and its clearance grows where it bears."""
@@ -239,6 +241,7 @@ def turning(k=1e-13, play=1e-4, friction=None):
     return wear.WearModel(mechanism, "pin", wear.Archard(k), wear.Uniform(0.2), 0.05)
 
 
+@pytest.mark.slow
 def test_life_and_its_derivatives_of_a_pin_that_turns_under_its_weight():
     """A uniform patch of fixed width wears at k F v / (2 a R B) for ever: life = 2 a R B h / (k F v T)."""
     model = turning()
@@ -258,6 +261,7 @@ def test_life_and_its_derivatives_of_a_pin_that_turns_under_its_weight():
     assert (watched.attrs["units"], watched.attrs["bound"]) == ("m", 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("t0", [0.0, 1.0, -0.04, 0.045])
 def test_running_in_counts_the_time_that_the_joint_has_run(t0):
     """Whenever its cycles begin: of one cycle, new and later, its derivative, and a life."""
@@ -283,6 +287,7 @@ def test_running_in_counts_the_time_that_the_joint_has_run(t0):
         model.cycle_wears(stack, ("cycle",), 0, asked)
 
 
+@pytest.mark.slow
 def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
     """Coefficient, pressure, criterion, derivatives: nothing is read before all are compared."""
     model = turning()
@@ -317,6 +322,7 @@ def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
         assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::clearance_jax.wear.SectorsWarning")
 def test_lives_that_end_at_once_or_never():
     model = turning()
@@ -356,6 +362,7 @@ def test_lives_that_end_at_once_or_never():
 # Many lives ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.optimised
 def test_lives_over_numbers_are_their_closed_forms(tmp_path):
     """Life = 2 a R B h / (k F v T) (R: of the sleeve, pin and play), of coefficients that scatter and of plays."""

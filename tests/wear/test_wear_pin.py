@@ -36,6 +36,7 @@ def rotor(off, gravity):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("off", "gravity"), [(0.0, 9.81), (0.05, 0.0)])
 def test_where_loads_stand_still_or_turn_along(off, gravity):
     """A weight wears its sleeve below and its pin all round; what is out of balance the other way round."""

@@ -11,6 +11,7 @@ from experiments import wear_checks
 from experiments.wear_checks import CLEARANCE, LENGTH, SECTORS, STEPS, geometry, order
 
 
+@pytest.mark.slow
 def test_orders_and_running_in(tmp_path):
     """Over sectors, over time, and against the closed form of a rigid pin that wears its way into its sleeve."""
     found = wear_checks.main(quick=True, out=tmp_path)
