@@ -6,7 +6,7 @@ worker keeps the question of bytes that it has seen, with its compiled programs.
 
 import functools
 import math
-from contextlib import suppress
+import warnings
 from typing import Any
 
 import jax
@@ -65,6 +65,7 @@ def _load(question: bytes) -> Question:
 
     from clearance_jax.configure import configure
 
-    with suppress(ClearanceError):  # JAX is set up already if the worker has used it
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the worker may have used JAX already
         configure(cache=True)
     return cloudpickle.loads(question)

@@ -79,7 +79,9 @@ class StepSamples(NamedTuple):
             return keep & (now.count < at.size) & (at[jnp.minimum(now.count, at.size - 1)] <= step.t1)
 
         def once(now):
-            return StepSamples(now.count + 1, now.y.at[now.count].set(step.evaluate(at[now.count])))
+            return StepSamples(
+                now.count + 1, jax.lax.dynamic_update_index_in_dim(now.y, step.evaluate(at[now.count]), now.count, 0)
+            )
 
         return jax.lax.while_loop(goes_on, once, self)
 

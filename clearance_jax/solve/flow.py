@@ -15,6 +15,7 @@ from jaxtyping import Array
 
 from clearance_jax._compile.kept import kept_jit
 from clearance_jax._compile.lane_axis import from_lanes, to_lanes
+from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors, project
 from clearance_jax.dynamics.energy import energy_residual
@@ -226,7 +227,8 @@ def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Options) -> S
 def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
     """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may batch it."""
     task = task_of(inputs, options, _directions(inputs, which))
-    return solution_of(task, integrate(task, options, _breaks_move(task), mapped), inputs.t1, options)
+    moved = one_function(integrate)(task, options, _breaks_move(task), mapped)
+    return solution_of(task, moved, inputs.t1, options)
 
 
 def _directions(inputs: Inputs, which: Which) -> Any:

@@ -15,6 +15,7 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Each, EachFlag
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
+from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.platforms import by_platform
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result
@@ -38,7 +39,7 @@ def integrate(task: SolveTask, options: Options) -> Outcome:
     """Every lane of a task to its end. States at samples that a lane does not reach are infinite."""
     # A number for each lane broadcasts with an array of components, see `lane_axis`.
     with jax.numpy_rank_promotion("allow"):
-        return _integrate(task, options)
+        return one_function(_integrate)(task, options)
 
 
 def _integrate(task: SolveTask, options: Options) -> Outcome:
@@ -150,7 +151,7 @@ def batch_by(single: Callable, together: Callable) -> Callable:
             return together(batch)
 
         def chunks(lanes):
-            return lambda batch: over_chunks(together, batch, count, lanes)
+            return one_function(lambda batch: over_chunks(together, batch, count, lanes))
 
         return by_platform(chunks(LANES), chunks(LANES_ON_GPU), batch)
 

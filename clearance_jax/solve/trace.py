@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._compile.kept import kept_jit
+from clearance_jax._compile.one_function import one_function
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
@@ -75,6 +76,22 @@ def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, opti
 
 def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
     """At most `BLOCK` more steps: the new carry, the ends of the steps, their number, and the samples among them."""
+    carry, steps, count = one_function(_steps)(problem, allowed, carry, last, options)
+
+    ends = jnp.where(jnp.arange(BLOCK) < count, steps.end, jnp.inf)
+    place = jnp.clip(jnp.searchsorted(ends, grid), 0, BLOCK - 1)
+
+    def sample(time, k):
+        step = jax.tree.map(lambda x: x[k], steps)
+        return dense(options, step.trial, (step.begin, step.end)).evaluate(time)
+
+    sampled = project_samples(problem, grid, jax.vmap(sample)(grid, place))
+    inside = (grid > steps.begin[0]) & (grid <= jnp.where(count > 0, steps.end[count - 1], -jnp.inf))
+    return carry, steps.next, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
+
+
+def _steps(problem: Problem, allowed: Tolerances, carry: Carry, last, options: Options) -> tuple[Carry, Steps, Array]:
+    """The carry after a block of steps, the steps, and their number."""
     means = means_of(options, allowed)
 
     def goes_on(state):
@@ -87,24 +104,13 @@ def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, optio
         moved, trial, keep = attempt(carry, problem, options, means, last)
         now = Steps(carry.time, carry.end, moved.time, trial)
         # A try that was not kept is overwritten by the next one.
-        steps = jax.tree.map(lambda room, x: room.at[count].set(x), steps, now)
+        steps = jax.tree.map(lambda room, x: jax.lax.dynamic_update_index_in_dim(room, x, count, 0), steps, now)
         return moved, steps, count + keep
 
     shape = jax.eval_shape(lambda c: attempt(c, problem, options, means, last)[1], carry)
     empty = Steps(carry.time, carry.end, carry.time, shape)
     room = jax.tree.map(lambda x: jnp.zeros((BLOCK, *x.shape)), empty)
-    carry, steps, count = jax.lax.while_loop(goes_on, once, (carry, room, jnp.zeros((), int)))
-
-    ends = jnp.where(jnp.arange(BLOCK) < count, steps.end, jnp.inf)
-    place = jnp.clip(jnp.searchsorted(ends, grid), 0, BLOCK - 1)
-
-    def sample(time, k):
-        step = jax.tree.map(lambda x: x[k], steps)
-        return dense(options, step.trial, (step.begin, step.end)).evaluate(time)
-
-    sampled = project_samples(problem, grid, jax.vmap(sample)(grid, place))
-    inside = (grid > steps.begin[0]) & (grid <= jnp.where(count > 0, steps.end[count - 1], -jnp.inf))
-    return carry, steps.next, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
+    return jax.lax.while_loop(goes_on, once, (carry, room, jnp.zeros((), int)))
 
 
 @kept_jit

@@ -6,8 +6,9 @@ repeats its task and writes the same values to the same chunks. Workers read the
 
 import functools
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -167,7 +168,8 @@ def _open(path: str, name: str) -> tuple[Any, Regions, Any]:
 
     from clearance_jax.configure import configure
 
-    with suppress(ClearanceError):  # JAX is set up already if the worker has used it
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the worker may have used JAX already
         configure(cache=True)
     grid = cloudpickle.loads((Path(path) / name).read_bytes())
     return grid, Regions(Path(path)), before_of(Path(path), grid)

@@ -242,16 +242,28 @@ def test_bad_commands_end_with_one_sentence_and_code_2(arguments, words, monkeyp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("code", "words"),
-    [
-        ("import jax.numpy as jnp; jnp.zeros(1) + 1; import clearance_jax as cj; cj.configure()", "must come before"),
-        ("import clearance_jax as cj; cj.simulate(cj.load('{scene}'), 1e-3)", "needs 64-bit floats"),
-    ],
-)
-def test_set_up_too_late_or_not_at_all(code, words):
-    environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_ENABLE_X64")}
-    code = code.format(scene=SCENES / "slider_crank.toml")
-    run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+def test_without_64_bit_floats_nothing_is_solved():
+    run = in_fresh_process(f"import clearance_jax as cj; cj.simulate(cj.load({str(SCENE)!r}), 1e-3)")
     assert run.returncode == 1
-    assert words in run.stderr.splitlines()[-1]
+    assert "needs 64-bit floats" in run.stderr.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_set_up_after_jax_has_started_it_says_what_is_lost_and_moves_alike():
+    solved = f"print(cj.simulate(cj.load({str(SCENE)!r}), 1e-3).final.tolist())"
+    early = in_fresh_process(f"import clearance_jax as cj; cj.configure(); {solved}")
+    late = in_fresh_process(
+        f"import jax.numpy as jnp; jnp.zeros(1) + 1; import clearance_jax as cj; cj.configure(); {solved}"
+    )
+    assert "UserWarning" not in early.stderr
+    assert "batches keep its narrower vectors" in late.stderr
+    assert early.stdout == late.stdout != ""
+
+
+SCENE = SCENES / "slider_crank.toml"
+
+
+def in_fresh_process(code: str):
+    """A run of Python without flags."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_ENABLE_X64")}
+    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)

@@ -1,0 +1,118 @@
+"""Functions that a program for a CPU runs as one compiled function, with all their loops.
+
+XLA on the CPU runs the body of a loop operation by operation, which costs a motion ten times its time. A call that
+carries marks is compiled as one function instead. The marks travel with the program, through `jit`, `vmap` and
+derivatives, whatever flags the process has.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+from jaxlib.mlir import ir
+
+# XLA reads these on a call: whether it stays a call, and is compiled as one function.
+_STAYS, _ONE = "inlineable", "xla_cpu_small_call"
+_MARKS = "mhlo.frontend_attributes"
+# What XLA cannot compile so (`small_while_loop_hoisting_pass.cc` of XLA lists it): work of other kernels and devices.
+_APART = {"custom_call", "scatter", "sort", "fft", "infeed", "outfeed", "replica_id", "partition_id", "top_k"}
+_APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter"}
+
+
+def one_function(function: Callable) -> Callable:
+    """The same function of trees of arrays and anything else. Programs for a CPU run it as one compiled function,
+    unless it needs kernels of their own (LAPACK, sorting).
+    """
+
+    @functools.wraps(function)
+    def call(*arguments):
+        arrays, rest = eqx.partition(arguments, eqx.is_array)
+        numbers, tree = jax.tree.flatten(arrays)
+        others: list[Any] = []
+
+        @jax.jit
+        def program(packed):
+            unpacked = jax.tree.unflatten(tree, _unpack(packed, numbers))
+            results, other = eqx.partition(function(*eqx.combine(unpacked, rest)), eqx.is_array)
+            others.append(other)
+            return results
+
+        # XLA aborts on an argument that nothing uses in the end. Of a single one something is always used.
+        results = program(_pack(numbers))
+        return eqx.combine(jax.tree.map(_result.bind, results), others[-1])
+
+    return call
+
+
+def _pack(numbers: list[Any]) -> jax.Array:
+    """Arrays of numbers and flags as one vector; integers as they lie in memory."""
+
+    def flat(x):
+        if jnp.issubdtype(x.dtype, jnp.floating):
+            return jnp.ravel(x).astype(float)
+        return jax.lax.bitcast_convert_type(jnp.ravel(x).astype(jnp.int64), float)
+
+    return jnp.concatenate([flat(jnp.asarray(x)) for x in numbers])
+
+
+def _unpack(packed: jax.Array, like: list[Any]) -> list[Any]:
+    """The arrays that `_pack` has packed."""
+    out, place = [], 0
+    for x in like:
+        part = jax.lax.slice_in_dim(packed, place, place + x.size).reshape(x.shape)
+        floating = jnp.issubdtype(x.dtype, jnp.floating)
+        out.append((part if floating else jax.lax.bitcast_convert_type(part, jnp.int64)).astype(x.dtype))
+        place += x.size
+    return out
+
+
+def _mark(context: Any, value: Any) -> list:
+    """Mark the call whose result a value is."""
+    call = value.owner
+    # A result that is an argument passed on, or a constant, has no call. Another result may have marked it.
+    if _is_call(call) and _MARKS not in call.attributes:
+        can_be = _can_be_one(call, context.module_context.symbol_table, {})
+        marks = {_STAYS: "false", _ONE: "true"} if can_be else {_ONE: "false"}
+        call.attributes[_MARKS] = ir.DictAttr.get({name: ir.StringAttr.get(text) for name, text in marks.items()})
+    return [value]
+
+
+def _is_call(operation: Any) -> bool:
+    return not isinstance(operation, ir.Block) and operation.operation.name == "func.call"
+
+
+def _can_be_one(call: Any, functions: Any, known: dict[str, bool]) -> bool:
+    """Whether all that a call runs can be compiled as one function. `known`: this of functions by their names."""
+    name = ir.FlatSymbolRefAttr(call.attributes["callee"]).value
+    if name not in known:
+        inside = _operations(functions[name].operation)
+        known[name] = not any(operation.name.split(".")[-1] in _APART for operation in inside)
+        known[name] = known[name] and all(_can_be_one(each, functions, known) for each in inside if _is_call(each))
+    return known[name]
+
+
+def _operations(whole: Any) -> list[Any]:
+    """All operations within one."""
+    out: list[Any] = []
+
+    def keep(operation):
+        out.append(operation)
+        return ir.WalkResult.ADVANCE
+
+    whole.walk(keep)
+    return out
+
+
+_result = Primitive("result_of_one_function")
+_result.def_impl(lambda x: x)
+_result.def_abstract_eval(lambda x: x)
+ad.deflinear2(_result, lambda tangent, _: [tangent])
+batching.defvectorized(_result)
+# Not cached: in a cached rule a value would be an argument, no longer the result of its call.
+mlir.register_lowering(_result, lambda context, value: [value], cacheable=False)
+mlir.register_lowering(_result, _mark, platform="cpu", cacheable=False)

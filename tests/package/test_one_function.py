@@ -1,0 +1,72 @@
+"""Functions that a CPU runs as one: what they compute, how they are marked, and what is left as it is."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from clearance_jax._compile.one_function import one_function
+
+pytestmark = pytest.mark.quick
+
+MARKS = 'inlineable = "false", xla_cpu_small_call = "true"'
+
+
+def walk(start, steps, name, away):
+    """Steps along a wave, from a number, with a whole number, a name and a flag; one array is not used."""
+
+    def once(_, x):
+        return jnp.where(away, x + jnp.sin(x) / steps, x - 1)
+
+    assert name == "wave"
+    return {"end": jax.lax.fori_loop(0, 1000, once, start), "steps": steps, "name": name, "away": ~away}
+
+
+def arguments(start=0.1):
+    return jnp.asarray([start, 0.4]), jnp.asarray(-(2**62) - 1), "wave", jnp.asarray(True)
+
+
+def marked(function, *numbers, platform="cpu"):
+    return MARKS in jax.jit(function).trace(*numbers).lower(lowering_platforms=(platform,)).as_text()
+
+
+def test_it_gives_what_the_function_gives():
+    alone, one = walk(*arguments()), one_function(walk)(*arguments())
+    for name, value in alone.items():
+        np.testing.assert_array_equal(one[name], value)
+    assert one["steps"].dtype == alone["steps"].dtype == jnp.int64
+    assert one["away"].dtype == bool
+
+
+def test_it_is_marked_under_every_transformation():
+    def end(start):
+        return one_function(walk)(*arguments(start))["end"].sum()
+
+    many = jnp.linspace(0.1, 0.3, 3)
+    turned = {"alone": end, "jvp": lambda x: jax.jvp(end, (x,), (x,))[1], "jacfwd": jax.jacfwd(end)}
+    for name, function in turned.items():
+        assert marked(function, 0.1), name
+        assert marked(jax.vmap(function), many), name
+        np.testing.assert_allclose(jax.vmap(function)(many), [function(x) for x in many], rtol=1e-14)
+    assert not marked(end, 0.1, platform="cuda")
+
+
+def test_the_call_stays_one_in_what_is_compiled():
+    text = jax.jit(lambda x: one_function(walk)(*arguments(x))["end"]).lower(0.1).compile().as_text()
+    assert re.search(r'call\(.*to_apply=%program.*xla_cpu_small_call="true"', text)
+
+
+@pytest.mark.parametrize(
+    "kernel", [lambda x: jnp.linalg.inv(x), lambda x: jnp.sort(x), lambda x: x.at[jnp.array([1, 0])].add(1.0)]
+)
+def test_what_needs_kernels_of_its_own_is_left_as_it_is(kernel):
+    matrix = jnp.asarray([[2.0, 1.0], [0.0, 4.0]])
+    looped = one_function(lambda x: jax.lax.fori_loop(0, 2, lambda _, x: kernel(x), x))
+    assert not marked(looped, matrix)
+    np.testing.assert_allclose(looped(matrix), kernel(kernel(matrix)), rtol=1e-15)
+    # Within it, another function can be one.
+    inner = one_function(lambda x: looped(x) + one_function(walk)(x, *arguments()[1:])["end"])
+    assert marked(inner, matrix)
+    assert np.all(np.isfinite(jax.jit(inner)(matrix)))
