@@ -1,8 +1,13 @@
-"""The state with which a motion begins: the tree by its initial values, then every loop closed as if it were ideal."""
+"""The state with which a motion begins: the tree by its initial values, then every loop closed as if it were ideal, by
+the smallest change in the norm of the kinetic energy: a mechanism that is free to move closes at many poses.
+"""
+
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from . import kernels
 from .model import DIRECTIONS, HELD, Joint, Model
 from .quantities import Vector, about, cross, quaternion
 from .system import Now, System
@@ -75,7 +80,7 @@ def _fill(system: System, y: Vector, places: Places) -> None:
 
 
 def _close(system: System, y: Vector) -> None:
-    """Newton for places, then the nearest velocities that the constraints allow, in place."""
+    """Newton for places, then the nearest velocities that the constraints allow, in place; both by `_nearest`."""
     n, rows, active, keep = len(system.names), len(system.held), system.active, system.keep
     if not len(active):
         return
@@ -83,8 +88,7 @@ def _close(system: System, y: Vector) -> None:
     for _ in range(12):
         now = system.now(y)
         miss = _misses(system, now)
-        held = system.jacobian(now)[0][np.ix_(active, keep)]
-        step[keep] = -np.linalg.lstsq(held, miss, rcond=1e-10)[0]
+        step[keep] = _nearest(system, now, -miss)
         for i, change in enumerate(step.reshape(n, 6)):
             y[3 * i : 3 * i + 3] += change[:3]
             moved = Rotation.from_rotvec(change[3:]).as_matrix() @ now.matrix[i]
@@ -93,13 +97,29 @@ def _close(system: System, y: Vector) -> None:
             break
     if np.abs(step).max() > 1e-12:
         raise ValueError(f"The loops do not close: the last step is {np.abs(step).max():.1e}.")
-    held = system.jacobian(system.now(y))[0][np.ix_(active, keep)]
+    now = system.now(y)
+    held = system.jacobian(now)[0][np.ix_(active, keep)]
     rates = np.array([system.own[i][1].drive.at(0.0)[1] for i in system.driven])
     speeds = np.concatenate([y[7 * n : 10 * n].reshape(n, 3), y[10 * n : 13 * n].reshape(n, 3)], 1).reshape(-1)
     wrong = held @ speeds[keep] - np.concatenate([np.zeros(rows), rates])
-    speeds[keep] -= np.linalg.lstsq(held, wrong, rcond=1e-10)[0]
+    speeds[keep] += _nearest(system, now, -wrong)
     speeds = speeds.reshape(n, 6)
     y[7 * n : 10 * n], y[10 * n : 13 * n] = speeds[:, :3].ravel(), speeds[:, 3:].ravel()
+
+
+def _nearest(system: System, now: Now, change: Vector) -> Vector:
+    """The motion of the kept directions that changes what is held by so much, with the least kinetic energy."""
+    keep, rows = system.keep, system.jacobian(now)[0]
+    matrix, _ = kernels.mass_and_weight(now.matrix, now.turning, system.mass, system.inertia, np.zeros(3))
+    matrix = matrix[np.ix_(keep, keep)]
+    for i in system.free:
+        row = rows[len(system.held) + i, keep]
+        matrix += system.own[i][1].rotor * np.outer(row, row)
+    # Of z with step = root^-T z half the square is the energy.
+    root = np.linalg.cholesky(matrix)
+    least = np.linalg.lstsq(np.linalg.solve(root, rows[np.ix_(system.active, keep)].T).T, change, rcond=1e-10)[0]
+    out: Any = np.linalg.solve(root.T, least)
+    return out
 
 
 def _misses(system: System, now: Now) -> Vector:
