@@ -164,7 +164,7 @@ def _robot(path: Path) -> Any:
     """The robot of a file on its base, and where it can be moved by itself, off it."""
     from clearance_jax.dynamics.quantities import labels
     from clearance_jax.errors import ClearanceError
-    from clearance_jax.io.urdf import load_urdf
+    from clearance_jax.io.urdf.mechanism import load_urdf
     from clearance_jax.mechanism.state import layout
     from clearance_jax.parameters import check_values
 
@@ -298,7 +298,7 @@ def fuzz(count: int, seed: int = 0, solves: int = 0, say: Callable[[str], None] 
 def _said() -> tuple[type[Warning], ...]:
     """What a reader says of a file that it loads."""
     from clearance_jax.io.plausible import ImplausibleWarning
-    from clearance_jax.io.urdf import NotReadWarning
+    from clearance_jax.io.urdf.mechanism import NotReadWarning
 
     return ImplausibleWarning, NotReadWarning
 

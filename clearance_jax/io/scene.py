@@ -15,7 +15,7 @@ from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCE
 from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
 from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
-from clearance_jax.io.urdf import read_robot, warn_of_notes
+from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.compliance import Compliance, with_compliance
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference

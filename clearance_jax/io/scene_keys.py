@@ -5,7 +5,7 @@ from clearance_jax.io.fields import keys_of, kind_of, kinds_of, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Flag, Names, QuantityKey, Sub, Text, Triple, VectorKey, Whole, Word
 from clearance_jax.io.play_keys import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
 from clearance_jax.io.table import Keys
-from clearance_jax.io.urdf import BASES, MIMICS
+from clearance_jax.io.urdf.mechanism import BASES, MIMICS
 from clearance_jax.mechanism.actuators import ConstantEffort, JointFriction, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring
 from clearance_jax.mechanism.compliance import Compliance

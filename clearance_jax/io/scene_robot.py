@@ -7,15 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.poses import FramePose, is_identity, rotation_of, rpy_of
 from clearance_jax.io.scene_contact import PLAYS, play_of
 from clearance_jax.io.scene_joint import motion_of, orientation_at
 from clearance_jax.io.scene_keys import MOTION, PAYLOAD, ROBOT
 from clearance_jax.io.table import TomlTable
-from clearance_jax.io.urdf import read_robot
-from clearance_jax.io.urdf_joints import orientation_of, position_of
-from clearance_jax.io.urdf_merge import triple
-from clearance_jax.io.urdf_parts import NOWHERE
+from clearance_jax.io.urdf.mechanism import place_of, read_robot
+from clearance_jax.io.urdf.robot import FramePose, rotation_of
 from clearance_jax.mechanism.body import GROUND, Body, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity, Orientation, Position
@@ -85,8 +82,8 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
     point = points.get(on) or Point(on, on)
     carrier = _pose(point.at, point.orientation)
     pose = carrier.of(*_pose(Position(*table.get("at")), orientation_at(table, "orientation")))
-    turned = orientation_of(NOWHERE if is_identity(pose.rotation) else triple(rpy_of(pose.rotation)))
-    grip = Fixed(f"{name}_grip", point.body, name, position_of(triple(pose.position)), orientation=turned)
+    position, orientation = place_of(pose)
+    grip = Fixed(f"{name}_grip", point.body, name, position, orientation=orientation)
     return body_of(name, table), grip
 
 

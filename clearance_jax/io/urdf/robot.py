@@ -1,15 +1,159 @@
-"""Checks that the links and joints of a URDF form one tree with unique names."""
+"""The robot of a URDF file: its links and joints, poses of their frames, and checks that they form one tree.
+
+Units are SI. A pose is a place `xyz` [m] and a turn `rpy` [rad], R = Rz(yaw) Ry(pitch) Rx(roll).
+"""
 
 import collections
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.urdf_parts import MAY_MIMIC, Joint, Link, Robot
+from clearance_jax.mechanism.limits import Limits
 
+Triple = tuple[float, float, float]
+Vector3 = Float[np.ndarray, "3"]
+Matrix3 = Float[np.ndarray, "3 3"]
+NOWHERE: Triple = (0.0, 0.0, 0.0)
+
+# Degrees of freedom of each kind of joint.
+KINDS = {"revolute": 1, "continuous": 1, "prismatic": 1, "fixed": 0, "floating": 6, "planar": 3}
+# Those that have an axis; of a planar one it is the plane's normal.
+WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
+# Those whose one coordinate may follow another's.
+MAY_MIMIC = ("revolute", "continuous", "prismatic")
 # The compiled program grows with the links.
 MOST_LINKS = 2000
 # Most names in a message.
 SHOWN = 4
+# Round-off of a zero in a product of a few rotations, relative to the largest entries.
+ROUNDING = 8 * np.finfo(float).eps
+
+
+class Link(NamedTuple):
+    """A rigid body with the frame of the joint that carries it.
+
+    **Arguments:** `mass` [kg], 0 where nothing is said of it; `center` of mass [m] in the link's frame; `inertia`
+    [kg m^2] about the centre of mass, along the link's axes; the `line` of the file that it begins at.
+    """
+
+    name: str
+    mass: float
+    center: Vector3
+    inertia: Matrix3
+    line: int
+
+
+class Mimic(NamedTuple):
+    """A coordinate that follows the one of `joint`: multiplier * q + offset [rad or m]."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+class Joint(NamedTuple):
+    """A joint. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
+
+    **Arguments:** `kind`: one of `KINDS`; `axis`: a unit vector in the joint's frame; `damping` [N m s/rad or N s/m];
+    `friction` [N m or N]; `stiffness` of a spring [N m/rad or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or
+    kg]: inertia of its motor, seen through its gears.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    xyz: Triple
+    rpy: Triple
+    axis: Triple
+    limits: Limits | None
+    mimic: Mimic | None
+    damping: float
+    friction: float
+    line: int
+    stiffness: float = 0.0
+    rest: float = 0.0
+    rotor: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a coordinate."""
+        return KINDS[self.kind] > 0
+
+
+class Robot(NamedTuple):
+    """A robot: links in the file's order, joints parents first, the `root` link, and what was not read, in words."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    root: str
+    unread: tuple[str, ...] = ()
+
+
+# Poses ----------------------------------------------------------------------------------------------------------------
+
+
+class FramePose(NamedTuple):
+    """A frame in another one: its origin there [m], and the rotation from its axes to the other's."""
+
+    position: Vector3
+    rotation: Matrix3
+
+    def of(self, position: Vector3, rotation: Matrix3) -> "FramePose":
+        """The pose in the outer frame of what has this `position` and `rotation` in the frame."""
+        moved = self.rotation @ position
+        scale = max(np.abs(self.position).max(), np.abs(position).max())
+        return FramePose(clean(self.position + moved, scale), clean(self.rotation @ rotation))
+
+
+HERE = FramePose(np.zeros(3), np.eye(3))
+
+
+def clean(values: np.ndarray, scale: float = 1.0) -> np.ndarray:
+    """The values with round-off set to zero, so that the compiled program can leave it out."""
+    return np.where(np.abs(values) <= ROUNDING * scale, 0.0, values)
+
+
+def rotation_of(rpy) -> Matrix3:
+    """The rotation by roll, pitch and yaw [rad]; a zero among them leaves exact zeros and ones."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    return z @ y @ x
+
+
+def rpy_of(rotation: Matrix3) -> Vector3:
+    """Roll, pitch and yaw [rad] of a rotation: the inverse of `rotation_of`.
+
+    Near a pitch of 90 deg only the sum or difference of roll and yaw is well defined. So the yaw is taken out of the
+    rotation before the roll is computed.
+    """
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    if np.hypot(rotation[1, 0], rotation[0, 0]) <= ROUNDING:
+        yaw = 0.0  # any will do
+    rest = rotation_of((0.0, 0.0, -yaw)) @ rotation
+    pitch = np.arctan2(-rest[2, 0], rest[0, 0])
+    roll = np.arctan2(-rest[1, 2], rest[1, 1])
+    return clean(np.array([roll, pitch, yaw]))
+
+
+def triple(values: Vector3) -> Triple:
+    """Three Python floats."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def is_identity(rotation: Matrix3) -> bool:
+    """Whether the rotation is exactly the identity."""
+    return bool(np.array_equal(rotation, np.eye(3)))
+
+
+# The tree -------------------------------------------------------------------------------------------------------------
 
 
 def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot:

@@ -1,7 +1,7 @@
 """Reads URDF files as mechanisms of robots."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,17 +9,17 @@ import jax
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.poses import is_identity, rpy_of
 from clearance_jax.io.table import naming
-from clearance_jax.io.urdf_bodies import check_bodies
-from clearance_jax.io.urdf_file import read_urdf
-from clearance_jax.io.urdf_joints import joint_of, orientation_of, position_of
-from clearance_jax.io.urdf_merge import Assembly, Rigid, merge, triple
-from clearance_jax.io.urdf_names import UniqueNames
-from clearance_jax.io.urdf_parts import NOWHERE, Joint, Robot
-from clearance_jax.mechanism.body import GROUND, Body, Point
+from clearance_jax.io.urdf.bodies import Assembly, Rigid, check_bodies, merge
+from clearance_jax.io.urdf.file import read_urdf
+from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Robot, Triple, is_identity, rpy_of, triple
+from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
+from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
+from clearance_jax.mechanism.compounds import Ball, Free, Planar
+from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.placement import Gravity, Inertia
+from clearance_jax.mechanism.placement import ORIGIN, Gravity, Inertia, Orientation, Position, as_axis
+from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
 
 BASES = ("fixed", "free")
 MIMICS = ("refuse", "independent")
@@ -195,5 +195,88 @@ def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:
 
 def _point(whole: Assembly, link: str, name: str, bodies: dict[str, str]) -> Point:
     body, pose = whole.frames[link]
+    return Point(name, bodies[body], *place_of(pose))
+
+
+# Parts of the mechanism -----------------------------------------------------------------------------------------------
+
+
+def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:
+    """The joint of a mechanism between two bodies, with the names that it and they have there."""
+    ends = {"name": name, "parent": parent, "child": child}
+    ends |= {"at_parent": position_of(joint.xyz), "orientation": orientation_of(joint.rpy)}
+    if joint.kind == "floating":
+        damping = joint.damping if joint.damping > 0 else None
+        slides = {f"slide_{letter}": Motion(actuators=_losses(joint)) for letter in "xyz"}
+        return Free(**ends, **slides, motion=Ball(damping=damping))
+    if joint.kind == "planar":
+        motions = {name: Motion(actuators=_losses(joint)) for name in ("slide_x", "slide_y", "turn")}
+        return Planar(**ends, **motions, axis=as_axis(joint.axis))
+    kind = Prismatic if joint.kind == "prismatic" else Revolute
+    return kind(**ends, axis=as_axis(joint.axis), motion=_motion(joint))
+
+
+def _motion(joint: Joint) -> Motion:
+    rotor = joint.rotor if joint.rotor > 0 else None
+    start = _start(joint.limits or Limits())
+    return Motion(position=start, actuators=_losses(joint), limits=joint.limits, rotor_inertia=rotor)
+
+
+def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
+    """Actuators for its spring, damping and friction, along each coordinate of the joint."""
+    spring = JointSpring(joint.stiffness, joint.damping, joint.rest)
+    damper = (spring,) if joint.damping > 0 or joint.stiffness > 0 else ()
+    return (*damper, JointFriction(joint.friction)) if joint.friction > 0 else damper
+
+
+def _start(limits: Limits) -> float:
+    """The initial coordinate: 0 if it is within the limits, else their middle, or the only one."""
+    lower = -float("inf") if limits.lower is None else limits.lower
+    upper = float("inf") if limits.upper is None else limits.upper
+    if lower <= 0.0 <= upper:
+        return 0.0
+    ends = [end for end in (limits.lower, limits.upper) if end is not None]
+    return sum(ends) / len(ends)
+
+
+def place_of(pose: FramePose) -> tuple[Position, Orientation | None]:
+    """Position and orientation of a frame."""
     rpy = NOWHERE if is_identity(pose.rotation) else triple(rpy_of(pose.rotation))
-    return Point(name, bodies[body], position_of(triple(pose.position)), orientation_of(rpy))
+    return position_of(triple(pose.position)), orientation_of(rpy)
+
+
+def position_of(xyz: Triple) -> Position:
+    """A position [m]; zero components become `None`."""
+    return ORIGIN if xyz == NOWHERE else Position(*_present(xyz))
+
+
+def orientation_of(rpy: Triple) -> Orientation | None:
+    """An orientation [rad]; zero angles become `None`, as does a zero rotation."""
+    return None if rpy == NOWHERE else Orientation(*_present(rpy))
+
+
+def _present(numbers: Triple) -> list[float | None]:
+    return [None if number == 0 else number for number in numbers]
+
+
+class UniqueNames:
+    """Gives every part a unique name: that in the file if possible. (Links and joints may share names there.)
+
+    `.` and `=` become `_`. If two parts have the same name, the kind of the later one is appended to its name.
+    """
+
+    def __init__(self):
+        self.taken = {GROUND, "gravity", "drive", "target"}
+
+    def of(self, given: Iterable[str], what: str) -> dict[str, str]:
+        """Unique names by the names in the file; `what`: the kind of these parts in one word."""
+        return {name: self._unique(name, what) for name in given}
+
+    def _unique(self, name: str, what: str) -> str:
+        wanted = name.replace(".", "_").replace("=", "_")
+        unique, count = wanted, 1
+        while unique in self.taken:
+            unique = f"{wanted}_{what}" if count == 1 else f"{wanted}_{what}_{count}"
+            count += 1
+        self.taken.add(unique)
+        return unique
