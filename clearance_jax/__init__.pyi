@@ -26,7 +26,7 @@ from .io.scene import load as load
 from .io.study import Study as Study
 from .io.study import load_study as load_study
 from .io.trajectory import read_trajectory as read_trajectory
-from .io.trajectory_writer import write_trajectory as write_trajectory
+from .io.trajectory import write_trajectory as write_trajectory
 from .io.urdf.mechanism import load_urdf as load_urdf
 from .joints import GuideClearance as GuideClearance
 from .joints import RevoluteClearance as RevoluteClearance

@@ -59,9 +59,8 @@ def read_scene(scene_file: Path) -> Any:
 
 def change(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: list[str] | None = None) -> Any:
     """Apply the options --clearance, --set and --ideal to a mechanism."""
-    from clearance_jax.io.given_play import with_play
     from clearance_jax.io.plausible import implausible
-    from clearance_jax.io.settings import parse_settings
+    from clearance_jax.io.settings import parse_settings, with_play
     from clearance_jax.parameters import check_values, replace
 
     mechanism = with_play(mechanism, clearances or [])

@@ -10,7 +10,7 @@ from clearance_jax.calibrate.measurement import Measurement, read_measurement, u
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.calibrate_keys import CALIBRATE, PARAMETER_TABLE, SIGNAL, SIGNAL_TABLE
-from clearance_jax.io.columns import TIME, Meant, read_columns
+from clearance_jax.io.files import TIME, Meant, read_columns
 from clearance_jax.io.metric import signal_of
 from clearance_jax.io.metric_keys import OF
 from clearance_jax.io.table import TomlTable, naming
