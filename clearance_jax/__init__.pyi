@@ -21,10 +21,10 @@ from .dynamics.inverse import inverse_kinematics as inverse_kinematics
 from .dynamics.mobility import Mobility as Mobility
 from .dynamics.mobility import mobility as mobility
 from .errors import ClearanceError as ClearanceError
-from .io.calibrate_section import read_data as read_data
-from .io.scene import load as load
-from .io.study import Study as Study
-from .io.study import load_study as load_study
+from .io.scene.scene import load as load
+from .io.study.calibrate import read_data as read_data
+from .io.study.study import Study as Study
+from .io.study.study import load_study as load_study
 from .io.trajectory import read_trajectory as read_trajectory
 from .io.trajectory import write_trajectory as write_trajectory
 from .io.urdf.mechanism import load_urdf as load_urdf

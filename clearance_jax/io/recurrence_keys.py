@@ -1,10 +1,6 @@
 """Keys and reader of Poincare sections and Lyapunov exponents."""
 
-from typing import Any
-
-from clearance_jax.errors import ClearanceError
 from clearance_jax.io.kinds import Names, QuantityKey, Text, Whole
-from clearance_jax.io.table import Chosen
 from clearance_jax.metrics.recurrence import FEWEST, LyapunovExponent, PoincareSection
 from clearance_jax.solve.settings import MOST_SAMPLES
 
@@ -35,16 +31,3 @@ RECURRENCE_KEYS = {
     EXPONENT: (*_PERIOD, Whole("count", _COUNT, "100", least=FEWEST, most=MOST_SAMPLES, default=50)),
 }
 """Keys by kind of metric."""
-
-
-def recurrence_of(read: Chosen) -> PoincareSection | LyapunovExponent:
-    """The metric that a table describes; an exponent with its uncertainty."""
-    kind, table = read
-    if table.has("period") == table.has("speed"):
-        raise ClearanceError(
-            f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
-        )
-    period: Any = table.get("period") if table.has("period") else table.get("speed")
-    if kind == EXPONENT:
-        return LyapunovExponent(period, table.get("count"), uncertainty=True)
-    return PoincareSection(table.get("quantities"), period, table.get("count"), table.get("phase") or 0.0)

@@ -24,27 +24,24 @@ from clearance_jax.io import (
 )
 from clearance_jax.io.keys import example, reference
 from clearance_jax.io.kinds import Key
-from clearance_jax.io.scene import load_scene
+from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.io.schema import schema
-from clearance_jax.io.study import load_study
+from clearance_jax.io.study.study import load_study
 from clearance_jax.io.table import Keys, TomlTable
 
 pytestmark = pytest.mark.quick
 
 READERS = (
-    "scene",
-    "scene_joint",
-    "scene_robot",
-    "scene_contact",
-    "study",
-    "metric",
-    "asking",
-    "sweep_section",
-    "design_section",
-    "wear_section",
-    "calibrate_section",
-    "scene_worn",
-    "wear_model",
+    "scene/scene",
+    "scene/joints",
+    "scene/contact",
+    "study/study",
+    "study/metric",
+    "study/file",
+    "study/sweep",
+    "study/design",
+    "study/wear",
+    "study/calibrate",
 )
 
 

@@ -14,7 +14,7 @@ import clearance_jax as cj
 from clearance_jax.cli.main import app
 from clearance_jax.io import metric_keys, study_keys, sweep_keys
 from clearance_jax.io.keys import example
-from clearance_jax.io.study import load_study
+from clearance_jax.io.study.study import load_study
 
 SCENE = ROOT / "experiments/scenes/slider_crank.toml"
 

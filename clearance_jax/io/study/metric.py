@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 
 from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.io import recurrence_keys
 from clearance_jax.io.metric_keys import COUNTS, OF_ANY_JOINT, OF_METRIC, OF_SIGNAL, RECURRENCES, REDUCTIONS, SIGNALS
-from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, TomlTable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
+from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
 from clearance_jax.metrics.signals import AbstractSignal, numbers_of
 
 
@@ -25,7 +26,7 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     """The metric of a table, for a motion over `span`: of a signal, a count, or a recurrence."""
     kind, table = read
     if kind in RECURRENCES:
-        return recurrence_of(read)
+        return _recurrence(read)
     make = (COUNTS if kind in COUNTS else REDUCTIONS)[kind]
     wanted = {field.name for field in dataclasses.fields(make)}
     given: dict[str, Any] = {}
@@ -76,6 +77,19 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
                 f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}. " + suggest(parts[key], names[key])
             )
     return parts
+
+
+def _recurrence(read: Chosen) -> PoincareSection | LyapunovExponent:
+    """The metric that a table describes; an exponent with its uncertainty."""
+    kind, table = read
+    if table.has("period") == table.has("speed"):
+        raise ClearanceError(
+            f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
+        )
+    period: Any = table.get("period") if table.has("period") else table.get("speed")
+    if kind == recurrence_keys.EXPONENT:
+        return LyapunovExponent(period, table.get("count"), uncertainty=True)
+    return PoincareSection(table.get("quantities"), period, table.get("count"), table.get("phase") or 0.0)
 
 
 def _times(table: TomlTable, span: Span) -> list[float]:

@@ -1,20 +1,94 @@
-"""Reads the wear model of a study: the joint that wears, the law and the pressure."""
+"""The section `wear` of a study: how a joint wears (the law, the pressure), and the life that is asked for."""
 
 import dataclasses
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.kinds import Words
+from clearance_jax.io.study.file import StudyFile
+from clearance_jax.io.study.metric import Span
 from clearance_jax.io.table import Chosen, TomlTable, naming
-from clearance_jax.io.wear_keys import COEFFICIENT_UNIT, GRADED, LAW_TABLES, MATERIAL, PRESSURE_TABLES, RUNNING_IN
+from clearance_jax.io.wear_keys import (
+    COEFFICIENT_UNIT,
+    GRADED,
+    LAW_TABLES,
+    MATERIAL,
+    PRESSURE_TABLES,
+    RUNNING_IN,
+    UNTIL_TABLES,
+    WEAR,
+)
 from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.wear.contacts import sections_of
+from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
 from clearance_jax.wear.laws import COEFFICIENT, AbstractWearLaw, Archard, Graded, Reye, RunningIn, Threshold
 from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
+
+# Keys that only a life asks for.
+OF_A_LIFE = ("until", "longest", "journal")
+
+
+class WearAsked(NamedTuple):
+    """The section as read: the `model`; `cycles` of the life (`None`: no life is asked for); `options` of its
+    simulation, and `solve` options of the motions; `until`: the criterion that ends it, in `words` too; the `journal`
+    file.
+    """
+
+    model: WearModel
+    cycles: int | None
+    options: dict[str, Any]
+    solve: dict[str, Any]
+    until: AbstractCriterion | None
+    words: str
+    journal: Path | None
+
+
+def wear_of(study: StudyFile) -> WearAsked:
+    """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
+    table = study.table.table("wear", WEAR)
+    span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
+    model = wear_model(table, study.mechanism, span.t1)
+    if not table.has("cycles"):
+        table.refuse(*OF_A_LIFE, why="has no effect without `cycles`, how many it lives. Add it.")
+    until, words = None, ""
+    if table.has("until"):
+        until, words = _until(table.variant("until", UNTIL_TABLES), study, span)
+    return WearAsked(
+        model,
+        table.get("cycles"),
+        {name: table.get(name) for name in ("sectors", "tolerance", "longest")},
+        study.options,
+        until,
+        words,
+        study.path.parent / table.get("journal") if table.has("journal") else None,
+    )
+
+
+def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterion, str]:
+    kind, table = read
+    if kind == "depth":
+        return Deepest(table.get("bound")), "largest depth of wear"
+    if kind == "impact-speed":
+        return ImpactSpeed(table.get("bound"), span.t1, study.options), "largest speed of impact"
+    name = table.get("metric")
+    metric = study.metric(name, span, table.key("metric"))
+    if not _is_one_number(table, metric):
+        raise ClearanceError(f"{table.key('metric')}: `{name}` is several numbers, of which none ends a life.")
+    return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, study.options), name
+
+
+def _is_one_number(table: TomlTable, metric: Any) -> bool:
+    return getattr(metric, "times", None) is None or callable(metric.times)
+
+
+# The model ------------------------------------------------------------------------------------------------------------
 
 
 def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:

@@ -8,11 +8,11 @@ import xarray as xr
 
 from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.asking import StudyFile
 from clearance_jax.io.calibrate_keys import CALIBRATE, PARAMETER_TABLE, SIGNAL, SIGNAL_TABLE
 from clearance_jax.io.files import TIME, Meant, read_columns
-from clearance_jax.io.metric import signal_of
 from clearance_jax.io.metric_keys import OF
+from clearance_jax.io.study.file import StudyFile
+from clearance_jax.io.study.metric import signal_of
 from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal

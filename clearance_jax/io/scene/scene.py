@@ -2,20 +2,22 @@
 
 import dataclasses
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
-from clearance_jax.io.plausible import ImplausibleWarning, implausible
-from clearance_jax.io.scene_joint import drive_of, joints_of, orientation_at, read_drive
+from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, orientation_at, read_drive, robot_of
 from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
-from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
 from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
+from clearance_jax.joints import AbstractClearance
+from clearance_jax.joints.checks import ImplausibleWarning, above_pin
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.compliance import Compliance, with_compliance
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
@@ -25,6 +27,14 @@ from clearance_jax.mechanism.misalignment import with_misalignment
 from clearance_jax.mechanism.placement import Gravity, Position
 from clearance_jax.mechanism.structure import check_model
 from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
+from clearance_jax.parameters import outside
+
+# From a speck of dust to a ship. Outside, a unit or an exponent has slipped.
+LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
+# The diameter of an atom [m].
+LEAST_CLEARANCE = 1e-10
+# Most sizes in a warning.
+NAMED = 4
 
 
 class Scene(NamedTuple):
@@ -86,7 +96,7 @@ def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
     mechanism = Mechanism(
         (*robot.bodies, *(_body(*part) for part in top.parts("body"))),
         (*robot.joints, *joints),
-        loops,
+        tuple(loops),
         tuple(_spring(*part) for part in top.parts("spring")),
         (*robot.points, *(_point(*part) for part in top.parts("point"))),
         gravity,
@@ -168,3 +178,39 @@ def _spring(name: str, values: Any, where: str) -> Spring:
     numbers = {key: table.get(key) for key in ("stiffness", "damping", "free_length")}
     places = {key: Position(*table.get(key)) for key in ("at_a", "at_b")}
     return Spring(name, table.get("body_a"), table.get("body_b"), **numbers, **places)
+
+
+# Sizes ----------------------------------------------------------------------------------------------------------------
+
+
+def implausible(mechanism: Mechanism) -> str:
+    """A sentence that names implausible sizes, likely errors of units; empty if there are none."""
+    faults = [*_clearances(mechanism), *_masses(mechanism)]
+    if not faults:
+        return ""
+    more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
+    return f"These sizes are hardly meant: {'; '.join(faults[:NAMED])}{more}. Check their units."
+
+
+def _clearances(mechanism: Mechanism) -> Iterator[str]:
+    for joint in mechanism.clearance_joints():
+        # By Python's numbers: a scene may be loaded while a function is traced.
+        size = max(float(play.scale) for play in outside(joint.clearance).play() if play.slides is not None)
+        if size < LEAST_CLEARANCE:
+            yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
+            continue
+        if fault := _above_pin(joint.clearance):
+            yield f"{joint.name}.{fault}"
+
+
+def _above_pin(clearance: AbstractClearance) -> str:
+    """A message if the radial clearance exceeds the pin's radius, which plane joints accept; else empty."""
+    radial, pin = (getattr(clearance, name, None) for name in ("radial_clearance", "pin_radius"))
+    return "" if radial is None or pin is None else above_pin(radial, pin)
+
+
+def _masses(mechanism: Mechanism) -> Iterator[str]:
+    for body in mechanism.bodies:
+        mass = np.nan if body.mass is None else float(body.mass)
+        if mass < LEAST_MASS or mass > GREATEST_MASS:
+            yield f"{body.name}.mass = {mass:g} kg"

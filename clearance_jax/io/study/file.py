@@ -11,10 +11,10 @@ from clearance_jax._basis.patterns import expand
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.files import read_toml
-from clearance_jax.io.metric import Span, metric_of
 from clearance_jax.io.metric_keys import METRIC_KINDS
-from clearance_jax.io.scene import Scene, read_scene
+from clearance_jax.io.scene.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
+from clearance_jax.io.study.metric import Span, metric_of
 from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
 from clearance_jax.io.table import TomlTable, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.asking import StudyFile
-from clearance_jax.io.calibrate_section import calibration_of
-from clearance_jax.io.design_section import DesignAsked, design_of
-from clearance_jax.io.plausible import ImplausibleWarning, implausible
-from clearance_jax.io.sweep_section import sweep_of
+from clearance_jax.io.scene.scene import ImplausibleWarning, implausible
+from clearance_jax.io.study.calibrate import calibration_of
+from clearance_jax.io.study.design import DesignAsked, design_of
+from clearance_jax.io.study.file import StudyFile
+from clearance_jax.io.study.sweep import sweep_of
+from clearance_jax.io.study.wear import WearAsked, wear_of
 from clearance_jax.io.table import naming
-from clearance_jax.io.wear_section import WearAsked, wear_of
 from clearance_jax.mechanism.mechanism import Mechanism
 
 

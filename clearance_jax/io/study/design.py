@@ -10,7 +10,6 @@ from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.asking import StudyFile, expand_entries
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.design_keys import (
     COST_TABLES,
@@ -24,9 +23,10 @@ from clearance_jax.io.design_keys import (
     VERIFY,
 )
 from clearance_jax.io.settings import values_by_name
+from clearance_jax.io.study.file import StudyFile, expand_entries
+from clearance_jax.io.study.wear import WearAsked
 from clearance_jax.io.table import Chosen, TomlTable, entries, naming
 from clearance_jax.io.trajectory import read_trajectory
-from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import Spline
 from clearance_jax.parameters import PARAMETER, units_of
