@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.io.kinds import check_text
+from clearance_jax.io.keys.kinds import check_text
 
 LARGEST_TOML, LARGEST_TABLE = 2_000_000, 50_000_000
 TIME = "time"

@@ -2,38 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.kinds import Key, Word, Words, check_name
+from clearance_jax.io.keys.declare import Keys
+from clearance_jax.io.keys.kinds import Word, Words, check_name
 
 NO_WORDS: Words = {}
-
-
-class Keys(NamedTuple):
-    """The declaration of a table: its `name` in the file, `title` and `help` for the reference, and its `keys`.
-    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present by former names of keys;
-    `shared`: tables whose keys it includes. Tables of one name and title are kinds of one family.
-    """
-
-    name: str
-    title: str
-    help: str
-    keys: tuple[Key, ...]
-    choice: str = ""
-    renamed: Mapping[str, str] = MappingProxyType({})
-    shared: tuple["Keys", ...] = ()
-
-    def __add__(self, other: "Keys") -> "Keys":  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The same table with the keys of a shared one."""
-        return self._replace(keys=(*self.keys, *other.keys), shared=(*self.shared, other))
-
-    @property
-    def unshared(self) -> tuple[Key, ...]:
-        """The keys that no shared table has."""
-        others = {key.name for table in self.shared for key in table.keys}
-        return tuple(key for key in self.keys if key.name not in others)
 
 
 class TomlTable:
@@ -125,7 +100,7 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
         for name in given:
             check_renamed(name, where, first)
         raise ClearanceError(f"{where} lacks the key `{head.name}`. Add it. " + suggest("", tables))
-    word = Word(head.name, head.help, head.example, allowed=tuple(tables)).read(
+    word = Word(head.help, head.example, allowed=tuple(tables)).read(
         given.get(head.name, head.default), below(where, head.name), words
     )
     _check_kind(given, where, tables, word, head.name)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.fields import keys_of
 from clearance_jax.io.files import read_table
-from clearance_jax.io.play_keys import (
+from clearance_jax.io.keys.declare import Keys, keys_of
+from clearance_jax.io.keys.play import (
     BALL,
     BEARINGS,
     ELEMENT_TABLES,
@@ -24,7 +24,7 @@ from clearance_jax.io.play_keys import (
     STIFFNESS,
     WORN,
 )
-from clearance_jax.io.table import Keys, TomlTable, naming
+from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.joints import (
     AbstractClearance,
     AbstractPin,
@@ -93,9 +93,9 @@ def _pin(table: TomlTable, usual: bool) -> AbstractPin:
 
 
 def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
-    fields = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
+    fields = {name: key.required for name, key in keys_of(make).items() if name not in COMMON}
     for kind, other in PINS.items():
-        for key in (key.name for key in keys_of(other)):
+        for key in keys_of(other):
             if key in table.values and key not in (*fields, *COMMON, "length"):
                 raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
     table.need(*(key for key, required in fields.items() if required))

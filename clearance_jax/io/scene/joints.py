@@ -9,9 +9,8 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_table
-from clearance_jax.io.kinds import Words
-from clearance_jax.io.scene.contact import PLAYS, play_of
-from clearance_jax.io.scene_keys import (
+from clearance_jax.io.keys.kinds import Words
+from clearance_jax.io.keys.scene import (
     ACTUATOR_TABLES,
     ACTUATORS,
     DRIVE_TABLES,
@@ -23,6 +22,7 @@ from clearance_jax.io.scene_keys import (
     ROBOT,
     SPLINE_FILE,
 )
+from clearance_jax.io.scene.contact import PLAYS, play_of
 from clearance_jax.io.table import Chosen, TomlTable, check_table, naming, variant
 from clearance_jax.io.urdf.mechanism import place_of, read_robot
 from clearance_jax.io.urdf.robot import FramePose, rotation_of

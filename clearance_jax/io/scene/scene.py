@@ -11,8 +11,8 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
+from clearance_jax.io.keys.scene import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
 from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, orientation_at, read_drive, robot_of
-from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
 from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes

@@ -8,11 +8,10 @@ import xarray as xr
 
 from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.calibrate_keys import CALIBRATE, PARAMETER_TABLE, SIGNAL, SIGNAL_TABLE
 from clearance_jax.io.files import TIME, Meant, read_columns
-from clearance_jax.io.metric_keys import OF
-from clearance_jax.io.study.file import StudyFile
-from clearance_jax.io.study.metric import signal_of
+from clearance_jax.io.keys.metric import OF, OF_SIGNAL
+from clearance_jax.io.keys.study import CALIBRATE, PARAMETER_TABLE, SIGNAL_TABLE
+from clearance_jax.io.study.file import StudyFile, signal_of
 from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
@@ -85,7 +84,7 @@ def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[
         with naming(where):
             unit = unit_of(mechanism, column, reading)
         if signal.has("deviation"):
-            deviations[column] = signal.get("deviation", {SIGNAL: unit})
+            deviations[column] = signal.get("deviation", {OF_SIGNAL: unit})
     return signals, deviations
 
 

@@ -10,8 +10,7 @@ from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.asking_keys import METRIC
-from clearance_jax.io.design_keys import (
+from clearance_jax.io.keys.design import (
     COST_TABLES,
     DESIGN,
     LIMIT,
@@ -22,6 +21,7 @@ from clearance_jax.io.design_keys import (
     VARIABLE,
     VERIFY,
 )
+from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study.file import StudyFile, expand_entries
 from clearance_jax.io.study.wear import WearAsked

@@ -6,10 +6,9 @@ import numpy as np
 
 from clearance_jax.ask.question import OPTIONS
 from clearance_jax.errors import ClearanceError
+from clearance_jax.io.keys.study import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
 from clearance_jax.io.scene.scene import read_scene
-from clearance_jax.io.study.file import StudyFile
-from clearance_jax.io.study.metric import Span
-from clearance_jax.io.sweep_keys import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
+from clearance_jax.io.study.file import Span, StudyFile
 from clearance_jax.io.table import Chosen, TomlTable, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import PARAMETER, units_of

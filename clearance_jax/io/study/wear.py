@@ -7,12 +7,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.asking_keys import METRIC
-from clearance_jax.io.kinds import Words
-from clearance_jax.io.study.file import StudyFile
-from clearance_jax.io.study.metric import Span
-from clearance_jax.io.table import Chosen, TomlTable, naming
-from clearance_jax.io.wear_keys import (
+from clearance_jax.io.keys.kinds import Words
+from clearance_jax.io.keys.metric import METRIC
+from clearance_jax.io.keys.wear import (
     COEFFICIENT_UNIT,
     GRADED,
     LAW_TABLES,
@@ -22,6 +19,8 @@ from clearance_jax.io.wear_keys import (
     UNTIL_TABLES,
     WEAR,
 )
+from clearance_jax.io.study.file import Span, StudyFile
+from clearance_jax.io.table import Chosen, TomlTable, naming
 from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism

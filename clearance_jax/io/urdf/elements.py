@@ -18,7 +18,7 @@ from defusedxml.ElementTree import DefusedXMLParser
 
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.files import read_text
-from clearance_jax.io.kinds import check_text
+from clearance_jax.io.keys.kinds import check_text
 from clearance_jax.io.urdf.robot import Triple
 from clearance_jax.units import check_comma
 

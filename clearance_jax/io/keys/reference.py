@@ -1,16 +1,21 @@
-"""The reference of all keys of scenes and studies, as plain data for the docs, made from the readers' declarations."""
+"""The reference of all keys of scenes and studies, made from the readers' declarations: as plain data for the docs, and
+as a JSON Schema, by which editors complete keys and check values.
+"""
 
 import math
 from typing import Any, Literal, NamedTuple
 
-from clearance_jax.io.kinds import Key
-from clearance_jax.io.scene_keys import SCENE_TABLES
-from clearance_jax.io.study_keys import STUDY_TABLES
-from clearance_jax.io.table import Keys
+from clearance_jax.io.keys.declare import Keys
+from clearance_jax.io.keys.kinds import Key
+from clearance_jax.io.keys.scene import SCENE_TABLES
+from clearance_jax.io.keys.study import STUDY_TABLES
 from clearance_jax.mechanism.tree import SLIDING, TURNING
 from clearance_jax.parameters import BOUNDS, resolve_unit
 
 File = Literal["scene", "study"]
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+# Words of JSON Schema that restrict a value.
+_SHAPE = ("type", "items", "minItems", "maxItems", "enum", "minimum", "maximum")
 FILES: dict[File, tuple[Keys, ...]] = {"scene": SCENE_TABLES, "study": STUDY_TABLES}
 
 
@@ -154,3 +159,62 @@ def _show(value: Any, unit: str) -> str:
     if isinstance(value, float) and math.isfinite(value):
         return f"{value:g}" if not unit or "coordinate" in unit else f'"{value:g} {unit}"'
     return "none" if value == (None, None) else str(value)
+
+
+# A JSON Schema --------------------------------------------------------------------------------------------------------
+
+
+def schema(file: File) -> dict[str, Any]:
+    """The JSON Schema of scene or study files. Only the reader checks which keys may stand together."""
+    root: dict[str, Any] = {"$schema": DRAFT, "title": f"clearance_jax {file}", "type": "object"}
+    for table in FILES[file]:
+        for path in _paths(table.name, file):
+            at = _inside(root, path)
+            for key in table.keys:
+                _merge(at["properties"], key)
+    return root
+
+
+def _paths(name: str, file: File) -> list[list[str]]:
+    """The paths of a table in the file, as lists of keys; `NAME` stands for a user's name."""
+    if name == file:
+        return [[]]
+    first, *others = name.replace('"', "").split(", ")
+    head = first.split(".")
+    return [head, *([*head[:-1], part.lstrip(".")] for part in others if part != "...")]
+
+
+def _inside(root: dict[str, Any], path: list[str]) -> dict[str, Any]:
+    """The schema of the table at a path, added if it is absent."""
+    at = root
+    for name in path:
+        if name == "NAME":
+            at = at.setdefault("additionalProperties", {})
+        else:
+            # The same key may hold a table or a value.
+            inside = at.setdefault("properties", {})
+            inside[name] = at = _unshape(inside.get(name, {}))
+    at.setdefault("properties", {})
+    if "additionalProperties" not in at:
+        at["additionalProperties"] = False
+    return at
+
+
+def _merge(properties: dict[str, Any], key: Key) -> None:
+    """Add a key to the properties of a table. If another kind of the table has it too, both forms are allowed."""
+    new, old = _of(key), properties.get(key.name)
+    if old is None or "description" not in old:  # nothing, or what stands in a table of that name
+        properties[key.name] = {**(_unshape(new) if old else new), **(old or {})}
+    elif "enum" in new and "enum" in old:
+        old["enum"] += [word for word in new["enum"] if word not in old["enum"]]
+    elif any(new.get(name) != old.get(name) for name in _SHAPE):
+        properties[key.name] = _unshape(old)  # the reader knows which it is
+
+
+def _unshape(given: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in given.items() if name not in _SHAPE}
+
+
+def _of(key: Key) -> dict[str, Any]:
+    default = "" if key.required or not key.absent else f" Without it: {key.absent}."
+    return {**key.shape, "description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}

@@ -15,22 +15,25 @@ from clearance_jax.units import to_si
 LONGEST, LONGEST_PATH = 200, 4096
 Words = Mapping[str, str]
 """Units by placeholder, where they depend on other values of the file."""
+Shape = Mapping[str, Any]
+_NUMBER = {"type": ["string", "number"]}
+_NUMBERS = {"type": "array", "items": _NUMBER}
 
 
 @dataclasses.dataclass(frozen=True)
 class Key(abc.ABC):
-    """A key of a table, declared once for the reader and the reference.
+    """A key of a table, declared once for the reader and the reference. Its `name` is that under which it is declared.
 
     - `help`: what it is; `example`: its value in TOML.
     - `default`: its value where it is absent; `absent`: what its absence means, where no value says that.
     - `required`: whether it must be there.
     """
 
-    name: str
     help: str
     example: str
+    absent: str = ""
+    name: str = dataclasses.field(default="", kw_only=True)
     default: Any = dataclasses.field(default=None, kw_only=True)
-    absent: str = dataclasses.field(default="", kw_only=True)
     required: bool = dataclasses.field(default=False, kw_only=True)
     unit: str = dataclasses.field(default="", kw_only=True)
 
@@ -38,6 +41,11 @@ class Key(abc.ABC):
     @abc.abstractmethod
     def kind(self) -> str:
         """What its values are, in words."""
+
+    @property
+    @abc.abstractmethod
+    def shape(self) -> Shape:
+        """What its values are, in JSON Schema."""
 
     @abc.abstractmethod
     def read(self, value: Any, where: str, words: Words) -> Any:
@@ -49,6 +57,7 @@ class QuantityKey(Key):
     """One number: a string with a unit, or bare if it has no unit. `bounds`: as of `parameters.physical`."""
 
     bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
+    shape: ClassVar[Shape] = _NUMBER
 
     @property
     def kind(self) -> str:
@@ -63,9 +72,25 @@ class QuantityKey(Key):
         return number
 
 
+def quantity(
+    help: str,
+    example: str,
+    unit: str = "",
+    absent: str = "",
+    *,
+    default: float | None = None,
+    required: bool = False,
+    **bounds: float,
+) -> Key:
+    """A key of one number; `bounds`: as of `parameters.physical`."""
+    return QuantityKey(help, example, absent, unit=unit, default=default, required=required, bounds=bounds)
+
+
 @dataclasses.dataclass(frozen=True)
 class Quantities(Key):
     """A list of at least one number."""
+
+    shape: ClassVar[Shape] = _NUMBERS | {"minItems": 1}
 
     @property
     def kind(self) -> str:
@@ -84,6 +109,7 @@ class VectorKey(Key):
 
     default: tuple[float | None, ...] = dataclasses.field(default=(None, None), kw_only=True)
     kind: ClassVar[str] = "pair or triple of quantities"
+    shape: ClassVar[Shape] = _NUMBERS | {"minItems": 2, "maxItems": 3}
 
     def read(self, value, where, words):
         if not isinstance(value, list) or len(value) not in (2, 3):
@@ -98,6 +124,7 @@ class Triple(Key):
     """Three angles or rates. Those that are exactly zero are left out of the compiled program."""
 
     kind: ClassVar[str] = "triple of quantities"
+    shape: ClassVar[Shape] = _NUMBERS | {"minItems": 3, "maxItems": 3}
 
     def read(self, value, where, words):
         if not isinstance(value, list) or len(value) != 3:
@@ -110,6 +137,7 @@ class Direction(Key):
     """An axis of a frame: a letter, or three numbers of any length."""
 
     kind: ClassVar[str] = "axis"
+    shape: ClassVar[Shape] = {"type": ["string", "array"]}
 
     def read(self, value, where, words):
         if not isinstance(value, (str, list)):
@@ -127,6 +155,7 @@ class Moments(Key):
 
     bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
     kind: ClassVar[str] = "quantity, or list of three or six"
+    shape: ClassVar[Shape] = {"type": ["string", "number", "array"]}
 
     def read(self, value, where, words):
         if not isinstance(value, list):
@@ -151,6 +180,10 @@ class Whole(Key):
     most: int = dataclasses.field(default=10**9, kw_only=True)
     kind: ClassVar[str] = "whole number"
 
+    @property
+    def shape(self) -> Shape:
+        return {"type": "integer", "minimum": self.least, "maximum": self.most}
+
     def read(self, value, where, words):
         if isinstance(value, bool) or not isinstance(value, int) or value < self.least:
             raise ClearanceError(f"{where} must be a whole number of at least {self.least}, but it is {quote(value)}.")
@@ -164,6 +197,7 @@ class Wholes(Key):
     """A list of increasing whole numbers, at least 0."""
 
     kind: ClassVar[str] = "list of whole numbers"
+    shape: ClassVar[Shape] = {"type": "array", "items": {"type": "integer"}}
 
     def read(self, value, where, words):
         whole = isinstance(value, list) and value and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
@@ -179,6 +213,7 @@ class Flag(Key):
     """True or false."""
 
     kind: ClassVar[str] = "true or false"
+    shape: ClassVar[Shape] = {"type": "boolean"}
 
     def read(self, value, where, words):
         if not isinstance(value, bool):
@@ -192,6 +227,7 @@ class Text(Key):
 
     longest: int = dataclasses.field(default=LONGEST, kw_only=True)
     kind: ClassVar[str] = "text"
+    shape: ClassVar[Shape] = {"type": "string"}
 
     def read(self, value, where, words):
         if not isinstance(value, str):
@@ -199,11 +235,17 @@ class Text(Key):
         return check_text(value, where, self.longest)
 
 
+def path(help: str, example: str, absent: str = "", *, required: bool = False) -> Key:
+    """A key of the path of a file."""
+    return Text(help, example, absent, required=required, longest=LONGEST_PATH)
+
+
 @dataclasses.dataclass(frozen=True)
 class Names(Key):
     """A list of names."""
 
     kind: ClassVar[str] = "list of names"
+    shape: ClassVar[Shape] = {"type": "array", "items": {"type": "string"}}
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
@@ -224,6 +266,10 @@ class Word(Key):
     def kind(self) -> str:
         return "one of " + ", ".join(f"`{word}`" for word in self.allowed)
 
+    @property
+    def shape(self) -> Shape:
+        return {"enum": list(self.allowed)}
+
     def read(self, value, where, words):
         if not isinstance(value, str) or value not in self.allowed:
             raise ClearanceError(
@@ -238,6 +284,7 @@ class Sub(Key):
     """A sub-table, or one of several kinds; `form`: what it is in words."""
 
     form: str = dataclasses.field(default="table", kw_only=True)
+    shape: ClassVar[Shape] = {}
 
     @property
     def kind(self) -> str:
@@ -245,6 +292,11 @@ class Sub(Key):
 
     def read(self, value, where, words):
         return value
+
+
+def tables(help: str, example: str, absent: str = "", *, required: bool = False) -> Key:
+    """A key of sub-tables, whose names the user chooses."""
+    return Sub(help, example, absent, required=required, form="tables by name")
 
 
 def check_text(value: str, where: str, longest: int = LONGEST) -> str:
