@@ -26,15 +26,12 @@ from clearance_jax.mechanism.loads import Force, Torque
 from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-# Kinds of keys by the type of a field, with their units; of others the field says more.
-_KINDS: dict[Any, tuple[type[Key], str]] = {
+# Kinds of keys by the record of numbers that a field holds, with their units.
+_RECORDS: dict[type, tuple[type[VectorKey | Triple], str]] = {
     Position: (VectorKey, "m"),
     Orientation: (Triple, "rad"),
     Force: (VectorKey, "N"),
     Torque: (Triple, "N*m"),
-    Spin: (Triple, "rad/s"),
-    Slide: (Sub, ""),
-    Turn: (Sub, ""),
 }
 
 
@@ -124,14 +121,18 @@ def _key(field: dataclasses.Field) -> Key:
     words = about["help"], about["example"], about["absent"]
     common: dict[str, Any] = {"required": required}
     types = {field.type, *get_args(field.type)}
-    for known, (make, unit) in _KINDS.items():
-        if known in types:
-            return make(*words, unit=unit, **common)
-    if Axis in types:
-        return Direction(*words, default=field.default, **common)
+    if types & {Slide, Turn}:
+        return Sub(*words, **common)
+    if Spin in types:
+        return Triple(*words, unit="rad/s", **common)
     if Inertia in types:
         return Moments(*words, unit=about["unit"], bounds=about, **common)
     common |= {"default": None if required else field.default}
+    for record, (make, unit) in _RECORDS.items():
+        if record in types:
+            return make(*words, unit=unit, record=record, **common)
+    if Axis in types:
+        return Direction(*words, **common)
     if "unit" in about:
         # A table of numbers has a dimension in its annotation, one number none; either may be optional.
         many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))

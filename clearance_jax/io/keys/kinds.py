@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 import itertools
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
 from clearance_jax.errors import ClearanceError, quote, suggest
@@ -18,6 +18,10 @@ Words = Mapping[str, str]
 Shape = Mapping[str, Any]
 _NUMBER = {"type": ["string", "number"]}
 _NUMBERS = {"type": "array", "items": _NUMBER}
+
+
+def _as_tuple(*numbers: float | None) -> tuple[float | None, ...]:
+    return numbers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,9 +109,12 @@ class Quantities(Key):
 
 @dataclasses.dataclass(frozen=True)
 class VectorKey(Key):
-    """A vector: a pair in the plane, a triple in space. Components that are zero are left out of the program."""
+    """A vector: a pair in the plane, a triple in space. Components that are zero are left out of the program. `record`:
+    what is made of them.
+    """
 
-    default: tuple[float | None, ...] = dataclasses.field(default=(None, None), kw_only=True)
+    default: Any = dataclasses.field(default=(None, None), kw_only=True)
+    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
     kind: ClassVar[str] = "pair or triple of quantities"
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 2, "maxItems": 3}
 
@@ -116,20 +123,21 @@ class VectorKey(Key):
             raise ClearanceError(
                 f"{where} must be a pair (or in space a triple) such as {self.example}, but it is {quote(value)}."
             )
-        return tuple(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value))
+        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
 @dataclasses.dataclass(frozen=True)
 class Triple(Key):
-    """Three angles or rates. Those that are exactly zero are left out of the compiled program."""
+    """Three angles or rates. Those that are zero are left out of the program. `record`: what is made of them."""
 
+    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
     kind: ClassVar[str] = "triple of quantities"
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 3, "maxItems": 3}
 
     def read(self, value, where, words):
         if not isinstance(value, list) or len(value) != 3:
             raise ClearanceError(f"{where} must be a triple such as {self.example}, but it is {quote(value)}.")
-        return tuple(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value))
+        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,6 +9,7 @@ from clearance_jax.io.keys.declare import Keys
 from clearance_jax.io.keys.kinds import Key
 from clearance_jax.io.keys.scene import SCENE_TABLES
 from clearance_jax.io.keys.study import STUDY_TABLES
+from clearance_jax.mechanism.placement import ORIGIN
 from clearance_jax.mechanism.tree import SLIDING, TURNING
 from clearance_jax.parameters import BOUNDS, resolve_unit
 
@@ -158,7 +159,7 @@ def _show(value: Any, unit: str) -> str:
         return f'"{value}"'
     if isinstance(value, float) and math.isfinite(value):
         return f"{value:g}" if not unit or "coordinate" in unit else f'"{value:g} {unit}"'
-    return "none" if value == (None, None) else str(value)
+    return "none" if value in ((None, None), ORIGIN) else str(value)
 
 
 # A JSON Schema --------------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, S
 from clearance_jax.mechanism.controllers import ComputedTorque
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.motion_laws import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
 from clearance_jax.solve.attempt import STARTS
@@ -170,8 +171,14 @@ PAYLOAD = table(
     "A body on a fixed joint `NAME_grip`.",
     BODY,
     on=Text("the robot's body, or its point, that carries it", '"tcp"', required=True),
-    at=VectorKey("where its frame is in that of what carries it", '["0 mm", "0 mm", "80 mm"]', unit="m"),
-    orientation=Triple("its roll, pitch and yaw there", '["0 deg", "90 deg", "0 deg"]', unit="rad"),
+    at=VectorKey(
+        "where its frame is in that of what carries it",
+        '["0 mm", "0 mm", "80 mm"]',
+        unit="m",
+        default=ORIGIN,
+        record=Position,
+    ),
+    orientation=Triple("its roll, pitch and yaw there", '["0 deg", "90 deg", "0 deg"]', unit="rad", record=Orientation),
 )
 
 JOINT = table("joint.NAME", "Place of a joint", "What every joint has.", **keys_of(Fixed))

@@ -10,20 +10,8 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_table
+from clearance_jax.io.keys import play as keys
 from clearance_jax.io.keys.declare import Keys, keys_of
-from clearance_jax.io.keys.play import (
-    BALL,
-    BEARINGS,
-    ELEMENT_TABLES,
-    FRICTION_TABLES,
-    GUIDE,
-    NORMAL_TABLES,
-    PIN,
-    PRESS,
-    SHAFT,
-    STIFFNESS,
-    WORN,
-)
 from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.joints import (
     AbstractClearance,
@@ -42,7 +30,6 @@ from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.joints.presets import PINS, flat_contact, round_contact
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
-from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.tree import Prismatic, Revolute
 from clearance_jax.parameters import check_demands
 from clearance_jax.units import to_si
@@ -66,7 +53,7 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
     **Arguments:** `path`: of the scene file; `usual`: whether contact laws default to those of steel in bronze.
     """
     play = PLAYS[kind]
-    start = Position(*table.get("eccentricity"))
+    start = table.get("eccentricity")
     radii = play.radii and table.has(PIN_RADIUS) and table.has(SLEEVE)
     if not (radii or any(table.has(key) for key in play.makes)):
         others = (key.name for key in play.keys.keys if key.name != "eccentricity")
@@ -79,9 +66,9 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
                 f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
                 "already. Leave one of them out."
             )
-        word, element = table.variant("element", ELEMENT_TABLES)
+        word, element = table.variant("element", keys.ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
-    if play.keys is PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
+    if play.keys is keys.PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
         clearance = with_wear(clearance, table, path)
     with naming(table.where):
         check_demands(clearance)
@@ -130,9 +117,9 @@ def _guide(table: TomlTable, usual: bool) -> GuideClearance:
 
 
 def _bearing(table: TomlTable) -> AbstractPin:
-    others = (key.name for key in PIN.keys if key.name not in WITH_A_BEARING)
+    others = (key.name for key in keys.PIN.keys if key.name not in WITH_A_BEARING)
     table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
-    word, given = table.variant("bearing", BEARINGS)
+    word, given = table.variant("bearing", keys.BEARINGS)
     with naming(given.where):
         return BEARINGS_MADE[word](**given.arguments("type"), friction=_friction(table))
 
@@ -156,10 +143,10 @@ class PlayReader(NamedTuple):
 
 
 PLAYS = {
-    Revolute: PlayReader(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
-    Cylindrical: PlayReader(SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, SleeveClearance), True),
-    Spherical: PlayReader(BALL, (RADIAL,), _ball),
-    Prismatic: PlayReader(GUIDE, ("side_clearance",), _guide),
+    Revolute: PlayReader(keys.PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
+    Cylindrical: PlayReader(keys.SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, SleeveClearance), True),
+    Spherical: PlayReader(keys.BALL, (RADIAL,), _ball),
+    Prismatic: PlayReader(keys.GUIDE, ("side_clearance",), _guide),
 }
 """Readers by class of joint."""
 
@@ -204,7 +191,7 @@ def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
         raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`, half the nominal diameter. Add it.")
     numbers = {key: table.get(key) for key in OF_A_FIT if key != "press" and table.has(key)}
     with naming(table.key("fit")):
-        press = PressFit(**table.table("press", PRESS).arguments()) if table.has("press") else None
+        press = PressFit(**table.table("press", keys.PRESS).arguments()) if table.has("press") else None
         clearance, tolerance = Fitting(table.get("fit"), **numbers, press=press).radial_clearance(2 * pin)
     return clearance, pin, tolerance
 
@@ -226,16 +213,16 @@ def _normal(joint: TomlTable) -> AbstractNormalLaw:
             f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
             + suggest("", NORMAL_LAWS)
         )
-    word, table = joint.variant("normal", NORMAL_TABLES)
+    word, table = joint.variant("normal", keys.NORMAL_TABLES)
     make: Any = NORMAL_LAWS[word]
-    if "stiffness" not in {key.name for key in NORMAL_TABLES[word].keys}:
+    if "stiffness" not in {key.name for key in keys.NORMAL_TABLES[word].keys}:
         return make(**table.arguments("law"))
     table.need("stiffness")
     values = table.arguments("law", "stiffness")
     if isinstance(table.values["stiffness"], dict):
         if not getattr(make, "has_radii", True):
             raise ClearanceError(f"{table.key('stiffness')} must be a quantity such as {LAYER}: a layer has no radii.")
-        inner = table.table("stiffness", STIFFNESS)
+        inner = table.table("stiffness", keys.STIFFNESS)
         return make(stiffness=InternalHertz(**inner.arguments()), **values)
     # The law's other numbers decide the unit.
     provisional = cast(AbstractNormalLaw, make(stiffness=1.0, **values))
@@ -245,7 +232,7 @@ def _normal(joint: TomlTable) -> AbstractNormalLaw:
 def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
     if not joint.has("friction") or joint.get("friction") in ("none", {}):
         return None
-    word, table = joint.variant("friction", FRICTION_TABLES)
+    word, table = joint.variant("friction", keys.FRICTION_TABLES)
     return FRICTION_LAWS[word](**table.arguments("law"))
 
 
@@ -255,7 +242,7 @@ def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
 def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:
     """The clearance with its sleeve worn as the table `worn` says, evenly along its length; `path`: of the scene."""
     where = joint.key("worn")
-    table = joint.table("worn", WORN)
+    table = joint.table("worn", keys.WORN)
     if table.has("depth") == table.has("file"):
         raise ClearanceError(f"{where} must have `depth` or `file`, and not both.")
     if table.has("depth"):

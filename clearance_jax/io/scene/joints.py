@@ -9,19 +9,8 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_table
+from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.kinds import Words
-from clearance_jax.io.keys.scene import (
-    ACTUATOR_TABLES,
-    ACTUATORS,
-    DRIVE_TABLES,
-    DRIVES,
-    JOINT_TABLES,
-    JOINTS,
-    MOTION,
-    PAYLOAD,
-    ROBOT,
-    SPLINE_FILE,
-)
 from clearance_jax.io.scene.contact import PLAYS, play_of
 from clearance_jax.io.table import Chosen, TomlTable, check_table, naming, variant
 from clearance_jax.io.urdf.mechanism import place_of, read_robot
@@ -51,7 +40,7 @@ def joints_of(
     loops: list[AbstractJoint] = []
     placed = {GROUND, *known}
     for name, values, where in top.parts("joint"):
-        read = variant(values, where, JOINT_TABLES)
+        read = variant(values, where, keys.JOINT_TABLES)
         joint = _joint(name, read, path)
         if joint.child in placed:
             loops.append(_closure(joint, read.table))
@@ -79,28 +68,16 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
         name=name,
         parent=table.get("parent"),
         child=table.get("child"),
-        at_parent=Position(*table.get("at_parent")),
-        at_child=Position(*table.get("at_child")),
-        angle=table.get("angle"),
-        orientation=orientation_at(table, "orientation"),
-        child_orientation=orientation_at(table, "child_orientation"),
+        **table.only("at_parent", "at_child", "angle", "orientation", "child_orientation"),
     )
     if kind == "fixed":
         return Fixed(**common)
+    make = keys.JOINTS[kind]
     if kind not in ("revolute", "prismatic"):
-        return JOINTS[kind](**common, **_several(JOINTS[kind], table, path))
+        return make(**common, **_several(make, table, path))
     # The kind of joint decides the units of its coordinate and efforts.
     table.words = TURNING if kind == "revolute" else SLIDING
-    return JOINTS[kind](**common, motion=motion_of(table, path), **play_of(JOINTS[kind], table, path), **_axis(table))
-
-
-def orientation_at(table: TomlTable, key: str) -> Orientation | None:
-    """The orientation that a key gives [rad], or `None`."""
-    return Orientation(*table.get(key)) if table.has(key) else None
-
-
-def _axis(table: TomlTable) -> dict[str, Axis]:
-    return {"axis": table.get("axis")} if table.has("axis") else {}
+    return make(**common, motion=motion_of(table, path), **play_of(make, table, path), **table.only("axis"))
 
 
 def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
@@ -108,14 +85,15 @@ def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
     out = play_of(cls, table, path) if cls in PLAYS else {}
     for field in dataclasses.fields(cls):
         if field.type is Axis:
-            out |= _axis(table)
+            out |= table.only("axis")
         if field.type is Ball:
             spin = table.get("spin") if table.has("spin") else ()
-            start = orientation_at(table, "start") or Orientation()
+            start = table.get("start") if table.has("start") else Orientation()
             out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)), table.get("damping"))
         if field.type in (Slide, Turn) and table.has(field.name):
             words = SLIDING if field.type is Slide else TURNING
-            out[field.name] = motion_of(TomlTable(table.get(field.name), table.key(field.name), MOTION, words), path)
+            inner = TomlTable(table.get(field.name), table.key(field.name), keys.MOTION, words)
+            out[field.name] = motion_of(inner, path)
     return out
 
 
@@ -125,7 +103,7 @@ def motion_of(table: TomlTable, path: Path) -> Motion:
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
     actuators = tuple(
-        _actuator(name, variant(values, where, ACTUATOR_TABLES, table.words), path)
+        _actuator(name, variant(values, where, keys.ACTUATOR_TABLES, table.words), path)
         for name, values, where in table.parts("actuator")
     )
     rotor = table.get("rotor_inertia")
@@ -145,9 +123,9 @@ def read_drive(given: Any, where: str, words: Words, path: Path) -> AbstractDriv
         if isinstance(given, str):
             return read_expression(given)
         if check_table(given, where).get("type") == "spline" and "file" in given:
-            return _spline(TomlTable(given, where, SPLINE_FILE, words), path)
-        kind, inner = variant(given, where, DRIVE_TABLES, words)
-        return DRIVES[kind](**inner.arguments("type"))
+            return _spline(TomlTable(given, where, keys.SPLINE_FILE, words), path)
+        kind, inner = variant(given, where, keys.DRIVE_TABLES, words)
+        return keys.DRIVES[kind](**inner.arguments("type"))
 
 
 def _spline(table: TomlTable, path: Path) -> Spline:
@@ -157,7 +135,7 @@ def _spline(table: TomlTable, path: Path) -> Spline:
 
 
 def _actuator(name: str, read: Chosen, path: Path) -> AbstractActuator:
-    cls, table = ACTUATORS[read.word], read.table
+    cls, table = keys.ACTUATORS[read.word], read.table
     values = table.arguments("type")
     if cls is Servo:
         values["target"] = drive_of(table, "target", path)
@@ -183,7 +161,7 @@ NO_ROBOT = RobotParts()
 
 def robot_of(top: TomlTable, path: Path) -> RobotParts:
     """Read the table `robot` of a scene."""
-    table = top.table("robot", ROBOT)
+    table = top.table("robot", keys.ROBOT)
     robot = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
     joints = {joint.name: joint for joint in robot.joints}
     for name, values, where in table.entries("joint"):
@@ -206,7 +184,7 @@ def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> A
     if not isinstance(joint, (Revolute, Prismatic)):
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
     kind = type(joint)
-    table = TomlTable(values, where, MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
+    table = TomlTable(values, where, keys.MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
     given, motion = motion_of(table, path), joint.motion
     if given.drive is None:
         position = given.position if table.has("position") else motion.position
@@ -219,7 +197,7 @@ def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> A
 
 def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body, Fixed]:
     """A payload, and the fixed joint that carries it."""
-    table = TomlTable(values, where, PAYLOAD)
+    table = TomlTable(values, where, keys.PAYLOAD)
     on, points = table.get("on"), {point.name: point for point in robot.points}
     bodies = {GROUND, *(body.name for body in robot.bodies)}
     if on not in points and on not in bodies:
@@ -229,7 +207,7 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
         )
     point = points.get(on) or Point(on, on)
     carrier = _pose(point.at, point.orientation)
-    pose = carrier.of(*_pose(Position(*table.get("at")), orientation_at(table, "orientation")))
+    pose = carrier.of(*_pose(table.get("at"), table.get("orientation")))
     position, orientation = place_of(pose)
     grip = Fixed(f"{name}_grip", point.body, name, position, orientation=orientation)
     return body_of(name, table), grip
@@ -243,5 +221,4 @@ def _pose(at: Position, orientation: Orientation | None) -> FramePose:
 
 def body_of(name: str, table: TomlTable) -> Body:
     """The body that a table describes."""
-    numbers = {key: table.get(key) for key in ("mass", "inertia", "picked_up", "put_down")}
-    return Body(name, center_of_mass=Position(*table.get("center_of_mass")), **numbers)
+    return Body(name, **table.only(*(key.name for key in keys.BODY.keys)))

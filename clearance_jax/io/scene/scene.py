@@ -11,8 +11,8 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
-from clearance_jax.io.keys.scene import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
-from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, orientation_at, read_drive, robot_of
+from clearance_jax.io.keys import scene as keys
+from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, read_drive, robot_of
 from clearance_jax.io.table import TomlTable, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
@@ -21,10 +21,10 @@ from clearance_jax.joints.checks import ImplausibleWarning, above_pin
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.compliance import Compliance, with_compliance
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
-from clearance_jax.mechanism.loads import Force, Torque, Wrench
+from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.misalignment import with_misalignment
-from clearance_jax.mechanism.placement import Gravity, Position
+from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.structure import check_model
 from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
 from clearance_jax.parameters import outside
@@ -72,9 +72,9 @@ def read_scene(path: str | Path) -> Scene:
     with naming(str(path)), jax.ensure_compile_time_eval(), warnings.catch_warnings():
         warnings.simplefilter("ignore", ImplausibleWarning)
         # Numbers stay numbers where a scene is loaded inside a jitted function.
-        top = TomlTable(values, f"{path}:", SCENE)
+        top = TomlTable(values, f"{path}:", keys.SCENE)
         mechanism, trajectory = _whole(top, path)
-        return Scene(mechanism, _solve(top.table("solve", SOLVE)), text, trajectory)
+        return Scene(mechanism, _solve(top.table("solve", keys.SOLVE)), text, trajectory)
 
 
 def load(path: str | Path) -> Mechanism:
@@ -128,7 +128,7 @@ def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mech
     """The mechanism with a compliant drive at the joint `name`."""
     with naming(where):
         words = SLIDING if isinstance(mechanism.joint(name), Prismatic) else TURNING
-    table = TomlTable(values, where, COMPLIANCE, words)
+    table = TomlTable(values, where, keys.COMPLIANCE, words)
     table.need("stiffness")
     with naming(where):
         return with_compliance(mechanism, name, Compliance(**table.arguments()))
@@ -142,24 +142,21 @@ def _solve(table: TomlTable) -> dict[str, Any]:
 
 
 def _body(name: str, values: Any, where: str) -> Body:
-    return body_of(name, TomlTable(values, where, BODY))
+    return body_of(name, TomlTable(values, where, keys.BODY))
 
 
 def _point(name: str, values: Any, where: str) -> Point:
-    table = TomlTable(values, where, POINT)
-    return Point(name, table.get("body"), Position(*table.get("at")), orientation_at(table, "orientation"))
+    return Point(name, **TomlTable(values, where, keys.POINT).arguments())
 
 
 def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:
-    table = TomlTable(values, where, WRENCH, {"coordinate": ""})
-    force = Force(*table.get("force")) if table.has("force") else Force()
-    torque = Torque(*table.get("torque")) if table.has("torque") else Torque()
+    table = TomlTable(values, where, keys.WRENCH, {"coordinate": ""})
     course = drive_of(table, "course", path) if table.has("course") else None
-    return Wrench(name, table.get("body"), Position(*table.get("at")), force, torque, course, table.get("axes"))
+    return Wrench(name, course=course, **table.arguments("course"))
 
 
 def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mechanism) -> ComputedTorque:
-    table, references = TomlTable(values, where, CONTROLLER), []
+    table, references = TomlTable(values, where, keys.CONTROLLER), []
     free = {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
     table.need("target")
     for coordinate, given, there in table.entries("target"):
@@ -174,10 +171,7 @@ def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mecha
 
 
 def _spring(name: str, values: Any, where: str) -> Spring:
-    table = TomlTable(values, where, SPRING)
-    numbers = {key: table.get(key) for key in ("stiffness", "damping", "free_length")}
-    places = {key: Position(*table.get(key)) for key in ("at_a", "at_b")}
-    return Spring(name, table.get("body_a"), table.get("body_b"), **numbers, **places)
+    return Spring(name, **TomlTable(values, where, keys.SPRING).arguments())
 
 
 # Sizes ----------------------------------------------------------------------------------------------------------------

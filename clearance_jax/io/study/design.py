@@ -10,17 +10,7 @@ from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.keys.design import (
-    COST_TABLES,
-    DESIGN,
-    LIMIT,
-    MANUFACTURE_TABLES,
-    PAYLOAD,
-    TRADEOFF,
-    TRAJECTORY,
-    VARIABLE,
-    VERIFY,
-)
+from clearance_jax.io.keys import design as keys
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study.file import StudyFile, expand_entries
@@ -44,7 +34,7 @@ class DesignAsked(NamedTuple):
 
 def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
     """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
-    table = study.table.table("design", DESIGN)
+    table = study.table.table("design", keys.DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
     trajectories = _trajectories(table, study, mechanism)
     for drives in itertools.islice(trajectories.values(), 1):  # the others are numbers of these drives
@@ -53,7 +43,7 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
         model = mechanism = mechanism.with_drives(drives)
     tables = _variable_tables(table, mechanism)
     variables, costs = _variables(tables)
-    limits = [_limit(name, TomlTable(given, at, LIMIT), study, wear) for name, given, at in table.entries("limit")]
+    limits = [_limit(name, TomlTable(given, at, keys.LIMIT), study, wear) for name, given, at in table.entries("limit")]
     problem = ToleranceProblem(
         mechanism,
         study.span.t1,
@@ -66,7 +56,7 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
         **{**study.options, **table.only("fidelity")},
     )
     search = {"method": table.get("method"), **table.only("starts", "most")}
-    verify = table.table("verify", VERIFY)
+    verify = table.table("verify", keys.VERIFY)
     if classes := _classes(table, tables, problem):
         search["classes"] = classes
         verify.refuse("starts", "reoptimise", why="has no effect where `classes` are chosen. Leave it out.")
@@ -77,7 +67,7 @@ def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | Non
     """The arguments of `tradeoff`; `None`: not asked for."""
     if not top.has("tradeoff"):
         return None
-    table, limit = top.table("tradeoff", TRADEOFF), None
+    table, limit = top.table("tradeoff", keys.TRADEOFF), None
     limits = [limit.title for limit in problem.specification.limits]
     if table.has("limit"):
         limit = table.get("limit")
@@ -118,7 +108,7 @@ def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> d
     drives = {}
     for name, file, where in table.entries("trajectory"):
         with naming(where):
-            drives[name] = read_trajectory(study.path.parent / TRAJECTORY.read(file, where, {}), mechanism)
+            drives[name] = read_trajectory(study.path.parent / keys.TRAJECTORY.read(file, where, {}), mechanism)
     return drives
 
 
@@ -129,7 +119,7 @@ def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories
     payloads = {}
     for name, values, where in table.entries("payload"):
         with naming(where):
-            payloads[name] = Payload(**TomlTable(values, where, PAYLOAD).arguments())
+            payloads[name] = Payload(**TomlTable(values, where, keys.PAYLOAD).arguments())
     speeds = table.get("speed") if table.has("speed") else None
     if not (trajectories or payloads or speeds):
         return given
@@ -146,7 +136,7 @@ def _variable_tables(top: TomlTable, mechanism: Mechanism) -> dict[str, TomlTabl
     for name, (values, where) in expand_entries(top, "variable", mechanism).items():
         with naming(where):
             unit = units_of(mechanism, [name])[name]
-        tables[name] = TomlTable(values, where, VARIABLE, {PARAMETER: unit})
+        tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
     return tables
 
 
@@ -163,7 +153,7 @@ def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, flo
                 + "."
             )
         if table.has("cost"):
-            costs[name] = _cost(table.variant("cost", COST_TABLES), unit)
+            costs[name] = _cost(table.variant("cost", keys.COST_TABLES), unit)
     return bounds, costs
 
 
@@ -206,9 +196,9 @@ def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None
 def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str, ...]) -> AbstractManufacture | None:
     if not top.has("manufacture"):
         return None
-    kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
+    kind, table = top.variant("manufacture", keys.MANUFACTURE_TABLES)
     given = table.arguments("kind", "of")
-    if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
+    if "of" in [key.name for key in keys.MANUFACTURE_TABLES[kind].keys]:
         given["scatter"] = _scatter(study, table, model, names)
     return MANUFACTURE[kind](**given)
 

@@ -13,17 +13,7 @@ from clearance_jax._basis.patterns import expand
 from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.files import read_toml
-from clearance_jax.io.keys.metric import (
-    COUNTS,
-    EXPONENT,
-    METRIC_KINDS,
-    OF_ANY_JOINT,
-    OF_METRIC,
-    OF_SIGNAL,
-    RECURRENCES,
-    REDUCTIONS,
-    SIGNALS,
-)
+from clearance_jax.io.keys import metric as metrics
 from clearance_jax.io.keys.scene import SOLVING
 from clearance_jax.io.keys.study import SCATTER, SOLVE, STUDY
 from clearance_jax.io.scene.scene import Scene, read_scene
@@ -107,7 +97,7 @@ class StudyFile:
         """The metric of a name, for a motion over `span`; `where`: the key that asks for it, for messages."""
         for key, values, there in self.table.entries("metric"):
             if key == name:
-                return metric_of(variant(values, there, METRIC_KINDS), self.mechanism, span)
+                return metric_of(variant(values, there, metrics.METRIC_KINDS), self.mechanism, span)
         raise ClearanceError(f"{where}: the study has no metric `{name}`. {suggest(name, self.metric_names)}")
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
@@ -170,21 +160,21 @@ def _distribution(name: str, given: Scatter, model: Any) -> Any:
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     """The metric of a table, for a motion over `span`: of a signal, a count, or a recurrence."""
     kind, table = read
-    if kind in RECURRENCES:
+    if kind in metrics.RECURRENCES:
         return _recurrence(read)
-    make = (COUNTS if kind in COUNTS else REDUCTIONS)[kind]
+    make = (metrics.COUNTS if kind in metrics.COUNTS else metrics.REDUCTIONS)[kind]
     wanted = {field.name for field in dataclasses.fields(make)}
     given: dict[str, Any] = {}
-    if kind in COUNTS:
+    if kind in metrics.COUNTS:
         given |= _of(make, kind, table, mechanism)
     else:
         given["signal"] = signal_of(table, mechanism)
     if "times" in wanted:
         given["times"] = _times(table, span)
     if "band" in wanted:
-        given["band"] = table.get("band", {OF_SIGNAL: given["signal"].unit})
+        given["band"] = table.get("band", {metrics.OF_SIGNAL: given["signal"].unit})
     if "level" in wanted:
-        given["level"] = table.get("level", {OF_SIGNAL: given["signal"].unit}) or 0.0
+        given["level"] = table.get("level", {metrics.OF_SIGNAL: given["signal"].unit}) or 0.0
         given |= {"direction": table.get("direction")} if table.has("direction") else {}
     if "since" in wanted and table.has("since"):
         given["since"] = _since(table, span)
@@ -194,30 +184,30 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
 def signal_of(table: TomlTable, mechanism: Mechanism) -> AbstractSignal:
     """The `signal` of a table, of the `point`, `body` or `joint` beside it."""
     word = table.get("signal")
-    given = _of(SIGNALS[word], word, table, mechanism)
+    given = _of(metrics.SIGNALS[word], word, table, mechanism)
     if "quantity" in given:
         given["called"] = quantities(mechanism, energy_balance=False)[given["quantity"]].unit
-    return SIGNALS[word](**given)
+    return metrics.SIGNALS[word](**given)
 
 
 def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[str, str]:
     """The point, body, joint or quantity of a signal or count, by the field names of its class."""
-    joints = mechanism.all_joints() if cls in OF_ANY_JOINT else mechanism.clearance_joints()
+    joints = mechanism.all_joints() if cls in metrics.OF_ANY_JOINT else mechanism.clearance_joints()
     names = {
         "point": [point.name for point in mechanism.points],
         "body": [body.name for body in mechanism.bodies],
         "joint": [joint.name for joint in joints],
         "quantity": numbers_of(mechanism),
     }
-    wanted = {field.name for field in dataclasses.fields(cls)} & set(OF_METRIC)
-    for key in (key for key in OF_METRIC if key in table.values and key not in wanted):
+    wanted = {field.name for field in dataclasses.fields(cls)} & set(metrics.OF_METRIC)
+    for key in (key for key in metrics.OF_METRIC if key in table.values and key not in wanted):
         raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
     parts = {}
     for key in wanted:
         table.need(key)
         parts[key] = table.get(key)
         if parts[key] not in names[key]:
-            kind = "joint with clearance" if key == "joint" and cls not in OF_ANY_JOINT else key
+            kind = "joint with clearance" if key == "joint" and cls not in metrics.OF_ANY_JOINT else key
             raise ClearanceError(
                 f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}. " + suggest(parts[key], names[key])
             )
@@ -232,7 +222,7 @@ def _recurrence(read: Chosen) -> PoincareSection | LyapunovExponent:
             f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
         )
     period: Any = table.get("period") if table.has("period") else table.get("speed")
-    if kind == EXPONENT:
+    if kind == metrics.EXPONENT:
         return LyapunovExponent(period, table.get("count"), uncertainty=True)
     return PoincareSection(table.get("quantities"), period, table.get("count"), table.get("phase") or 0.0)
 

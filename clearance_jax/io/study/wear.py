@@ -7,18 +7,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.keys import wear as keys
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.keys.metric import METRIC
-from clearance_jax.io.keys.wear import (
-    COEFFICIENT_UNIT,
-    GRADED,
-    LAW_TABLES,
-    MATERIAL,
-    PRESSURE_TABLES,
-    RUNNING_IN,
-    UNTIL_TABLES,
-    WEAR,
-)
 from clearance_jax.io.study.file import Span, StudyFile
 from clearance_jax.io.table import Chosen, TomlTable, naming
 from clearance_jax.joints import AbstractPin
@@ -51,14 +42,14 @@ class WearAsked(NamedTuple):
 
 def wear_of(study: StudyFile) -> WearAsked:
     """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
-    table = study.table.table("wear", WEAR)
+    table = study.table.table("wear", keys.WEAR)
     span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
     model = wear_model(table, study.mechanism, span.t1)
     if not table.has("cycles"):
         table.refuse(*OF_A_LIFE, why="has no effect without `cycles`, how many it lives. Add it.")
     until, words = None, ""
     if table.has("until"):
-        until, words = _until(table.variant("until", UNTIL_TABLES), study, span)
+        until, words = _until(table.variant("until", keys.UNTIL_TABLES), study, span)
     return WearAsked(
         model,
         table.get("cycles"),
@@ -96,8 +87,8 @@ def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
     """
     mechanism, joint = _with_joint_values(top, mechanism)
     top.need("law", "pressure")
-    law = _law(top.variant("law", LAW_TABLES, _coefficient(top)))
-    pressure = _pressure(top.variant("pressure", PRESSURE_TABLES))
+    law = _law(top.variant("law", keys.LAW_TABLES, _coefficient(top)))
+    pressure = _pressure(top.variant("pressure", keys.PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
             pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
@@ -122,13 +113,13 @@ def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism,
 
 
 def _material(table: TomlTable, key: str) -> Material:
-    return Material(**table.table(key, MATERIAL).arguments())
+    return Material(**table.table(key, keys.MATERIAL).arguments())
 
 
 def _coefficient(top: TomlTable) -> Words:
     """The unit of the coefficient by its placeholder: none beside a hardness."""
     given = top.values.get("law")
-    return {COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}
+    return {keys.COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}
 
 
 def _law(read: Chosen) -> AbstractWearLaw:
@@ -138,10 +129,10 @@ def _law(read: Chosen) -> AbstractWearLaw:
     else:
         law = Archard(coefficient / table.get("hardness") if table.has("hardness") else coefficient)
     if table.has("graded"):
-        law = Graded(law, **table.table("graded", GRADED).arguments())
+        law = Graded(law, **table.table("graded", keys.GRADED).arguments())
     if table.has("least_pressure"):
         law = Threshold(law, table.get("least_pressure"))
-    return RunningIn(law, **table.table("running_in", RUNNING_IN).arguments()) if table.has("running_in") else law
+    return RunningIn(law, **table.table("running_in", keys.RUNNING_IN).arguments()) if table.has("running_in") else law
 
 
 def _pressure(read: Chosen) -> AbstractPressure:
