@@ -21,22 +21,22 @@ def parse_settings(texts: Iterable[str], mechanism: Mechanism) -> dict[str, floa
     **Raises:** `ClearanceError` for an unknown name, one that is given twice, and a value without the right unit or out
     of bounds.
     """
-    known, given = parameters(mechanism), {}
+    known, numbers = parameters(mechanism), {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         where = f"`--set {quote(text)[1:-1]}`"
         if not equals:
             raise ClearanceError(f"{where} must read NAME=VALUE, for instance `joint5.radial_clearance=0.2mm`.")
-        if name in given:
+        if name in numbers:
             raise ClearanceError(f"{where} gives `{name}` a second time. Give it once.")
-        given[name] = _setting(known, name, value, where)
-    return given
+        numbers[name] = _setting(known, name, value, where)
+    return numbers
 
 
-def values_by_name(given: Iterable[tuple[str, Any, str]], model: Any) -> dict[str, float]:
+def values_by_name(entries: Iterable[tuple[str, Any, str]], model: Any) -> dict[str, float]:
     """Numbers in SI by parameter name, from a table's entries: (name, quantity, place in the file)."""
     known = parameters(model)
-    return {name: _setting(known, name, value, where) for name, value, where in given}
+    return {name: _setting(known, name, value, where) for name, value, where in entries}
 
 
 def _setting(known: Mapping[str, Leaf], name: str, value: Any, where: str) -> float:
@@ -58,16 +58,16 @@ def with_play(mechanism: Mechanism, texts: Iterable[str]) -> Mechanism:
     """The mechanism with the play that the texts give to its joints. **Raises:** `ClearanceError` naming the text, for
     an unknown joint, number or unit, and for numbers that contradict each other.
     """
-    given: set[str] = set()
+    joints: set[str] = set()
     for text in texts:
         where = f"`--clearance {quote(text)[1:-1]}`"
         name, colon, rest = text.partition(":")
         name = name.strip()
         if not colon:
             raise ClearanceError(f"{where} must read JOINT:radial_clearance=0.1mm, with more numbers after commas.")
-        if name in given:
+        if name in joints:
             raise ClearanceError(f"{where} gives joint `{name}` play a second time. Give it once.")
-        given.add(name)
+        joints.add(name)
         with naming(where):
             joint = mechanism.joint(name)
             if type(joint) not in PRESETS:

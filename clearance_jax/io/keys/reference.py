@@ -212,8 +212,8 @@ def _merge(properties: dict[str, Any], key: Key) -> None:
         properties[key.name] = _unshape(old)  # the reader knows which it is
 
 
-def _unshape(given: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in given.items() if name not in _SHAPE}
+def _unshape(shape: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in shape.items() if name not in _SHAPE}
 
 
 def _of(key: Key) -> dict[str, Any]:

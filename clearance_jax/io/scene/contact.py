@@ -93,9 +93,9 @@ def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
             )
     clearance, pin, tolerance = _radii(table, usual)
     normal, friction = _laws(table, round_contact(clearance) if usual else None)
-    given = {key: table.get(key) for key in ("length", *fields) if key in table.values}
+    sizes = {key: table.get(key) for key in ("length", *fields) if key in table.values}
     with naming(table.where):
-        return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **given)
+        return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **sizes)
 
 
 def _ball(table: TomlTable, usual: bool) -> SphericalClearance:
@@ -119,9 +119,9 @@ def _guide(table: TomlTable, usual: bool) -> GuideClearance:
 def _bearing(table: TomlTable) -> AbstractPin:
     others = (key.name for key in keys.PIN.keys if key.name not in WITH_A_BEARING)
     table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
-    word, given = table.variant("bearing", keys.BEARINGS)
-    with naming(given.where):
-        return BEARINGS_MADE[word](**given.arguments("type"), friction=_friction(table))
+    word, inner = table.variant("bearing", keys.BEARINGS)
+    with naming(inner.where):
+        return BEARINGS_MADE[word](**inner.arguments("type"), friction=_friction(table))
 
 
 BEARINGS_MADE: dict[str, Callable] = {

@@ -117,14 +117,14 @@ def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:
     return read_drive(table.get(name), table.key(name), table.words, path)
 
 
-def read_drive(given: Any, where: str, words: Words, path: Path) -> AbstractDrive:
+def read_drive(values: Any, where: str, words: Words, path: Path) -> AbstractDrive:
     """A drive from an expression or a table; `words`: units of its coordinate by placeholder."""
     with naming(where):
-        if isinstance(given, str):
-            return read_expression(given)
-        if check_table(given, where).get("type") == "spline" and "file" in given:
-            return _spline(TomlTable(given, where, keys.SPLINE_FILE, words), path)
-        kind, inner = variant(given, where, keys.DRIVE_TABLES, words)
+        if isinstance(values, str):
+            return read_expression(values)
+        if check_table(values, where).get("type") == "spline" and "file" in values:
+            return _spline(TomlTable(values, where, keys.SPLINE_FILE, words), path)
+        kind, inner = variant(values, where, keys.DRIVE_TABLES, words)
         return keys.DRIVES[kind](**inner.arguments("type"))
 
 
@@ -185,13 +185,13 @@ def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> A
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
     kind = type(joint)
     table = TomlTable(values, where, keys.MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
-    given, motion = motion_of(table, path), joint.motion
-    if given.drive is None:
-        position = given.position if table.has("position") else motion.position
-        rotor = motion.rotor_inertia if given.rotor_inertia is None else given.rotor_inertia
-        actuators = *motion.actuators, *given.actuators
-        given = dataclasses.replace(given, position=position, actuators=actuators, rotor_inertia=rotor)
-    motion = dataclasses.replace(given, limits=motion.limits)
+    added, motion = motion_of(table, path), joint.motion
+    if added.drive is None:
+        position = added.position if table.has("position") else motion.position
+        rotor = motion.rotor_inertia if added.rotor_inertia is None else added.rotor_inertia
+        actuators = *motion.actuators, *added.actuators
+        added = dataclasses.replace(added, position=position, actuators=actuators, rotor_inertia=rotor)
+    motion = dataclasses.replace(added, limits=motion.limits)
     return dataclasses.replace(joint, motion=motion, **play_of(kind, table, path, usual=True))
 
 

@@ -159,11 +159,11 @@ def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mecha
     table, references = TomlTable(values, where, keys.CONTROLLER), []
     free = {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
     table.need("target")
-    for coordinate, given, there in table.entries("target"):
+    for coordinate, target, there in table.entries("target"):
         if coordinate not in free:
             raise ClearanceError(f"{there}: there is no free coordinate of this name. " + suggest(coordinate, free))
         words = TURNING if free[coordinate].slides is None else SLIDING
-        references.append(Reference(coordinate, read_drive(given, there, words, path)))
+        references.append(Reference(coordinate, read_drive(target, there, words, path)))
     with naming(where):
         made = ComputedTorque(name, tuple(references), **table.arguments("target"))
         check_model(made, mechanism.ideal())

@@ -66,8 +66,8 @@ def _bounds(name: str, values: Any, where: str, mechanism: Mechanism) -> tuple[f
     with naming(where):
         unit = units_of(mechanism, [name])[name]
     table = TomlTable(values, where, PARAMETER_TABLE, {PARAMETER: unit})
-    given = table.only("lower", "upper")
-    return (given.get("lower", -np.inf), given.get("upper", np.inf)) if given else None
+    bounds = table.only("lower", "upper")
+    return (bounds.get("lower", -np.inf), bounds.get("upper", np.inf)) if bounds else None
 
 
 def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any, dict[str, float]]:

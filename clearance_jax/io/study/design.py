@@ -43,7 +43,7 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
         model = mechanism = mechanism.with_drives(drives)
     tables = _variable_tables(table, mechanism)
     variables, costs = _variables(tables)
-    limits = [_limit(name, TomlTable(given, at, keys.LIMIT), study, wear) for name, given, at in table.entries("limit")]
+    limits = [_limit(name, TomlTable(inner, at, keys.LIMIT), study, wear) for name, inner, at in table.entries("limit")]
     problem = ToleranceProblem(
         mechanism,
         study.span.t1,
@@ -115,16 +115,16 @@ def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> d
 def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
     """The product of conditions, trajectories, payloads and speeds: numbers by the name of each condition."""
     tables = table.entries("condition")
-    given = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
+    conditions = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
     payloads = {}
     for name, values, where in table.entries("payload"):
         with naming(where):
             payloads[name] = Payload(**TomlTable(values, where, keys.PAYLOAD).arguments())
     speeds = table.get("speed") if table.has("speed") else None
     if not (trajectories or payloads or speeds):
-        return given
+        return conditions
     with naming(table.where):
-        return condition_product(mechanism, trajectories, payloads, speeds, given)
+        return condition_product(mechanism, trajectories, payloads, speeds, conditions)
 
 
 # Variables and what they cost ----------------------------------------------------------------------------------------
@@ -197,10 +197,10 @@ def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str,
     if not top.has("manufacture"):
         return None
     kind, table = top.variant("manufacture", keys.MANUFACTURE_TABLES)
-    given = table.arguments("kind", "of")
+    arguments = table.arguments("kind", "of")
     if "of" in [key.name for key in keys.MANUFACTURE_TABLES[kind].keys]:
-        given["scatter"] = _scatter(study, table, model, names)
-    return MANUFACTURE[kind](**given)
+        arguments["scatter"] = _scatter(study, table, model, names)
+    return MANUFACTURE[kind](**arguments)
 
 
 def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
@@ -208,13 +208,13 @@ def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[st
     others.
     """
     scatters, asked = {}, study.scatter(table.get("of"), model, table.where)
-    for name, given in asked.items():
-        about = given.relative is not None and (given.mean, given.lower, given.upper) == (None, None, None)
-        if about and given.distribution in ("normal", "log-normal"):
-            scatters[name] = given.relative
+    for name, how in asked.items():
+        about = how.relative is not None and (how.mean, how.lower, how.upper) == (None, None, None)
+        if about and how.distribution in ("normal", "log-normal"):
+            scatters[name] = how.relative
         elif name in variables:
             raise ClearanceError(
-                f"{given.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
+                f"{how.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
                 "and nothing else; it scatters normal or log-normal, not uniform."
             )
         else:

@@ -63,8 +63,8 @@ class StudyFile:
         self.table = TomlTable(values, f"{path}:", STUDY)
         self.name = self.table.get("name") or path.stem
         self.scene: Scene = read_scene(path.parent / self.table.get("scene"))
-        given = values_by_name(self.table.entries("set"), self.scene.mechanism)
-        self.mechanism: Mechanism = replace(self.scene.mechanism, given)
+        numbers = values_by_name(self.table.entries("set"), self.scene.mechanism)
+        self.mechanism: Mechanism = replace(self.scene.mechanism, numbers)
         usual = {name: value for name, value in self.scene.solve.items() if name in OF_THE_SCENE}
         self.options: dict[str, Any] = usual | self.table.table("solve", SOLVE).arguments()
 
@@ -119,7 +119,7 @@ class StudyFile:
     def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
         """As `scatter`, as distributions; `model`: by default the mechanism."""
         model = self.mechanism if model is None else model
-        return {name: _distribution(name, given, model) for name, given in self.scatter(names, model, where).items()}
+        return {name: _distribution(name, how, model) for name, how in self.scatter(names, model, where).items()}
 
 
 def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[Any, str]]:
@@ -127,8 +127,8 @@ def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[An
     `*` is expanded to all that match.
     """
     with naming(table.key(key)):
-        given = {name: (values, where) for name, values, where in table.entries(key)}
-        return expand(given, parameters(model)) if any("*" in name for name in given) else given
+        tables = {name: (values, where) for name, values, where in table.entries(key)}
+        return expand(tables, parameters(model)) if any("*" in name for name in tables) else tables
 
 
 def _scatter(table: TomlTable) -> Scatter:
@@ -144,14 +144,14 @@ def _scatter(table: TomlTable) -> Scatter:
     return Scatter(table.get("distribution"), table.get("mean"), deviation, relative, lower, upper, table.where)
 
 
-def _distribution(name: str, given: Scatter, model: Any) -> Any:
-    mean, deviation, known = given.mean, given.deviation, arguments_of(given.distribution)
+def _distribution(name: str, how: Scatter, model: Any) -> Any:
+    mean, deviation, known = how.mean, how.deviation, arguments_of(how.distribution)
     if "mean" in known and mean is None:
         mean = float(np.asarray(values_of(model, [name])[name]))
-    if given.relative is not None:
-        deviation = given.relative * (1.0 if mean is None else abs(mean))
-    with naming(given.where):
-        return scatter(mean, deviation, given.lower, given.upper, given.distribution)
+    if how.relative is not None:
+        deviation = how.relative * (1.0 if mean is None else abs(mean))
+    with naming(how.where):
+        return scatter(mean, deviation, how.lower, how.upper, how.distribution)
 
 
 # Metrics --------------------------------------------------------------------------------------------------------------
@@ -164,30 +164,30 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
         return _recurrence(read)
     make = (metrics.COUNTS if kind in metrics.COUNTS else metrics.REDUCTIONS)[kind]
     wanted = {field.name for field in dataclasses.fields(make)}
-    given: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     if kind in metrics.COUNTS:
-        given |= _of(make, kind, table, mechanism)
+        fields |= _of(make, kind, table, mechanism)
     else:
-        given["signal"] = signal_of(table, mechanism)
+        fields["signal"] = signal_of(table, mechanism)
     if "times" in wanted:
-        given["times"] = _times(table, span)
+        fields["times"] = _times(table, span)
     if "band" in wanted:
-        given["band"] = table.get("band", {metrics.OF_SIGNAL: given["signal"].unit})
+        fields["band"] = table.get("band", {metrics.OF_SIGNAL: fields["signal"].unit})
     if "level" in wanted:
-        given["level"] = table.get("level", {metrics.OF_SIGNAL: given["signal"].unit}) or 0.0
-        given |= {"direction": table.get("direction")} if table.has("direction") else {}
+        fields["level"] = table.get("level", {metrics.OF_SIGNAL: fields["signal"].unit}) or 0.0
+        fields |= {"direction": table.get("direction")} if table.has("direction") else {}
     if "since" in wanted and table.has("since"):
-        given["since"] = _since(table, span)
-    return make(**given)
+        fields["since"] = _since(table, span)
+    return make(**fields)
 
 
 def signal_of(table: TomlTable, mechanism: Mechanism) -> AbstractSignal:
     """The `signal` of a table, of the `point`, `body` or `joint` beside it."""
     word = table.get("signal")
-    given = _of(metrics.SIGNALS[word], word, table, mechanism)
-    if "quantity" in given:
-        given["called"] = quantities(mechanism, energy_balance=False)[given["quantity"]].unit
-    return metrics.SIGNALS[word](**given)
+    fields = _of(metrics.SIGNALS[word], word, table, mechanism)
+    if "quantity" in fields:
+        fields["called"] = quantities(mechanism, energy_balance=False)[fields["quantity"]].unit
+    return metrics.SIGNALS[word](**fields)
 
 
 def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[str, str]:

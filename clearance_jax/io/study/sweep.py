@@ -23,7 +23,7 @@ def sweep_of(study: StudyFile) -> dict[str, Any]:
     axes = {
         name: _axis(variant(values, where, AXIS_TABLES), name, study) for name, values, where in table.entries("axis")
     }
-    varied = {name for given in axes.values() for name in (given.values if isinstance(given, Zipped) else ())}
+    varied = {name for axis in axes.values() for name in (axis.values if isinstance(axis, Zipped) else ())}
     ends_vary = "t1" in axes.keys() | varied
     if ends_vary and study.table.has("t1"):
         raise ClearanceError(f"{study.table.key('t1')} is an axis of the sweep too. Take one of the two away.")

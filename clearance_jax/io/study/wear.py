@@ -104,9 +104,9 @@ def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism,
         raise ClearanceError(
             f"{top.key('joint')} must be a pin in a plane sleeve, but `{name}` is another kind of joint."
         )
-    given = {"length": top.get("length")} if top.has("length") else {}
-    given |= {key: _material(top, key) for key in ("pin_material", "sleeve_material") if top.has(key)}
-    clearance = dataclasses.replace(known[name], **given)
+    changes = {"length": top.get("length")} if top.has("length") else {}
+    changes |= {key: _material(top, key) for key in ("pin_material", "sleeve_material") if top.has(key)}
+    clearance = dataclasses.replace(known[name], **changes)
     if clearance.length is None:
         raise ClearanceError(f"{top.where} lacks the key `length`, which the depth of wear depends on. Add it.")
     return mechanism.with_clearance(name, clearance), name
@@ -118,8 +118,8 @@ def _material(table: TomlTable, key: str) -> Material:
 
 def _coefficient(top: TomlTable) -> Words:
     """The unit of the coefficient by its placeholder: none beside a hardness."""
-    given = top.values.get("law")
-    return {keys.COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}
+    law = top.values.get("law")
+    return {keys.COEFFICIENT_UNIT: "" if isinstance(law, dict) and "hardness" in law else COEFFICIENT}
 
 
 def _law(read: Chosen) -> AbstractWearLaw:

@@ -166,18 +166,18 @@ def check_spelling(element: Element, where: str) -> None:
     """Raise for a misspelt child or attribute."""
     tags, allowed = {child.tag for child in element.children}, CHILDREN.get(element.tag, ())
     _check_words(tags, allowed, f"{where} holds <{{}}>, which is no known element", allowed)
-    given, known = element.attributes, ATTRIBUTES.get(element.tag, ())
+    attributes, known = element.attributes, ATTRIBUTES.get(element.tag, ())
     wrong = f"{where}: <{element.tag}> has an attribute `{{}}`, which is not known"
     # A `gear_velocity` beside a `velocity` is not misspelt.
-    meant = known if element.tag in CLOSED else [word for word in known if word not in given]
-    _check_words(given, known, wrong, meant, element.tag in CLOSED)
+    meant = known if element.tag in CLOSED else [word for word in known if word not in attributes]
+    _check_words(attributes, known, wrong, meant, element.tag in CLOSED)
 
 
 def _check_words(
-    given: Collection[str], known: Collection[str], wrong: str, meant: Collection[str], closed: bool = False
+    words: Collection[str], known: Collection[str], wrong: str, meant: Collection[str], closed: bool = False
 ) -> None:
     """Raise for an unknown word that is similar to one in `meant`, or if `closed` for any unknown word."""
-    for word in sorted(set(given) - set(known)):
+    for word in sorted(set(words) - set(known)):
         if closed or difflib.get_close_matches(word[:100].lower(), meant, n=1, cutoff=ALIKE):
             raise ClearanceError(f"{wrong.format(word[:100])}. " + suggest(word, known))
 
@@ -272,11 +272,11 @@ def direction(element: Element, where: str) -> Triple:
     axis = only(element, "axis", where)
     if axis is None:
         return (1.0, 0.0, 0.0)
-    given = np.array(numbers(axis, "xyz", 3, where))
-    largest = np.abs(given).max()
+    vector = np.array(numbers(axis, "xyz", 3, where))
+    largest = np.abs(vector).max()
     if not largest > 0:
         raise ClearanceError(f"{where}: its <axis> must have a direction, but it is zero. Give one, as `0 0 1`.")
-    unit = given / largest  # first, for squares of small numbers may vanish
+    unit = vector / largest  # first, for squares of small numbers may vanish
     # An axis along a coordinate axis stays exactly there: x / hypot(x, 0, 0) is 1.
     x, y, z = (float(part) for part in unit / np.sqrt(np.sum(unit**2)))
     return x, y, z

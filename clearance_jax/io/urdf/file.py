@@ -144,11 +144,11 @@ def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
     losses = {"damping": 0.0, "friction": 0.0}
     sources: dict[str, str] = {}
     for tag in ("dynamics", "limit", "joint_properties"):
-        given = only(element, tag, where)
-        if given is None:
+        holder = only(element, tag, where)
+        if holder is None:
             continue
-        for key in losses.keys() & given.attributes.keys():
-            value = number(given, key, where)
+        for key in losses.keys() & holder.attributes.keys():
+            value = number(holder, key, where)
             if value < 0:
                 raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <{tag}>.")
             if key in sources and value != losses[key]:
@@ -232,18 +232,18 @@ def with_extras(joints: Sequence[Joint], top: Element) -> tuple[Joint, ...]:
     """The joints with the springs and rotors that elements outside them describe."""
     by_name, extra = {joint.name: joint for joint in joints}, set()
     for element in top.children:
-        for name, given in _extras(element):
+        for name, numbers in _extras(element):
             where = place(element)
             if name not in by_name:
                 raise ClearanceError(f"{where}: there is no joint `{name[:60]}`. " + suggest(name, by_name))
             joint = by_name[name]
-            for key, value in given.items():
+            for key, value in numbers.items():
                 if getattr(joint, key) not in (0.0, value):
                     raise ClearanceError(
                         f"{where}: the {key} of joint `{name}` is {value:g} here and {getattr(joint, key):g} elsewhere "
                         "in the file. Leave one."
                     )
-            by_name[name] = joint._replace(**given)
+            by_name[name] = joint._replace(**numbers)
             extra.add(name)
             _check(joint.kind, by_name[name].stiffness, by_name[name].rotor, where)
     # Joints of equal names stay apart, and are refused later.
@@ -254,11 +254,11 @@ def _extras(element: Element) -> Iterator[tuple[str, dict[str, float]]]:
     """Names of joints, each with the numbers that an element outside it gives."""
     where = place(element)
     if element.tag == "gazebo":
-        given = {child.word: child for child in element.children}
-        if "springStiffness" in given:
-            numbers = {"stiffness": _number_in(given["springStiffness"], where)}
-            if "springReference" in given:
-                numbers["rest"] = _number_in(given["springReference"], where)
+        children = {child.word: child for child in element.children}
+        if "springStiffness" in children:
+            numbers = {"stiffness": _number_in(children["springStiffness"], where)}
+            if "springReference" in children:
+                numbers["rest"] = _number_in(children["springReference"], where)
             yield text(element, "reference", where), numbers
     elif element.tag == "force_element":
         for spring in element.children:
@@ -268,10 +268,10 @@ def _extras(element: Element) -> Iterator[tuple[str, dict[str, float]]]:
                 yield _joint_of(spring, where), numbers
     elif element.tag == "transmission":
         for actuator in element.children:
-            given = {child.word: child for child in actuator.children} if actuator.word == "actuator" else {}
-            if "rotor_inertia" in given:
-                ratio = number(given["gear_ratio"], "value", where) if "gear_ratio" in given else 1.0
-                yield _joint_of(element, where), {"rotor": ratio**2 * number(given["rotor_inertia"], "value", where)}
+            children = {child.word: child for child in actuator.children} if actuator.word == "actuator" else {}
+            if "rotor_inertia" in children:
+                ratio = number(children["gear_ratio"], "value", where) if "gear_ratio" in children else 1.0
+                yield _joint_of(element, where), {"rotor": ratio**2 * number(children["rotor_inertia"], "value", where)}
 
 
 def _joint_of(element: Element, where: str) -> str:

@@ -71,12 +71,7 @@ def warn_of_notes(path: str | Path, mechanism: Mechanism) -> None:
 
 
 def read_robot(
-    path: str | Path,
-    *,
-    base: str = "fixed",
-    gravity: Any = EARTH,
-    end_effector: str | Sequence[str] | None = None,
-    mimic: str = "refuse",
+    path: str | Path, base: str = "fixed", gravity: Any = EARTH, end_effector: Any = None, mimic: str = "refuse"
 ) -> tuple[str, Mechanism]:
     """As `load_urdf`, with the file's text."""
     _check_word("base", base, BASES)
@@ -268,9 +263,9 @@ class UniqueNames:
     def __init__(self):
         self.taken = {GROUND, "gravity", "drive", "target"}
 
-    def of(self, given: Iterable[str], what: str) -> dict[str, str]:
+    def of(self, written: Iterable[str], what: str) -> dict[str, str]:
         """Unique names by the names in the file; `what`: the kind of these parts in one word."""
-        return {name: self._unique(name, what) for name in given}
+        return {name: self._unique(name, what) for name in written}
 
     def _unique(self, name: str, what: str) -> str:
         wanted = name.replace(".", "_").replace("=", "_")

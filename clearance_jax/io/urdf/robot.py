@@ -234,11 +234,11 @@ def _list(names: Sequence[str]) -> str:
 
 def _circle(link: str, carried: Mapping[str, Joint]) -> str:
     """The loop of joints above a link, in words."""
-    seen: list[str] = []
-    while link not in seen:
-        seen.append(link)
+    passed: list[str] = []
+    while link not in passed:
+        passed.append(link)
         link = carried[link].parent
-    joints = [f"`{carried[name].name}`" for name in reversed(seen[seen.index(link) :])]
+    joints = [f"`{carried[name].name}`" for name in reversed(passed[passed.index(link) :])]
     return f"joints {_list(joints)} go round in a circle" if len(joints) > 1 else f"joint {joints[0]} goes round"
 
 
@@ -269,12 +269,12 @@ def _check_mimics(joints: Mapping[str, Joint]) -> None:
             _check_followed(joint, joint.mimic.joint, joints)
     led: set[str] = set()  # by a joint that follows none
     for joint in joints.values():
-        seen = [joint.name]
-        while seen[-1] not in led and (mimic := joints[seen[-1]].mimic) is not None:
-            if mimic.joint in seen:
-                _refuse_circle(joints[mimic.joint], seen)
-            seen.append(mimic.joint)
-        led |= set(seen)
+        followers = [joint.name]
+        while followers[-1] not in led and (mimic := joints[followers[-1]].mimic) is not None:
+            if mimic.joint in followers:
+                _refuse_circle(joints[mimic.joint], followers)
+            followers.append(mimic.joint)
+        led |= set(followers)
 
 
 def _refuse_circle(joint: Joint, followers: Sequence[str]) -> None:
