@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from scipy.stats import ks_2samp
 
 import clearance_jax as cj
-from clearance_jax.io.study import load_study
+from clearance_jax.io.study.study import load_study
 from clearance_jax.report.recurrence_figures import bifurcation, sections
 from clearance_jax.report.sweep_axes import Exponent, exponent_of
 from experiments.common import CRANK_SPEED, STUDIES, compact, output, swept, table

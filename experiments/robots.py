@@ -27,8 +27,8 @@ from clearance_jax._basis.symmetric import Dense
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.io.urdf_file import read_urdf
-from clearance_jax.io.urdf_merge import merge
+from clearance_jax.io.urdf.bodies import merge
+from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.mechanism.state import State
 from experiments.common import SCENES, output, table
 from experiments.publish import command, say

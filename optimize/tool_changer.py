@@ -11,7 +11,7 @@ from pathlib import Path
 
 from clearance_jax.design import Design, ToleranceProblem, findings, static_weights
 from clearance_jax.design.static import static_error
-from clearance_jax.io.study import Study, load_study
+from clearance_jax.io.study.study import Study, load_study
 from clearance_jax.parameters import replace
 from clearance_jax.report.design_figures import over_time, pin_in_sleeve
 from clearance_jax.report.figures import save_figure

@@ -114,8 +114,8 @@ def _file_name(case: Case) -> str:
 def laid_out(kind: str, path: Path) -> Any:
     """What a file describes, with what is made of it before a solve."""
     from clearance_jax.dynamics.quantities import labels
-    from clearance_jax.io.scene import load_scene
-    from clearance_jax.io.study import load_study
+    from clearance_jax.io.scene.scene import load_scene
+    from clearance_jax.io.study.study import load_study
     from clearance_jax.mechanism.state import layout
     from clearance_jax.parameters import check_values
 
@@ -164,7 +164,7 @@ def _robot(path: Path) -> Any:
     """The robot of a file on its base, and where it can be moved by itself, off it."""
     from clearance_jax.dynamics.quantities import labels
     from clearance_jax.errors import ClearanceError
-    from clearance_jax.io.urdf import load_urdf
+    from clearance_jax.io.urdf.mechanism import load_urdf
     from clearance_jax.mechanism.state import layout
     from clearance_jax.parameters import check_values
 
@@ -297,8 +297,8 @@ def fuzz(count: int, seed: int = 0, solves: int = 0, say: Callable[[str], None] 
 
 def _said() -> tuple[type[Warning], ...]:
     """What a reader says of a file that it loads."""
-    from clearance_jax.io.plausible import ImplausibleWarning
-    from clearance_jax.io.urdf import NotReadWarning
+    from clearance_jax.io.urdf.mechanism import NotReadWarning
+    from clearance_jax.joints.checks import ImplausibleWarning
 
     return ImplausibleWarning, NotReadWarning
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from clearance_jax.io.keys import reference
+from clearance_jax.io.keys.reference import reference
 from tests.fuzz_trajectories import trajectory
 from tests.fuzz_urdf import urdf
 from tests.places import ROOT

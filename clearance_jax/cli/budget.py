@@ -48,7 +48,7 @@ def say_budget(
 
 def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
     """The robot with a point at the frame of the named link."""
-    from clearance_jax.io.urdf import load_urdf
+    from clearance_jax.io.urdf.mechanism import load_urdf
 
     return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)
 

@@ -52,16 +52,15 @@ def set_up() -> None:
 def read_scene(scene_file: Path) -> Any:
     """Read a scene, without the changes of the command's options."""
     set_up()
-    from clearance_jax.io.scene import read_scene
+    from clearance_jax.io.scene.scene import read_scene
 
     return read_scene(scene_file)
 
 
 def change(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: list[str] | None = None) -> Any:
     """Apply the options --clearance, --set and --ideal to a mechanism."""
-    from clearance_jax.io.given_play import with_play
-    from clearance_jax.io.plausible import implausible
-    from clearance_jax.io.settings import parse_settings
+    from clearance_jax.io.scene.scene import implausible
+    from clearance_jax.io.settings import parse_settings, with_play
     from clearance_jax.parameters import check_values, replace
 
     mechanism = with_play(mechanism, clearances or [])

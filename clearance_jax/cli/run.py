@@ -119,8 +119,8 @@ def run(
 
 
 def _load(path: Path) -> Any:
-    from clearance_jax.io.plausible import ImplausibleWarning
-    from clearance_jax.io.study import load_study
+    from clearance_jax.io.study.study import load_study
+    from clearance_jax.joints.checks import ImplausibleWarning
 
     with aloud(ImplausibleWarning):
         return load_study(path)

@@ -1,15 +1,25 @@
-"""Reads text, TOML and CSV files of limited size."""
+"""Reads text, TOML and CSV files of limited size. Messages name the file, the line and the column."""
 
 import csv
+import math
+import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.io.keys.kinds import check_text
 
 LARGEST_TOML, LARGEST_TABLE = 2_000_000, 50_000_000
+TIME = "time"
+# Every time of a trajectory ends a step of the solve, and each step looks at all of them.
+MOST_ROWS = 100_000
+LONGEST_LINE = 100_000
+# Contents of cells without a measurement.
+GAPS = ("", "nan", "na")
+_HEAD = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 
 def read_toml(path: Path, what: str) -> tuple[str, dict[str, Any]]:
@@ -54,3 +64,139 @@ def read_text(path: Path, what: str, largest: int) -> str:
         raise ClearanceError(f"Cannot read the {what} `{path}`: {error.strerror}.") from None
     except UnicodeDecodeError:
         raise ClearanceError(f"Cannot read the {what} `{path}`: it is not a text in UTF-8.") from None
+
+
+# CSV files with a header of times and named columns with units --------------------------------------------------------
+
+
+class Meant(NamedTuple):
+    """Words for messages about a table: `what` it is, what a `column` beside the times holds, an `example` header."""
+
+    what: str
+    column: str
+    example: str
+
+
+class CsvLine(NamedTuple):
+    """A line with content: its text, and its name in messages."""
+
+    text: str
+    where: str
+
+
+class Head(NamedTuple):
+    """A header cell: column name, unit (`None`: SI), and its name in messages."""
+
+    name: str
+    unit: str | None
+    where: str
+
+
+class CsvTable(NamedTuple):
+    """A CSV table: header, rows as text, and `values`, shape (rows, columns)."""
+
+    heads: list[Head]
+    rows: list[CsvLine]
+    values: np.ndarray
+
+
+def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
+    """Read a CSV file in UTF-8 with a header. Empty lines and lines that begin with `#` are ignored. `gaps`: empty
+    cells and `nan` become NaN. **Raises** `ClearanceError` naming file, line and column.
+    """
+    head, *rows = _lines(path, meant)
+    heads = _header(head, meant)
+    values = np.array([_row(line, heads, meant, gaps) for line in rows]).reshape(-1, len(heads))
+    return CsvTable(heads, rows, values)
+
+
+def _lines(path: Path, meant: Meant) -> list[CsvLine]:
+    """The lines with content: the header, then the rows."""
+    text = read_text(path, meant.what, LARGEST_TABLE).removeprefix("\ufeff")
+    if "\0" in text:
+        raise ClearanceError(
+            f"`{path}` is no text, but binary data. Give a CSV file with a header such as {meant.example}."
+        )
+    numbered = enumerate(re.split(r"\r\n|\r|\n", text), start=1)
+    lines = [CsvLine(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
+    if not lines:
+        raise ClearanceError(f"`{path}` is empty. Give a CSV file with a header such as {meant.example}.")
+    head, count = lines[0], len(lines) - 1
+    if count > MOST_ROWS:
+        raise ClearanceError(f"`{path}` has {count} rows, but at most {MOST_ROWS} are read. Thin it out.")
+    if "," not in head.text and (mark := next((m for m in ";\t" if m in head.text), "")):
+        raise ClearanceError(
+            f"{head.where}: columns are separated by {quote(mark)}. Separate them by commas, and write decimals with "
+            "a point."
+        )
+    return lines
+
+
+def _cells(line: CsvLine, meant: Meant) -> list[str]:
+    if len(line.text) > LONGEST_LINE:
+        raise ClearanceError(f"{line.where} is longer than {LONGEST_LINE} characters. Is it a {meant.what}?")
+    try:
+        return [cell.strip() for cell in next(csv.reader([line.text], skipinitialspace=True, strict=True))]
+    except csv.Error as error:
+        raise ClearanceError(f"{line.where}: its cells cannot be told apart ({error}).") from None
+
+
+def _header(line: CsvLine, meant: Meant) -> list[Head]:
+    cells, where = _cells(line, meant), line.where
+    if all(_is_number(cell) for cell in cells):
+        raise ClearanceError(
+            f"{where} must be a header such as {meant.example}, but it has numbers only. Add one above it."
+        )
+    columns: dict[str, Head] = {}
+    for i, cell in enumerate(cells, start=1):
+        column = _head(cell, f"{where}, column {i}")
+        if column.name in columns:
+            raise ClearanceError(f"{column.where}: `{column.name}` has a column already. Take one of them away.")
+        columns[column.name] = column
+    if TIME not in columns:
+        raise ClearanceError(f"{where}: no column is called `{TIME}`. Call one so, as in {meant.example}.")
+    if len(columns) < 2:
+        raise ClearanceError(
+            f"{where}: the header has no {meant.column} beside `{TIME}`. Add a column for each {meant.column}."
+        )
+    return list(columns.values())
+
+
+def _head(cell: str, where: str) -> Head:
+    match = _HEAD.fullmatch(cell)
+    if match is None:
+        raise ClearanceError(f"{where} must be a name with a unit in brackets, `hip [deg]`, but it is {quote(cell)}.")
+    name, unit = match[1].strip(), match[2]
+    if not name:
+        raise ClearanceError(f"{where} has no name. Name it, or take the comma beside it away.")
+    check_text(name, f"{where}, a name,")
+    return Head(TIME if name.lower() == TIME else name, None if unit is None else unit.strip(), where)
+
+
+def _row(line: CsvLine, columns: list[Head], meant: Meant, gaps: bool) -> list[float]:
+    cells = _cells(line, meant)
+    if len(cells) != len(columns):
+        hint = " Are there decimal commas?" if len(cells) > len(columns) else ""
+        raise ClearanceError(f"{line.where} has {len(cells)} cells, but the header has {len(columns)} columns.{hint}")
+    return [_number(cell, f"{line.where}, column `{c.name}`", gaps) for cell, c in zip(cells, columns, strict=True)]
+
+
+def _number(cell: str, where: str, gaps: bool) -> float:
+    if gaps and cell.lower() in GAPS:
+        return math.nan
+    if not _is_number(cell):
+        content = f"it is {quote(cell)}" if cell else "nothing is there"
+        raise ClearanceError(f"{where} must be a number, but {content}.")
+    value = float(cell)
+    if not math.isfinite(value):
+        raise ClearanceError(f"{where} must be finite, but it is {quote(cell)}.")
+    return value
+
+
+def _is_number(cell: str) -> bool:
+    """Whether a cell is a number. `1_000`, which Python accepts, is not."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell

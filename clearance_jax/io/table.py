@@ -2,38 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.kinds import Key, Word, Words, check_name
+from clearance_jax.io.keys.declare import Keys
+from clearance_jax.io.keys.kinds import Word, Words, check_name
 
 NO_WORDS: Words = {}
-
-
-class Keys(NamedTuple):
-    """The declaration of a table: its `name` in the file, `title` and `help` for the reference, and its `keys`.
-    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present by former names of keys;
-    `shared`: tables whose keys it includes. Tables of one name and title are kinds of one family.
-    """
-
-    name: str
-    title: str
-    help: str
-    keys: tuple[Key, ...]
-    choice: str = ""
-    renamed: Mapping[str, str] = MappingProxyType({})
-    shared: tuple["Keys", ...] = ()
-
-    def __add__(self, other: "Keys") -> "Keys":  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The same table with the keys of a shared one."""
-        return self._replace(keys=(*self.keys, *other.keys), shared=(*self.shared, other))
-
-    @property
-    def unshared(self) -> tuple[Key, ...]:
-        """The keys that no shared table has."""
-        others = {key.name for table in self.shared for key in table.keys}
-        return tuple(key for key in self.keys if key.name not in others)
 
 
 class TomlTable:
@@ -120,25 +95,25 @@ class Chosen(NamedTuple):
 def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
     """The table of one of several kinds, which its first declared key chooses, or the default of that key."""
     first = next(iter(tables.values()))
-    head, given = first.keys[0], check_table(values, where)
-    if head.name not in given and head.default is None:
-        for name in given:
+    head, values = first.keys[0], check_table(values, where)
+    if head.name not in values and head.default is None:
+        for name in values:
             check_renamed(name, where, first)
         raise ClearanceError(f"{where} lacks the key `{head.name}`. Add it. " + suggest("", tables))
-    word = Word(head.name, head.help, head.example, allowed=tuple(tables)).read(
-        given.get(head.name, head.default), below(where, head.name), words
+    word = Word(head.help, head.example, allowed=tuple(tables)).read(
+        values.get(head.name, head.default), below(where, head.name), words
     )
-    _check_kind(given, where, tables, word, head.name)
-    return Chosen(word, TomlTable(given, where, tables[word], words))
+    _check_kind(values, where, tables, word, head.name)
+    return Chosen(word, TomlTable(values, where, tables[word], words))
 
 
-def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
+def _check_kind(values: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
     """Raise where keys belong to another kind."""
     known = {name: {key.name for key in keys.keys} for name, keys in tables.items()}
-    for key in given:
+    for key in values:
         having = [name for name, keys in known.items() if key in keys]
         if having and key not in known[word] and key not in tables[word].renamed:
-            fix = "change" if head in given else "add"
+            fix = "change" if head in values else "add"
             raise ClearanceError(
                 f"{below(where, key)} is not a known key of the {head} `{word}`, but of "
                 + ", ".join(f"`{name}`" for name in having)

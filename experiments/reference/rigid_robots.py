@@ -4,7 +4,7 @@ this library's dynamics is used. Slow, short, and for joints of one coordinate, 
 
 import numpy as np
 
-from clearance_jax.io.urdf_parts import Robot
+from clearance_jax.io.urdf.robot import Robot
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 # The speed at which a joint's friction turns round: its default [rad/s or m/s].

@@ -26,8 +26,8 @@ from clearance_jax.calibrate.result import Minimum
 from clearance_jax.calibrate.run import settle
 from clearance_jax.calibrate.search import search, starts_of
 from clearance_jax.cli.main import app
-from clearance_jax.io import calibrate_keys
-from clearance_jax.io.keys import example
+from clearance_jax.io.keys import study as calibrate_keys
+from clearance_jax.io.keys.reference import example
 from clearance_jax.solve.settings import settings_of
 
 search_module = importlib.import_module("clearance_jax.calibrate.search")

@@ -22,11 +22,10 @@ from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.main import app, main
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import LONGEST, ClearanceError, cut, quote
-from clearance_jax.io.given_play import with_play
-from clearance_jax.io.plausible import ImplausibleWarning
-from clearance_jax.io.scene import load_scene
-from clearance_jax.io.settings import parse_settings
-from clearance_jax.io.study import load_study
+from clearance_jax.io.scene.scene import load_scene
+from clearance_jax.io.settings import parse_settings, with_play
+from clearance_jax.io.study.study import load_study
+from clearance_jax.joints.checks import ImplausibleWarning
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.solve.settings import MOST_SAMPLES
 from clearance_jax.solve.simulate import DOUBTFUL, EnergyWarning, doubt

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax.cli.main import app, main
 from clearance_jax.cli.posture import HELD, undriven
-from clearance_jax.io.scene import load_scene
+from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.form import EquationForm
 from clearance_jax.report.figures import overview

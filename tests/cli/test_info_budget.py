@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 from clearance_jax.cli.budget import _point, _with_point
 from clearance_jax.cli.main import app
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.scene import load_scene
+from clearance_jax.io.scene.scene import load_scene
 from experiments.common import SCENES
 
 TWO = str(SCENES / "slider_crank_two_clearances.toml")

@@ -20,7 +20,7 @@ from clearance_jax.cli.main import app, main
 from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.design import formulation
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.study import load_study
+from clearance_jax.io.study.study import load_study
 from clearance_jax.report.html import write_report
 
 SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"

@@ -12,7 +12,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.cli.main import app
 from clearance_jax.dynamics.field import slope
-from clearance_jax.io.scene import load_scene
+from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.mechanism.state import layout
 
 LAW = 'normal = { law = "hunt-crossley", stiffness = "1e9 N/m^1.5", damping_factor = "0.5 s/m" }'

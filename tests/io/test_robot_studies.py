@@ -8,7 +8,7 @@ import pytest
 from clearance_jax import metrics
 from clearance_jax.design import Yield
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.study import load_study
+from clearance_jax.io.study.study import load_study
 
 SCENE = Path(__file__).parents[2] / "experiments" / "scenes" / "arm.toml"
 STUDY = f"""

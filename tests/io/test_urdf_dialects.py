@@ -13,7 +13,7 @@ import clearance_jax as cj
 from clearance_jax.cli.main import app
 from clearance_jax.dynamics.field import slope
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.urdf import NotReadWarning
+from clearance_jax.io.urdf.mechanism import NotReadWarning
 from clearance_jax.mechanism.actuators import JointFriction, JointSpring
 
 MASS = (

@@ -5,11 +5,10 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax.errors import LONGEST, ClearanceError
-from clearance_jax.io.poses import rotation_of, rpy_of
-from clearance_jax.io.urdf_file import read_urdf
-from clearance_jax.io.urdf_merge import merge
-from clearance_jax.io.urdf_moved import mass_matrix
-from clearance_jax.io.xml_file import read_xml
+from clearance_jax.io.urdf.bodies import mass_matrix, merge
+from clearance_jax.io.urdf.elements import read_xml
+from clearance_jax.io.urdf.file import read_urdf
+from clearance_jax.io.urdf.robot import rotation_of, rpy_of
 from clearance_jax.mechanism.limits import Limits
 from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO, hinge, link, robot
 from tests.urdf_reference import homogeneous, poses, pseudo_inertia, tree
@@ -153,7 +152,7 @@ def test_what_is_no_xml_is_refused(case, written):
 
 
 def test_a_file_too_large_is_not_read(written, monkeypatch):
-    monkeypatch.setattr("clearance_jax.io.xml_file.LARGEST_XML", 1_000_000)
+    monkeypatch.setattr("clearance_jax.io.urdf.elements.LARGEST_XML", 1_000_000)
     refused(written(ARM + " " * 1_000_000), "larger than 1 MB")
 
 

@@ -14,9 +14,9 @@ from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.plausible import ImplausibleWarning
-from clearance_jax.io.scene import load_scene
-from clearance_jax.io.urdf_file import read_urdf
+from clearance_jax.io.scene.scene import load_scene
+from clearance_jax.io.urdf.file import read_urdf
+from clearance_jax.joints.checks import ImplausibleWarning
 from clearance_jax.mechanism.state import layout
 from tests import urdf_reference as reference
 from tests.urdf_cases import ARM, AXIS, MASS, RIG, hinge, link, robot

@@ -13,7 +13,7 @@ import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.study import load_study
+from clearance_jax.io.study.study import load_study
 
 SCENES = Path(__file__).parents[2] / "experiments" / "scenes"
 TIMES = np.array([0.0, 0.1, 0.25])

@@ -492,7 +492,7 @@ def test_what_is_no_file_is_refused(tmp_path, monkeypatch):
     for path in (tmp_path, tmp_path / "missing.csv", "/dev/zero", "a\0b"):
         with pytest.raises(cj.ClearanceError, match="Cannot read the trajectory"):
             cj.read_trajectory(path)
-    monkeypatch.setattr("clearance_jax.io.columns.LARGEST_TABLE", 20)
+    monkeypatch.setattr("clearance_jax.io.files.LARGEST_TABLE", 20)
     with pytest.raises(cj.ClearanceError, match="larger than"):
         cj.read_trajectory(written(tmp_path, GOOD))
 

@@ -19,9 +19,9 @@ from places import ROOT
 from typer.testing import CliRunner
 
 from clearance_jax.cli.main import UsageError, app
-from clearance_jax.io.keys import reference
-from clearance_jax.io.scene import load_scene
-from clearance_jax.io.study import load_study
+from clearance_jax.io.keys.reference import reference
+from clearance_jax.io.scene.scene import load_scene
+from clearance_jax.io.study.study import load_study
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, Geometry
 
 DOCS = ROOT / "docs"

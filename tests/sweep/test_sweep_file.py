@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax.cli.main import app
-from clearance_jax.io import metric_keys, study_keys, sweep_keys
-from clearance_jax.io.keys import example
-from clearance_jax.io.study import load_study
+from clearance_jax.io.keys import metric as metric_keys
+from clearance_jax.io.keys import study as study_keys
+from clearance_jax.io.keys.reference import example
+from clearance_jax.io.study.study import load_study
 
 SCENE = ROOT / "experiments/scenes/slider_crank.toml"
 
@@ -23,7 +24,7 @@ def lines(values: dict[str, str]) -> str:
     return "".join(f"{name} = {value}\n" for name, value in values.items())
 
 
-AXIS = '[sweep.axis."wrist.radial_clearance"]\n' + lines(example(sweep_keys.AXIS_TABLES["range"]))
+AXIS = '[sweep.axis."wrist.radial_clearance"]\n' + lines(example(study_keys.AXIS_TABLES["range"]))
 METRIC = "[metric.peak]\n" + lines(example(metric_keys.METRIC_KINDS["peak"], "body", "joint", "quantity", "times"))
 
 
@@ -44,8 +45,8 @@ def test_examples_of_the_section_are_read(tmp_path):
         f"[{name}]\n{lines(example(table, *skip))}"
         for name, table, skip in (
             ("solve", study_keys.SOLVE, ()),
-            ("sweep", sweep_keys.SWEEP, ("axis", "again", "quantities")),
-            ("sweep.again", sweep_keys.AGAIN, ()),
+            ("sweep", study_keys.SWEEP, ("axis", "again", "quantities")),
+            ("sweep.again", study_keys.AGAIN, ()),
         )
     )
     rest += '[set]\n"slider.mass" = "0.2 kg"\n'
@@ -59,11 +60,11 @@ def test_examples_of_the_section_are_read(tmp_path):
     assert (load(tmp_path)["t1"], load(tmp_path)["rtol"]) == (0.024, 1e-8)
 
 
-@pytest.mark.parametrize("word", sweep_keys.AXIS_TABLES)
+@pytest.mark.parametrize("word", study_keys.AXIS_TABLES)
 def test_examples_of_axes_are_read(word, tmp_path):
     (tmp_path / "rough.toml").write_text(SCENE.read_text())
     name = {"values": "wrist.radial_clearance", "range": "wrist.radial_clearance"}.get(word, "mine")
-    values = example(sweep_keys.AXIS_TABLES[word], "of")
+    values = example(study_keys.AXIS_TABLES[word], "of")
     both = "".join(f'[scatter."{body}.mass"]\ndeviation = "1 percent"\n' for body in ("slider", "conrod"))
     given = load(tmp_path, axis=f'[sweep.axis."{name}"]\n{lines(values)}', rest=both)["axes"][name]
     kinds = {

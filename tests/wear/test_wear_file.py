@@ -13,11 +13,13 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import wear
 from clearance_jax.cli.main import app
-from clearance_jax.io import play_keys, study_keys, wear_keys
-from clearance_jax.io.keys import example
-from clearance_jax.io.scene import load_scene
-from clearance_jax.io.study import load_study
-from clearance_jax.io.wear_section import WearAsked
+from clearance_jax.io.keys import play as play_keys
+from clearance_jax.io.keys import study as study_keys
+from clearance_jax.io.keys import wear as wear_keys
+from clearance_jax.io.keys.reference import example
+from clearance_jax.io.scene.scene import load_scene
+from clearance_jax.io.study.study import load_study
+from clearance_jax.io.study.wear import WearAsked
 from clearance_jax.results.play import pin_travel
 from clearance_jax.runs.journal import Journal
 

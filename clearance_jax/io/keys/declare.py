@@ -1,0 +1,159 @@
+"""Declares tables of keys: by hand, or from the fields of a class (see `parameters.physical`)."""
+
+import dataclasses
+import inspect
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, get_args, get_origin
+
+from clearance_jax.io.keys.kinds import (
+    Direction,
+    Flag,
+    Key,
+    Moments,
+    Names,
+    Quantities,
+    QuantityKey,
+    Sub,
+    Text,
+    Triple,
+    VectorKey,
+    Whole,
+    Word,
+)
+from clearance_jax.mechanism.compounds import Slide, Spin, Turn
+from clearance_jax.mechanism.loads import Force, Torque
+from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
+
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+# Kinds of keys by the record of numbers that a field holds, with their units.
+_RECORDS: dict[type, tuple[type[VectorKey | Triple], str]] = {
+    Position: (VectorKey, "m"),
+    Orientation: (Triple, "rad"),
+    Force: (VectorKey, "N"),
+    Torque: (Triple, "N*m"),
+}
+
+
+class Keys(NamedTuple):
+    """The declaration of a table: its `name` in the file, `title` and `help` for the reference, and its `keys`.
+    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present by former names of keys;
+    `shared`: tables whose keys it includes. Tables of one name and title are kinds of one family.
+    """
+
+    name: str
+    title: str
+    help: str
+    keys: tuple[Key, ...]
+    choice: str = ""
+    renamed: Mapping[str, str] = NOTHING
+    shared: tuple["Keys", ...] = ()
+
+    def __add__(self, other: "Keys") -> "Keys":  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The same table with the keys of a shared one."""
+        return self._replace(keys=(*self.keys, *other.keys), shared=(*self.shared, other))
+
+    @property
+    def unshared(self) -> tuple[Key, ...]:
+        """The keys that no shared table has."""
+        others = {key.name for table in self.shared for key in table.keys}
+        return tuple(key for key in self.keys if key.name not in others)
+
+
+def table(
+    name: str,
+    title: str,
+    help: str,
+    /,
+    *shared: Keys,
+    choice: str = "",
+    renamed: Mapping[str, str] = NOTHING,
+    **keys: Key,
+) -> Keys:
+    """A table with keys by their names, and after them those of `shared` tables."""
+    named = tuple(dataclasses.replace(key, name=word) for word, key in keys.items())
+    return sum(shared, start=Keys(name, title, help, named, choice, renamed))
+
+
+def kind(help: str, /, *shared: Keys, renamed: Mapping[str, str] = NOTHING, **keys: Key) -> Keys:
+    """A table of one kind, for a `family`."""
+    return table("", "", help, *shared, renamed=renamed, **keys)
+
+
+def kinds(members: Mapping[str, Any], more: Mapping[str, Mapping[str, Key]] = NOTHING) -> dict[str, Keys]:
+    """Tables by word: the keys of each member's class, and those in `more`, which replace keys of the same name."""
+    return {
+        word: kind(summary(member), **keys_of(_class(member)) | dict(more.get(word, {})))
+        for word, member in members.items()
+    }
+
+
+def family(
+    name: str, title: str, head: str, help: str, kinds: Mapping[str, Keys], default: str | None = None
+) -> dict[str, Keys]:
+    """The `kinds` as tables of one name, of which the key `head` chooses one by its word."""
+    tables = {}
+    for word, member in kinds.items():
+        choosing = Word(help, f'"{word}"', name=head, allowed=tuple(kinds), default=default, required=default is None)
+        keys = (choosing, *member.keys)
+        tables[word] = member._replace(name=name, title=title, keys=keys, choice=f'{head} = "{word}"')
+    return tables
+
+
+def keys_of(cls: type, *names: str) -> dict[str, Key]:
+    """Keys by the named fields of a class, or by all fields with a help text."""
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    chosen = names or tuple(name for name, field in fields.items() if field.metadata.get("help"))
+    return {name: _key(fields[name]) for name in chosen}
+
+
+def optional(keys: Mapping[str, Key], **absent: str) -> dict[str, Key]:
+    """The keys, made optional; `absent`: what their absence means, by name."""
+    return {
+        name: dataclasses.replace(key, required=False, absent=absent.get(name, key.absent))
+        for name, key in keys.items()
+    }
+
+
+def _key(field: dataclasses.Field) -> Key:
+    about = field.metadata
+    required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    words = about["help"], about["example"], about["absent"]
+    common: dict[str, Any] = {"required": required}
+    types = {field.type, *get_args(field.type)}
+    if types & {Slide, Turn}:
+        return Sub(*words, **common)
+    if Spin in types:
+        return Triple(*words, unit="rad/s", **common)
+    if Inertia in types:
+        return Moments(*words, unit=about["unit"], bounds=about, **common)
+    common |= {"default": None if required else field.default}
+    for record, (make, unit) in _RECORDS.items():
+        if record in types:
+            return make(*words, unit=unit, record=record, **common)
+    if Axis in types:
+        return Direction(*words, **common)
+    if "unit" in about:
+        # A table of numbers has a dimension in its annotation, one number none; either may be optional.
+        many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))
+        common |= {"unit": about["unit"]}
+        return Quantities(*words, **common) if many else QuantityKey(*words, bounds=about, **common)
+    if field.type == tuple[str, ...]:
+        return Names(*words, **common)
+    if field.type in (int, int | None):
+        return Whole(*words, least=about["least"], most=about["most"], **common)
+    if get_origin(field.type) is Mapping:
+        return Sub(*words, form="values by name", **common)
+    if get_origin(field.type) is Literal:
+        return Word(*words, allowed=get_args(field.type), **common)
+    return (Flag if field.type is bool else Text)(*words, **common)
+
+
+def summary(part: Any) -> str:
+    """First paragraph of the docstring of a class or function."""
+    return " ".join((part.__doc__ or "").split("\n\n")[0].split()).split("**Arguments:**")[0].strip()
+
+
+def _class(member: Any) -> type:
+    """The class of a family member; of a function the class that it returns."""
+    return member if inspect.isclass(member) else inspect.signature(member, eval_str=True).return_annotation

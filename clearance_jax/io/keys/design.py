@@ -1,0 +1,170 @@
+"""Every key of a study's section `design`. A new key is a line here, and its use."""
+
+from clearance_jax.design.costs import COSTS
+from clearance_jax.design.explain import FACTORS
+from clearance_jax.design.manufacture import MANUFACTURE
+from clearance_jax.design.methods import METHOD_CHOICES
+from clearance_jax.design.specification import FIDELITY_CHOICES
+from clearance_jax.io.keys.declare import Keys, family, kinds, table
+from clearance_jax.io.keys.kinds import (
+    Flag,
+    Moments,
+    Names,
+    Quantities,
+    Sub,
+    Text,
+    VectorKey,
+    Whole,
+    Wholes,
+    Word,
+    path,
+    quantity,
+    tables,
+)
+from clearance_jax.io.keys.metric import METRIC
+from clearance_jax.parameters import PARAMETER
+from clearance_jax.solve.settings import MOST_SAMPLES
+
+DESIGN = table(
+    "design",
+    "Design",
+    "The largest, or the cheapest, values of numbers that keep every limit.",
+    variable=tables(
+        "the clearances (or other numbers) that are looked for, by name; `*` stands for any part of a name",
+        '{ "wrist.radial_clearance" = { lower = "10 um", upper = "1 mm" } }',
+        required=True,
+    ),
+    limit=tables("bounds on metrics, by their names", '{ piston = { bound = "0.2 mm" } }', required=True),
+    condition=Sub(
+        "in which every limit must hold: numbers by name, for each condition by a name of yours",
+        '{ slow = { "drive.main.speed" = "3000 rpm" } }',
+        "the scene as it is",
+        form="tables of values by name",
+    ),
+    trajectory=Sub(
+        "CSV files of trajectories, by names of yours: every condition holds along each",
+        '{ pick = "pick.csv", place = "place.csv" }',
+        "the drives of the scene",
+        form="paths by name",
+    ),
+    payload=tables(
+        "payloads, by names of yours: every condition holds with each",
+        '{ light = { body = "slider", mass = "0.5 kg" } }',
+        "none",
+    ),
+    speed=Quantities("factors on the speed of the drives: every condition holds at each", "[0.5, 1]", "[1]"),
+    manufacture=Sub("how parts come out of manufacture", '{ kind = "band", least = 0.8 }', "as designed"),
+    verify=Sub("how the answer is proved", "{ sweep = 40 }"),
+    tradeoff=Sub("what other bounds would mean", "{ factors = [0.8, 1.25] }", "not asked"),
+    cost_unit=Text("what costs are counted in", '"EUR"', "cost units", longest=20),
+    method=Word("the method of the search", '"slsqp"', allowed=METHOD_CHOICES, default="slsqp"),
+    starts=Whole("number of starts, the first in the middle of the bounds", "3", "1", least=1, most=10_000),
+    fidelity=Word(
+        "the model of the motion, in the place of that in `solve`: by poses alone, or searched by poses and judged by "
+        "the dynamics (auto)",
+        '"auto"',
+        "as in `solve`, or dynamics",
+        allowed=FIDELITY_CHOICES,
+    ),
+    most=Whole("evaluations after which the search stops", "500", "1000000", least=1),
+)
+TRAJECTORY = path("a file of a trajectory", '"pick.csv"')
+PAYLOAD = table(
+    "design.payload.NAME",
+    "Payloads",
+    "What a body carries: it becomes heavier, with another centre of mass and another inertia.",
+    body=Text("the body that carries it", '"slider"', required=True),
+    mass=quantity("its mass", '"0.5 kg"', "kg", least=0.0, required=True),
+    center_of_mass=VectorKey(
+        "its centre of mass in the body's frame", '["60 mm", "0 mm"]', "the frame's origin", unit="m"
+    ),
+    inertia=Moments(
+        "its inertia about its centre of mass, along the body's axes",
+        '"1e-4 kg*m^2"',
+        "a point mass",
+        unit="kg*m^2",
+        bounds={"above": 0.0},
+    ),
+)
+LIMIT = table(
+    "design.limit.NAME",
+    "Limits",
+    "What a metric of the study must not exceed, by the metric's name.",
+    bound=quantity("the bound", '"0.2 mm"', METRIC, above=0.0, required=True),
+    cycles=Wholes(
+        "after how many cycles of wear it must hold, with a section `wear`; 0: as new too",
+        "[0, 20000]",
+        "as new only",
+    ),
+)
+VERIFY = table(
+    "design.verify",
+    "How an answer is proved",
+    "By another solver, at a tenth of the tolerance.",
+    sweep=Whole("scalings of the design at which the limits are looked at", "40", "40", least=2, most=100_000),
+    starts=Whole("random starts of the same method", "3", "0", most=10_000),
+    samples=Whole(
+        "fresh samples, where manufacture is a yield", "1000", "20 / (1 - target)", least=1, most=MOST_SAMPLES
+    ),
+    reoptimise=Flag("whether the prices of the limits are checked by solving again", "true", "false"),
+)
+TRADEOFF = table(
+    "design.tradeoff",
+    "Trade-off",
+    "What other bounds of a limit would mean: the problem is solved again for each.",
+    limit=Text("the limit", '"tip"', "that nearest to its bound"),
+    factors=Quantities("on its bound", "[0.8, 1, 1.25]", f"{list(FACTORS)}"),
+)
+VARIABLE = table(
+    'design.variable."NAME"',
+    "Variables",
+    "A number that is looked for, by its dotted name; its unit is the parameter's.",
+    lower=quantity("its lower bound, above zero", '"10 um"', PARAMETER, required=True),
+    upper=quantity("its upper bound", '"1 mm"', PARAMETER, required=True),
+    cost=Sub(
+        "what it costs to make; for all variables or for none",
+        '{ law = "reciprocal", factor = "0.2 mm" }',
+        "the largest clearance is wanted",
+    ),
+    classes=Names(
+        "the ISO 286 fits that it can be made in, of which the cheapest combination is chosen",
+        '["H7/g6", "H7/f7", "H8/e8"]',
+        "any value",
+    ),
+    class_costs=Quantities(
+        "what each of the `classes` costs to make", "[9, 6, 4]", "as `cost` says of the greatest clearance"
+    ),
+    renamed={"least": "lower", "greatest": "upper"},
+)
+_OF_TABLE = {
+    "clearances": Quantities("at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
+    "costs": Quantities("a cost for each, falling", "[9, 4]", required=True),
+}
+COST_TABLES = family(
+    'design.variable."NAME".cost', "Cost", "law", "the law of the cost", kinds(COSTS, {"table": _OF_TABLE})
+)
+# The table `scatter` describes the distributions; here the numbers are only named.
+_OF = Names(
+    "the numbers, which scatter as `scatter` says: normal, log-normal from 20 percent on",
+    '["slider.mass"]',
+    "all that scatter",
+    name="of",
+)
+
+
+def _named_only(member: Keys) -> Keys:
+    return member._replace(keys=tuple(_OF if key.name == "scatter" else key for key in member.keys))
+
+
+MANUFACTURE_TABLES = family(
+    "design.manufacture",
+    "Manufacture",
+    "kind",
+    "how parts come out of manufacture",
+    {word: _named_only(member) for word, member in kinds(MANUFACTURE).items()},
+)
+DESIGN_TABLES = (
+    *(DESIGN, VARIABLE, *COST_TABLES.values(), PAYLOAD, LIMIT),
+    *(*MANUFACTURE_TABLES.values(), VERIFY, TRADEOFF),
+)
+"""Every table of the section, in the order of the reference."""

@@ -1,0 +1,325 @@
+"""Kinds of values of keys. Each reads and checks its values, and describes them for the reference."""
+
+import abc
+import dataclasses
+import itertools
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, ClassVar
+
+from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.mechanism.placement import as_axis, as_inertia
+from clearance_jax.parameters import check_bounds, resolve_unit
+from clearance_jax.units import to_si
+
+# Most characters of a name, and of a path.
+LONGEST, LONGEST_PATH = 200, 4096
+Words = Mapping[str, str]
+"""Units by placeholder, where they depend on other values of the file."""
+Shape = Mapping[str, Any]
+_NUMBER = {"type": ["string", "number"]}
+_NUMBERS = {"type": "array", "items": _NUMBER}
+
+
+def _as_tuple(*numbers: float | None) -> tuple[float | None, ...]:
+    return numbers
+
+
+@dataclasses.dataclass(frozen=True)
+class Key(abc.ABC):
+    """A key of a table, declared once for the reader and the reference. Its `name` is that under which it is declared.
+
+    - `help`: what it is; `example`: its value in TOML.
+    - `default`: its value where it is absent; `absent`: what its absence means, where no value says that.
+    - `required`: whether it must be there.
+    """
+
+    help: str
+    example: str
+    absent: str = ""
+    name: str = dataclasses.field(default="", kw_only=True)
+    default: Any = dataclasses.field(default=None, kw_only=True)
+    required: bool = dataclasses.field(default=False, kw_only=True)
+    unit: str = dataclasses.field(default="", kw_only=True)
+
+    @property
+    @abc.abstractmethod
+    def kind(self) -> str:
+        """What its values are, in words."""
+
+    @property
+    @abc.abstractmethod
+    def shape(self) -> Shape:
+        """What its values are, in JSON Schema."""
+
+    @abc.abstractmethod
+    def read(self, value: Any, where: str, words: Words) -> Any:
+        """The value checked, numbers in SI. **Raises** `ClearanceError` naming `where` it stands."""
+
+
+@dataclasses.dataclass(frozen=True)
+class QuantityKey(Key):
+    """One number: a string with a unit, or bare if it has no unit. `bounds`: as of `parameters.physical`."""
+
+    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
+    shape: ClassVar[Shape] = _NUMBER
+
+    @property
+    def kind(self) -> str:
+        return "quantity" if self.unit else "number"
+
+    def read(self, value, where, words):
+        if isinstance(value, list):
+            raise ClearanceError(f"{where} must be one quantity, but it is the list {quote(value)}.")
+        unit = resolve_unit(self.unit, words)
+        number = to_si(value, unit, where)
+        check_bounds(number, self.bounds, where, unit, value)
+        return number
+
+
+def quantity(
+    help: str,
+    example: str,
+    unit: str = "",
+    absent: str = "",
+    *,
+    default: float | None = None,
+    required: bool = False,
+    **bounds: float,
+) -> Key:
+    """A key of one number; `bounds`: as of `parameters.physical`."""
+    return QuantityKey(help, example, absent, unit=unit, default=default, required=required, bounds=bounds)
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantities(Key):
+    """A list of at least one number."""
+
+    shape: ClassVar[Shape] = _NUMBERS | {"minItems": 1}
+
+    @property
+    def kind(self) -> str:
+        return "list of quantities" if self.unit else "list of numbers"
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or not value:
+            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
+        unit = resolve_unit(self.unit, words)
+        return [to_si(v, unit, f"{where}[{i}]") for i, v in enumerate(value)]
+
+
+@dataclasses.dataclass(frozen=True)
+class VectorKey(Key):
+    """A vector: a pair in the plane, a triple in space. Components that are zero are left out of the program. `record`:
+    what is made of them.
+    """
+
+    default: Any = dataclasses.field(default=(None, None), kw_only=True)
+    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
+    kind: ClassVar[str] = "pair or triple of quantities"
+    shape: ClassVar[Shape] = _NUMBERS | {"minItems": 2, "maxItems": 3}
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or len(value) not in (2, 3):
+            raise ClearanceError(
+                f"{where} must be a pair (or in space a triple) such as {self.example}, but it is {quote(value)}."
+            )
+        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Triple(Key):
+    """Three angles or rates. Those that are zero are left out of the program. `record`: what is made of them."""
+
+    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
+    kind: ClassVar[str] = "triple of quantities"
+    shape: ClassVar[Shape] = _NUMBERS | {"minItems": 3, "maxItems": 3}
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or len(value) != 3:
+            raise ClearanceError(f"{where} must be a triple such as {self.example}, but it is {quote(value)}.")
+        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Direction(Key):
+    """An axis of a frame: a letter, or three numbers of any length."""
+
+    kind: ClassVar[str] = "axis"
+    shape: ClassVar[Shape] = {"type": ["string", "array"]}
+
+    def read(self, value, where, words):
+        if not isinstance(value, (str, list)):
+            raise ClearanceError(f"{where} must be an axis such as {self.example}, but it is {quote(value)}.")
+        numbers = [to_si(v, "", f"{where}[{i}]") for i, v in enumerate(value)] if isinstance(value, list) else value
+        try:
+            return as_axis(numbers)
+        except ClearanceError as error:
+            raise ClearanceError(f"{where}: {error}") from None
+
+
+@dataclasses.dataclass(frozen=True)
+class Moments(Key):
+    """A moment of inertia (about z), or three or six of them."""
+
+    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
+    kind: ClassVar[str] = "quantity, or list of three or six"
+    shape: ClassVar[Shape] = {"type": ["string", "number", "array"]}
+
+    def read(self, value, where, words):
+        if not isinstance(value, list):
+            number = to_si(value, self.unit, where)
+            check_bounds(number, self.bounds, where, self.unit, value)
+            return number
+        if len(value) not in (3, 6):
+            raise ClearanceError(
+                f"{where} must be one quantity, three (xx, yy, zz) or six (and xy, xz, yz), but it is {quote(value)}."
+            )
+        try:
+            return as_inertia([to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value)])
+        except ClearanceError as error:
+            raise ClearanceError(f"{where}: {error}") from None
+
+
+@dataclasses.dataclass(frozen=True)
+class Whole(Key):
+    """A whole number from `least` to `most`."""
+
+    least: int = dataclasses.field(default=0, kw_only=True)
+    most: int = dataclasses.field(default=10**9, kw_only=True)
+    kind: ClassVar[str] = "whole number"
+
+    @property
+    def shape(self) -> Shape:
+        return {"type": "integer", "minimum": self.least, "maximum": self.most}
+
+    def read(self, value, where, words):
+        if isinstance(value, bool) or not isinstance(value, int) or value < self.least:
+            raise ClearanceError(f"{where} must be a whole number of at least {self.least}, but it is {quote(value)}.")
+        if value > self.most:
+            raise ClearanceError(f"{where} must be a whole number of at most {self.most}, but it is {quote(value)}.")
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Wholes(Key):
+    """A list of increasing whole numbers, at least 0."""
+
+    kind: ClassVar[str] = "list of whole numbers"
+    shape: ClassVar[Shape] = {"type": "array", "items": {"type": "integer"}}
+
+    def read(self, value, where, words):
+        whole = isinstance(value, list) and value and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
+        if not whole or value[0] < 0 or any(a >= b for a, b in itertools.pairwise(value)):
+            raise ClearanceError(
+                f"{where} must be a list of whole numbers that grow, such as {self.example}, but it is {quote(value)}."
+            )
+        return tuple(value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Flag(Key):
+    """True or false."""
+
+    kind: ClassVar[str] = "true or false"
+    shape: ClassVar[Shape] = {"type": "boolean"}
+
+    def read(self, value, where, words):
+        if not isinstance(value, bool):
+            raise ClearanceError(f"{where} must be true or false, but it is {quote(value)}.")
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Text(Key):
+    """A name, a title or a path."""
+
+    longest: int = dataclasses.field(default=LONGEST, kw_only=True)
+    kind: ClassVar[str] = "text"
+    shape: ClassVar[Shape] = {"type": "string"}
+
+    def read(self, value, where, words):
+        if not isinstance(value, str):
+            raise ClearanceError(f"{where} must be a text in quotes, but it is {quote(value)}.")
+        return check_text(value, where, self.longest)
+
+
+def path(help: str, example: str, absent: str = "", *, required: bool = False) -> Key:
+    """A key of the path of a file."""
+    return Text(help, example, absent, required=required, longest=LONGEST_PATH)
+
+
+@dataclasses.dataclass(frozen=True)
+class Names(Key):
+    """A list of names."""
+
+    kind: ClassVar[str] = "list of names"
+    shape: ClassVar[Shape] = {"type": "array", "items": {"type": "string"}}
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or not value:
+            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
+        for i, name in enumerate(value):
+            if not isinstance(name, str):
+                raise ClearanceError(f"{where}[{i}] must be a name in quotes, but it is {quote(name)}.")
+        return tuple(check_text(name, f"{where}[{i}]") for i, name in enumerate(value))
+
+
+@dataclasses.dataclass(frozen=True)
+class Word(Key):
+    """One of the `allowed` words."""
+
+    allowed: Collection[str] = dataclasses.field(default=(), kw_only=True)
+
+    @property
+    def kind(self) -> str:
+        return "one of " + ", ".join(f"`{word}`" for word in self.allowed)
+
+    @property
+    def shape(self) -> Shape:
+        return {"enum": list(self.allowed)}
+
+    def read(self, value, where, words):
+        if not isinstance(value, str) or value not in self.allowed:
+            raise ClearanceError(
+                f"{where} must be one of the allowed words, but it is {quote(value)}. "
+                + suggest(value if isinstance(value, str) else "", self.allowed)
+            )
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Sub(Key):
+    """A sub-table, or one of several kinds; `form`: what it is in words."""
+
+    form: str = dataclasses.field(default="table", kw_only=True)
+    shape: ClassVar[Shape] = {}
+
+    @property
+    def kind(self) -> str:
+        return self.form
+
+    def read(self, value, where, words):
+        return value
+
+
+def tables(help: str, example: str, absent: str = "", *, required: bool = False) -> Key:
+    """A key of sub-tables, whose names the user chooses."""
+    return Sub(help, example, absent, required=required, form="tables by name")
+
+
+def check_text(value: str, where: str, longest: int = LONGEST) -> str:
+    """A text of one line. **Raises** `ClearanceError` if it is empty, too long or unprintable."""
+    if not value.strip() or len(value) > longest or not value.isprintable():
+        raise ClearanceError(
+            f"{where} must be a text of 1 to {longest} printable characters, but it is {quote(value)}."
+        )
+    return value
+
+
+def check_name(value: str, where: str) -> str:
+    """A name of a part, without `.` and `=`. **Raises** `ClearanceError` for another text."""
+    if "." in value or "=" in value:
+        raise ClearanceError(
+            f"{where} must be named without `.` and `=`, which separate names and values, but it is {quote(value)}."
+        )
+    return check_text(value, f"{where}, a name,")

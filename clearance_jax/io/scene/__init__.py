@@ -1,0 +1,1 @@
+"""Reads scene files as mechanisms."""

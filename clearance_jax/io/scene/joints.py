@@ -1,0 +1,224 @@
+"""The joints of a scene and of its robot: where they are, what drives or forces them, which of them close a loop."""
+
+import dataclasses
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.files import read_table
+from clearance_jax.io.keys import scene as keys
+from clearance_jax.io.keys.kinds import Words
+from clearance_jax.io.scene.contact import PLAYS, play_of
+from clearance_jax.io.table import Chosen, TomlTable, check_table, naming, variant
+from clearance_jax.io.urdf.mechanism import place_of, read_robot
+from clearance_jax.io.urdf.robot import FramePose, rotation_of
+from clearance_jax.mechanism.actuators import AbstractActuator, Servo
+from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
+from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
+from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.motion_laws import AbstractDrive, Spline
+from clearance_jax.mechanism.placement import Axis, Gravity, Orientation, Position
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.units import to_si
+
+# What only a joint of the tree has.
+OF_THE_TREE = ("drive", "actuator", "position", "velocity", "eccentricity", "start", "spin", "slide", "turn")
+OF_THE_TREE += ("slide_x", "slide_y", "slide_z", "turn_1", "turn_2")
+
+
+def joints_of(
+    top: TomlTable, path: Path, known: Collection[str] = ()
+) -> tuple[list[AbstractJoint], list[AbstractJoint]]:
+    """The joints of a scene: those of the tree, and those that close a loop. A joint belongs to the tree if no earlier
+    joint has placed its child (and it is not `known` to be placed).
+    """
+    tree: list[AbstractJoint] = []
+    loops: list[AbstractJoint] = []
+    placed = {GROUND, *known}
+    for name, values, where in top.parts("joint"):
+        read = variant(values, where, keys.JOINT_TABLES)
+        joint = _joint(name, read, path)
+        if joint.child in placed:
+            loops.append(_closure(joint, read.table))
+        else:
+            tree.append(joint)
+            placed.add(joint.child)
+    return tree, loops
+
+
+def _closure(joint: AbstractJoint, table: TomlTable) -> AbstractJoint:
+    if isinstance(joint, Free):
+        raise ClearanceError(f"{table.where} closes a loop (`{joint.child}` is placed already) and holds nothing.")
+    for key in OF_THE_TREE:
+        if key in table.values:
+            raise ClearanceError(
+                f"{table.key(key)} has no effect: the joint closes a loop (`{joint.child}` is placed already). "
+                "Move it to a joint of the tree, or write this joint before the one that places the body."
+            )
+    return joint
+
+
+def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
+    kind, table = read
+    common = dict(
+        name=name,
+        parent=table.get("parent"),
+        child=table.get("child"),
+        **table.only("at_parent", "at_child", "angle", "orientation", "child_orientation"),
+    )
+    if kind == "fixed":
+        return Fixed(**common)
+    make = keys.JOINTS[kind]
+    if kind not in ("revolute", "prismatic"):
+        return make(**common, **_several(make, table, path))
+    # The kind of joint decides the units of its coordinate and efforts.
+    table.words = TURNING if kind == "revolute" else SLIDING
+    return make(**common, motion=motion_of(table, path), **play_of(make, table, path), **table.only("axis"))
+
+
+def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
+    """Arguments of a joint with several coordinates, beyond those of every joint."""
+    out = play_of(cls, table, path) if cls in PLAYS else {}
+    for field in dataclasses.fields(cls):
+        if field.type is Axis:
+            out |= table.only("axis")
+        if field.type is Ball:
+            spin = table.get("spin") if table.has("spin") else ()
+            start = table.get("start") if table.has("start") else Orientation()
+            out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)), table.get("damping"))
+        if field.type in (Slide, Turn) and table.has(field.name):
+            words = SLIDING if field.type is Slide else TURNING
+            inner = TomlTable(table.get(field.name), table.key(field.name), keys.MOTION, words)
+            out[field.name] = motion_of(inner, path)
+    return out
+
+
+def motion_of(table: TomlTable, path: Path) -> Motion:
+    """The motion of a coordinate: driven, or free with actuators."""
+    drive = drive_of(table, "drive", path) if table.has("drive") else None
+    if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
+        raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
+    actuators = tuple(
+        _actuator(name, variant(values, where, keys.ACTUATOR_TABLES, table.words), path)
+        for name, values, where in table.parts("actuator")
+    )
+    rotor = table.get("rotor_inertia")
+    if drive is not None and rotor is not None:
+        raise ClearanceError(f"{table.key('rotor_inertia')} has no effect beside a drive, which is followed exactly.")
+    return Motion(drive, table.get("position"), table.get("velocity"), actuators, rotor_inertia=rotor)
+
+
+def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:
+    """The drive that a key of a table describes."""
+    return read_drive(table.get(name), table.key(name), table.words, path)
+
+
+def read_drive(values: Any, where: str, words: Words, path: Path) -> AbstractDrive:
+    """A drive from an expression or a table; `words`: units of its coordinate by placeholder."""
+    with naming(where):
+        if isinstance(values, str):
+            return read_expression(values)
+        if check_table(values, where).get("type") == "spline" and "file" in values:
+            return _spline(TomlTable(values, where, keys.SPLINE_FILE, words), path)
+        kind, inner = variant(values, where, keys.DRIVE_TABLES, words)
+        return keys.DRIVES[kind](**inner.arguments("type"))
+
+
+def _spline(table: TomlTable, path: Path) -> Spline:
+    times, values = read_table(path.parent / table.get("file"), table.key("file"))
+    scale = to_si(f"1 {table.get('unit')}", table.words["coordinate"], table.key("unit"))
+    return Spline(times, values * scale, table.get("ends"))
+
+
+def _actuator(name: str, read: Chosen, path: Path) -> AbstractActuator:
+    cls, table = keys.ACTUATORS[read.word], read.table
+    values = table.arguments("type")
+    if cls is Servo:
+        values["target"] = drive_of(table, "target", path)
+    return cls(**values, name=name)
+
+
+# Joints of a robot ----------------------------------------------------------------------------------------------------
+
+
+class RobotParts(NamedTuple):
+    """Parts that a robot adds to a scene; `trajectory`: its file; `notes`: what of the URDF file was not read."""
+
+    bodies: tuple[Body, ...] = ()
+    joints: tuple[AbstractJoint, ...] = ()
+    points: tuple[Point, ...] = ()
+    gravity: Gravity | None = None
+    trajectory: Path | None = None
+    notes: tuple[str, ...] = ()
+
+
+NO_ROBOT = RobotParts()
+
+
+def robot_of(top: TomlTable, path: Path) -> RobotParts:
+    """Read the table `robot` of a scene."""
+    table = top.table("robot", keys.ROBOT)
+    robot = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
+    joints = {joint.name: joint for joint in robot.joints}
+    for name, values, where in table.entries("joint"):
+        if name not in joints:
+            raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
+        joints[name] = _robot_joint(joints[name], values, where, path)
+    carried = [_payload(robot, *part) for part in table.parts("payload")]
+    return RobotParts(
+        (*robot.bodies, *(body for body, _ in carried)),
+        (*joints.values(), *(grip for _, grip in carried)),
+        robot.points,
+        robot.gravity,
+        path.parent / table.get("trajectory") if table.has("trajectory") else None,
+        robot.notes,
+    )
+
+
+def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
+    """A joint of the robot with the motion and the clearance that the scene gives it."""
+    if not isinstance(joint, (Revolute, Prismatic)):
+        raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
+    kind = type(joint)
+    table = TomlTable(values, where, keys.MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
+    added, motion = motion_of(table, path), joint.motion
+    if added.drive is None:
+        position = added.position if table.has("position") else motion.position
+        rotor = motion.rotor_inertia if added.rotor_inertia is None else added.rotor_inertia
+        actuators = *motion.actuators, *added.actuators
+        added = dataclasses.replace(added, position=position, actuators=actuators, rotor_inertia=rotor)
+    motion = dataclasses.replace(added, limits=motion.limits)
+    return dataclasses.replace(joint, motion=motion, **play_of(kind, table, path, usual=True))
+
+
+def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body, Fixed]:
+    """A payload, and the fixed joint that carries it."""
+    table = TomlTable(values, where, keys.PAYLOAD)
+    on, points = table.get("on"), {point.name: point for point in robot.points}
+    bodies = {GROUND, *(body.name for body in robot.bodies)}
+    if on not in points and on not in bodies:
+        raise ClearanceError(
+            f"{table.key('on')} must name a body or a point of the robot, but it is `{on}`. "
+            + suggest(on, bodies | set(points))
+        )
+    point = points.get(on) or Point(on, on)
+    carrier = _pose(point.at, point.orientation)
+    pose = carrier.of(*_pose(table.get("at"), table.get("orientation")))
+    position, orientation = place_of(pose)
+    grip = Fixed(f"{name}_grip", point.body, name, position, orientation=orientation)
+    return body_of(name, table), grip
+
+
+def _pose(at: Position, orientation: Orientation | None) -> FramePose:
+    angles = (None,) * 3 if orientation is None else (orientation.roll, orientation.pitch, orientation.yaw)
+    rpy = [0.0 if angle is None else float(angle) for angle in angles]
+    return FramePose(np.array([float(x) for x in at.vector]), rotation_of(rpy))
+
+
+def body_of(name: str, table: TomlTable) -> Body:
+    """The body that a table describes."""
+    return Body(name, **table.only(*(key.name for key in keys.BODY.keys)))

@@ -1,0 +1,1 @@
+"""Reads study files, with a module for each of their sections."""

@@ -1,0 +1,108 @@
+"""The section `calibrate` of a study: the arguments of `calibrate`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.files import TIME, Meant, read_columns
+from clearance_jax.io.keys.metric import OF, OF_SIGNAL
+from clearance_jax.io.keys.study import CALIBRATE, PARAMETER_TABLE, SIGNAL_TABLE
+from clearance_jax.io.study.file import StudyFile, signal_of
+from clearance_jax.io.table import TomlTable, naming
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.signals import AbstractSignal
+from clearance_jax.parameters import PARAMETER, units_of
+from clearance_jax.results.store import load_dataset
+
+_TABLE = Meant("table of measured data", "signal", "`time [s], tip.position.x [mm]`")
+
+
+def calibration_of(study: StudyFile) -> dict[str, Any]:
+    """The arguments of `calibrate` by name. **Raises:** `ClearanceError` naming the key and the fix."""
+    table, mechanism = study.table.table("calibrate", CALIBRATE), study.mechanism
+    path = study.path.parent / table.get("data")
+    table.need("parameter")
+    bounds = {name: _bounds(name, values, where, mechanism) for name, values, where in table.entries("parameter")}
+    with naming(table.key("data")):
+        data = read_data(path)
+    signals, deviations = _signals(table, data, mechanism)
+    books = bool(study.options.get("energy_balance", False))
+    with naming(table.key("signal") if table.has("signal") else table.key("data")):
+        measured = read_measurement(mechanism, data, signals, deviations, books)
+    t1 = _end(study, measured)
+    how = table.only("loss", "starts", "seed", "most")
+    return {
+        "mechanism": mechanism,
+        "dataset": data,
+        "parameters": bounds,
+        "signals": signals,
+        "deviations": deviations,
+        "t1": t1,
+        **how,
+        **study.options,
+    }
+
+
+def read_data(path: str | Path) -> xr.Dataset:
+    """Measured data, of the CSV file with a header or the NetCDF file at `path`.
+
+    **Raises:** `ClearanceError` that names the file, line and column.
+    """
+    path = Path(path)
+    if path.suffix.lower() in (".nc", ".h5"):
+        return load_dataset(path)
+    heads, _, values = read_columns(path, _TABLE, gaps=True)
+    units = {head.name: {} if head.unit is None else {"units": head.unit} for head in heads}
+    columns = {head.name: (TIME, column, units[head.name]) for head, column in zip(heads, values.T, strict=True)}
+    time = columns.pop(TIME)
+    return xr.Dataset(columns, {TIME: time})
+
+
+def _bounds(name: str, values: Any, where: str, mechanism: Mechanism) -> tuple[float, float] | None:
+    with naming(where):
+        unit = units_of(mechanism, [name])[name]
+    table = TomlTable(values, where, PARAMETER_TABLE, {PARAMETER: unit})
+    bounds = table.only("lower", "upper")
+    return (bounds.get("lower", -np.inf), bounds.get("upper", np.inf)) if bounds else None
+
+
+def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any, dict[str, float]]:
+    """Signals by column (`None`: every column is the quantity of its name), and the deviations that are given."""
+    if not table.has("signal"):
+        return None, {}
+    signals: dict[str, str | AbstractSignal] = {}
+    deviations = {}
+    for column, values, where in table.entries("signal"):
+        if column not in data:
+            raise ClearanceError(f"{where}: the data have no column `{column}`. {suggest(column, map(str, data))}")
+        signal = TomlTable(values, where, SIGNAL_TABLE)
+        signals[column] = reading = _reading(signal, column, mechanism)
+        with naming(where):
+            unit = unit_of(mechanism, column, reading)
+        if signal.has("deviation"):
+            deviations[column] = signal.get("deviation", {OF_SIGNAL: unit})
+    return signals, deviations
+
+
+def _reading(table: TomlTable, column: str, mechanism: Mechanism) -> str | AbstractSignal:
+    if table.has("signal"):
+        if table.has("quantity"):
+            raise ClearanceError(f"{table.where}: a column is a `quantity` or a `signal`, not both. Take one away.")
+        return signal_of(table, mechanism)
+    table.refuse(*OF, why="has no effect without `signal`. Take it away, or add a signal.")
+    return table.get("quantity") or column
+
+
+def _end(study: StudyFile, measured: Measurement) -> float | None:
+    """End of the motion [s]; `None`: the end of the data."""
+    t1 = study.table.get("t1")
+    if t1 is not None and measured.times[-1] > t1:
+        raise ClearanceError(
+            f"{study.table.key('t1')} is {t1:g} s, but the data reach to {measured.times[-1]:g} s. Take it away: "
+            "then the motion ends with the data."
+        )
+    return t1

@@ -1,0 +1,222 @@
+"""The section `design` of a study: a tolerance problem, how it is solved, and how its answer is proved."""
+
+import itertools
+from typing import Any, NamedTuple
+
+from clearance_jax.design.classes import Candidates, classes_of, priced
+from clearance_jax.design.conditions import Payload, condition_product
+from clearance_jax.design.costs import COSTS, POWER, AbstractCost
+from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
+from clearance_jax.design.problem import ToleranceProblem
+from clearance_jax.design.specification import Limit
+from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.io.keys import design as keys
+from clearance_jax.io.keys.metric import METRIC
+from clearance_jax.io.settings import values_by_name
+from clearance_jax.io.study.file import StudyFile, expand_entries
+from clearance_jax.io.study.wear import WearAsked
+from clearance_jax.io.table import Chosen, TomlTable, entries, naming
+from clearance_jax.io.trajectory import read_trajectory
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.motion_laws import Spline
+from clearance_jax.parameters import PARAMETER, units_of
+from clearance_jax.wear import AfterWear
+
+
+class DesignAsked(NamedTuple):
+    """The section as read: the problem, and the arguments of `solve`, `verify` and, if asked for, `tradeoff`."""
+
+    problem: ToleranceProblem
+    solve: dict[str, Any]
+    verify: dict[str, Any]
+    tradeoff: dict[str, Any] | None = None
+
+
+def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
+    """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
+    table = study.table.table("design", keys.DESIGN)
+    mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
+    trajectories = _trajectories(table, study, mechanism)
+    for drives in itertools.islice(trajectories.values(), 1):  # the others are numbers of these drives
+        if wear is not None:
+            raise ClearanceError(f"{table.key('trajectory')}: with a section `wear` the scene drives the mechanism.")
+        model = mechanism = mechanism.with_drives(drives)
+    tables = _variable_tables(table, mechanism)
+    variables, costs = _variables(tables)
+    limits = [_limit(name, TomlTable(inner, at, keys.LIMIT), study, wear) for name, inner, at in table.entries("limit")]
+    problem = ToleranceProblem(
+        mechanism,
+        study.span.t1,
+        variables,
+        limits,
+        cost=costs or None,
+        conditions=_conditions(table, mechanism, model, trajectories),
+        manufacture=_manufacture(table, study, model, tuple(tables)),
+        cost_unit=table.get("cost_unit") or "cost units",
+        **{**study.options, **table.only("fidelity")},
+    )
+    search = {"method": table.get("method"), **table.only("starts", "most")}
+    verify = table.table("verify", keys.VERIFY)
+    if classes := _classes(table, tables, problem):
+        search["classes"] = classes
+        verify.refuse("starts", "reoptimise", why="has no effect where `classes` are chosen. Leave it out.")
+    return DesignAsked(problem, search, verify.arguments(), _tradeoff(table, problem))
+
+
+def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | None:
+    """The arguments of `tradeoff`; `None`: not asked for."""
+    if not top.has("tradeoff"):
+        return None
+    table, limit = top.table("tradeoff", keys.TRADEOFF), None
+    limits = [limit.title for limit in problem.specification.limits]
+    if table.has("limit"):
+        limit = table.get("limit")
+        if problem.specification.manufacture.title:
+            raise ClearanceError(f"{table.key('limit')} has no effect: a yield is of all limits at once. Leave it out.")
+    if limit is not None and limit not in limits:
+        raise ClearanceError(f"{table.key('limit')}: there is no limit {quote(limit)}. " + suggest(limit, limits))
+    for factor in table.get("factors") or ():
+        if not factor > 0:
+            raise ClearanceError(f"{table.key('factors')} must be above 0, but one is {factor:g}. Leave it out.")
+    return table.arguments()
+
+
+def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: ToleranceProblem) -> Candidates:
+    """Candidate fits by variable, with their costs if given. They are checked before any solve."""
+    fits = {}
+    for name, table in tables.items():
+        if not table.has("classes"):
+            table.refuse("class_costs", why="has no effect without `classes`. Add them.")
+            continue
+        names = table.get("classes")
+        fits[name] = names
+        if table.has("class_costs"):
+            costs = table.get("class_costs")
+            if len(costs) != len(names):
+                raise ClearanceError(
+                    f"{table.key('class_costs')} must be as many as `classes`, {len(names)}, but they are {len(costs)}."
+                )
+            fits[name] = dict(zip(names, costs, strict=True))
+    with naming(top.where):
+        if fits:
+            priced(problem.specification, classes_of(problem.specification, fits))
+    return fits
+
+
+def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
+    """Drives by the names of trajectories."""
+    drives = {}
+    for name, file, where in table.entries("trajectory"):
+        with naming(where):
+            drives[name] = read_trajectory(study.path.parent / keys.TRAJECTORY.read(file, where, {}), mechanism)
+    return drives
+
+
+def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
+    """The product of conditions, trajectories, payloads and speeds: numbers by the name of each condition."""
+    tables = table.entries("condition")
+    conditions = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
+    payloads = {}
+    for name, values, where in table.entries("payload"):
+        with naming(where):
+            payloads[name] = Payload(**TomlTable(values, where, keys.PAYLOAD).arguments())
+    speeds = table.get("speed") if table.has("speed") else None
+    if not (trajectories or payloads or speeds):
+        return conditions
+    with naming(table.where):
+        return condition_product(mechanism, trajectories, payloads, speeds, conditions)
+
+
+# Variables and what they cost ----------------------------------------------------------------------------------------
+
+
+def _variable_tables(top: TomlTable, mechanism: Mechanism) -> dict[str, TomlTable]:
+    """The variables' tables by name, each with the unit of its variable."""
+    tables = {}
+    for name, (values, where) in expand_entries(top, "variable", mechanism).items():
+        with naming(where):
+            unit = units_of(mechanism, [name])[name]
+        tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
+    return tables
+
+
+def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
+    """Bounds and costs by the variables' names."""
+    bounds, costs = {}, {}
+    for name, table in tables.items():
+        unit, where = table.words[PARAMETER], table.where
+        bounds[name] = lower, upper = table.get("lower"), table.get("upper")
+        if not 0 < lower < upper:
+            raise ClearanceError(
+                f"{where}: its bounds contradict each other: 0 < lower < upper must hold, but they are "
+                f"{lower:g} and {upper:g} {unit}".rstrip()
+                + "."
+            )
+        if table.has("cost"):
+            costs[name] = _cost(table.variant("cost", keys.COST_TABLES), unit)
+    return bounds, costs
+
+
+def _cost(read: Chosen, unit: str) -> AbstractCost:
+    """The cost law. Its constants have powers of the variable's unit: `factor = "20 um"`."""
+    law, table = read
+    if law == "table" and any(b > a for a, b in itertools.pairwise(table.get("costs"))):
+        raise ClearanceError(
+            f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
+        )
+    power = table.get("power") if law.endswith("reciprocal") else 1.0
+    units = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
+    # Longer placeholders come first: they contain the parameter's.
+    table.words = {**(units if unit else dict.fromkeys(units, "")), **table.words}
+    with naming(table.where):
+        return COSTS[law](**table.arguments("law"))
+
+
+# Limits --------------------------------------------------------------------------------------------------------------
+
+
+def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None) -> Limit:
+    metric: Any = study.metric(name, study.span, table.where)
+    bound = table.get("bound", {METRIC: metric.unit})
+    if table.has("cycles"):
+        if wear is None:
+            raise ClearanceError(
+                f"{table.key('cycles')} has no effect without a section `wear`, which says how a joint wears. Add it."
+            )
+        model, options = wear.model, wear.options
+        how = {"joint": model.joint, "wear": model.wear, "pressure": model.pressure, "cycle": model.cycle}
+        how |= {"sectors": options["sectors"], "tolerance": options["tolerance"]}
+        metric = AfterWear(metric, cycles=table.get("cycles"), **how)
+    return Limit(metric, bound, name)
+
+
+# Manufacture ---------------------------------------------------------------------------------------------------------
+
+
+def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str, ...]) -> AbstractManufacture | None:
+    if not top.has("manufacture"):
+        return None
+    kind, table = top.variant("manufacture", keys.MANUFACTURE_TABLES)
+    arguments = table.arguments("kind", "of")
+    if "of" in [key.name for key in keys.MANUFACTURE_TABLES[kind].keys]:
+        arguments["scatter"] = _scatter(study, table, model, names)
+    return MANUFACTURE[kind](**arguments)
+
+
+def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
+    """The relative deviation of each number that scatters about its designed or given value; the distributions of
+    others.
+    """
+    scatters, asked = {}, study.scatter(table.get("of"), model, table.where)
+    for name, how in asked.items():
+        about = how.relative is not None and (how.mean, how.lower, how.upper) == (None, None, None)
+        if about and how.distribution in ("normal", "log-normal"):
+            scatters[name] = how.relative
+        elif name in variables:
+            raise ClearanceError(
+                f"{how.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
+                "and nothing else; it scatters normal or log-normal, not uniform."
+            )
+        else:
+            scatters |= study.distributions([name], table.where, model)
+    return scatters

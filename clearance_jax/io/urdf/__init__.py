@@ -1,0 +1,1 @@
+"""Reads URDF files as mechanisms of robots."""

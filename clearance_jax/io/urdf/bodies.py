@@ -1,0 +1,263 @@
+"""Rigid bodies of a URDF's robot: links that are fixed to one another are one body, which must have mass to move.
+
+The frame of each link stays known by the link's name. A body is checked as a whole, so that a frame or sensor may lack
+mass.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.urdf.robot import (
+    HERE,
+    FramePose,
+    Joint,
+    Link,
+    Matrix3,
+    Robot,
+    Vector3,
+    clean,
+    is_identity,
+    rotation_of,
+    rpy_of,
+    triple,
+)
+from clearance_jax.mechanism.frame import JacobianColumn
+from clearance_jax.mechanism.placement import PRINTED
+
+# Least radius of gyration [m]: a smaller one is round-off of printed digits.
+SMALLEST = 1e-7
+# Least eigenvalue of the mass matrix, scaled to a unit diagonal, that is no round-off.
+NOTHING = 1e-12
+X, Y, Z = np.eye(3)
+
+
+class LinkFrame(NamedTuple):
+    """The frame of a link: the body that it is on, and its pose there."""
+
+    body: str
+    pose: FramePose
+
+
+class Rigid(NamedTuple):
+    """A body that has the frame and the name of the first of the `links` that it is made of.
+
+    **Arguments:** `mass` [kg]; `center` of mass [m] in that frame; `inertia` [kg m^2] about the centre of mass, along
+    that frame's axes; the `line` of the file that its first link begins at.
+    """
+
+    name: str
+    mass: float
+    center: Vector3
+    inertia: Matrix3
+    links: tuple[str, ...]
+    line: int
+
+
+class Assembly(NamedTuple):
+    """Bodies and the joints that move them, parents first; `frames` of all links by their names."""
+
+    name: str
+    root: str
+    bodies: dict[str, Rigid]
+    joints: tuple[Joint, ...]
+    frames: dict[str, LinkFrame]
+
+
+def merge(robot: Robot) -> Assembly:
+    """The robot without fixed joints.
+
+    A body has the total mass, the centre of mass and the inertia of its links. Joints of a merged link move to its
+    body.
+    """
+    frames = {robot.root: LinkFrame(robot.root, HERE)}
+    joints = []
+    for joint in robot.joints:
+        carrier = frames[joint.parent]
+        if joint.moves:
+            joints.append(_carry_over(joint, carrier))
+            frames[joint.child] = LinkFrame(joint.child, HERE)
+        else:
+            frames[joint.child] = LinkFrame(carrier.body, carrier.pose.of(np.array(joint.xyz), rotation_of(joint.rpy)))
+    return Assembly(robot.name, robot.root, _bodies(robot.links, frames), tuple(joints), frames)
+
+
+def _carry_over(joint: Joint, parent: LinkFrame) -> Joint:
+    """The joint, on the body that its parent was merged into."""
+    pose = parent.pose.of(np.array(joint.xyz), rotation_of(joint.rpy))
+    # Without a further rotation the angles stay those of the file.
+    rpy = joint.rpy if is_identity(parent.pose.rotation) else triple(rpy_of(pose.rotation))
+    return joint._replace(parent=parent.body, xyz=triple(pose.position), rpy=rpy)
+
+
+def _bodies(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> dict[str, Rigid]:
+    parts: dict[str, list[Link]] = {frame.body: [] for frame in frames.values()}
+    for link in links:
+        # The link that gives the body its name comes first.
+        parts[frames[link.name].body].insert(0 if frames[link.name].body == link.name else 10**9, link)
+    return {name: _together(of, frames) for name, of in parts.items()}
+
+
+def _together(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> Rigid:
+    """One body of links (the first gives it its name and frame)."""
+    first, names = links[0], tuple(link.name for link in links)
+    weighing = [_in_body(link, frames[link.name].pose) for link in links if link.mass > 0 or link.inertia.any()]
+    if not weighing:
+        return Rigid(first.name, 0.0, np.zeros(3), np.zeros((3, 3)), names, first.line)
+    if len(weighing) == 1:  # as the file has it, to the last digit
+        (mass, center, inertia), *_ = weighing
+        return Rigid(first.name, mass, center, inertia, names, first.line)
+    masses, centers, inertias = (np.array(values) for values in zip(*weighing, strict=True))
+    mass = masses.sum()
+    center = masses @ centers / mass if mass > 0 else np.zeros(3)
+    center = clean(center, np.abs(centers).max())
+    inertia = sum(_about(*part, center) for part in zip(masses, centers, inertias, strict=True))
+    return Rigid(first.name, float(mass), center, np.asarray(inertia), names, first.line)
+
+
+def _in_body(link: Link, pose: FramePose) -> tuple[float, Vector3, Matrix3]:
+    """Mass, centre of mass and inertia of a link, in the frame and along the axes of its body."""
+    if is_identity(pose.rotation):
+        return link.mass, pose.position + link.center, link.inertia
+    center, _ = pose.of(link.center, pose.rotation)
+    inertia = pose.rotation @ link.inertia @ pose.rotation.T
+    return link.mass, center, clean((inertia + inertia.T) / 2, np.abs(inertia).max())
+
+
+def _about(mass: float, center: Vector3, inertia: Matrix3, point: Vector3) -> Matrix3:
+    """The inertia about another point than the centre of mass (Steiner)."""
+    arm = center - point
+    return inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+
+
+# Checks ---------------------------------------------------------------------------------------------------------------
+
+
+def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
+    """Raise `ClearanceError` for a body with an impossible inertia, and for a joint that moves no mass. `joints`:
+    parents first; `bodies`: those that they move.
+    """
+    for body in bodies.values():
+        _check_inertia(body)
+    if any(body.mass == 0 for body in bodies.values()):
+        _check_moved(joints, bodies)
+
+
+def _say(body: Rigid) -> str:
+    fixed = len(body.links) - 1
+    others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
+    return f"line {body.line}: link `{body.name}`{others}"
+
+
+def _check_inertia(body: Rigid) -> None:
+    if body.mass == 0:
+        if body.inertia.any():
+            raise ClearanceError(f"{_say(body)} has inertia without mass. Give it a mass, or take its <inertial> out.")
+        return
+    least, middle, greatest = _moments(body.inertia)
+    if not least > body.mass * SMALLEST**2:
+        raise ClearanceError(
+            f"{_say(body)} must have inertia about every axis, but its principal moments are {_show(body.inertia)}. "
+            "Correct <inertia> (a box of mass m has m (a^2 + b^2) / 12 about the axis across its edges a and b)."
+        )
+    if least + middle < (1 - PRINTED) * greatest:
+        raise ClearanceError(
+            f"{_say(body)}: no body has its principal moments of inertia {_show(body.inertia)}, of which the two "
+            "smaller must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units)."
+        )
+
+
+def _moments(inertia: Matrix3) -> np.ndarray:
+    """Principal moments of inertia, the least first."""
+    scale = np.abs(inertia).max() or 1.0
+    return np.linalg.eigvalsh(inertia / scale) * scale
+
+
+def _show(inertia: Matrix3) -> str:
+    least, middle, greatest = _moments(inertia)
+    return f"{least:.3g}, {middle:.3g} and {greatest:.3g} kg*m^2"
+
+
+def _check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
+    """Raise where the joints (parents first) can move without moving any mass, by the mass matrix at a random pose,
+    where no two axes are aligned by chance.
+    """
+    matrix, owners = mass_matrix(joints, bodies, 0)
+    met = np.diag(matrix)
+    size = 1 / np.sqrt(np.where(met > 0, met, 1.0))  # so that metres and radians compare
+    values, vectors = np.linalg.eigh(matrix * np.outer(size, size))
+    if values[0] > NOTHING:
+        return
+    joint = owners[int(np.argmax(np.abs(vectors[:, 0])))]
+    raise ClearanceError(
+        f"line {joint.line}: joint `{joint.name}` can move without moving any mass. Give the link `{joint.child}`, or "
+        "what it carries, an <inertial>, or make the joint fixed."
+    )
+
+
+def mass_matrix(
+    joints: Sequence[Joint], bodies: Mapping[str, Rigid], seed: int
+) -> tuple[Float[np.ndarray, "n n"], list[Joint]]:
+    """The mass matrix at a random pose, and the joint of each coordinate."""
+    columns, moving, poses = _kinematics(joints, seed)
+    matrix = np.zeros((len(columns), len(columns)))
+    for name, body in bodies.items():
+        pose = poses[name]
+        center = triple(pose.position + pose.rotation @ body.center)
+        which = moving[name]
+        rates = np.array([[*columns[i].velocity_at(center), *columns[i].spin] for i in which])
+        inertia = np.zeros((6, 6))
+        inertia[:3, :3], inertia[3:, 3:] = body.mass * np.eye(3), pose.rotation @ body.inertia @ pose.rotation.T
+        matrix[np.ix_(which, which)] += rates @ inertia @ rates.T
+    return matrix, [joint for joint in joints for _ in _columns(joint, HERE)]
+
+
+def _kinematics(
+    joints: Sequence[Joint], seed: int
+) -> tuple[list[JacobianColumn], dict[str, list[int]], dict[str, FramePose]]:
+    """The columns of all coordinates; for each body the indices of those that move it, and its pose."""
+    rng = np.random.default_rng(seed)
+    columns: list[JacobianColumn] = []
+    moving: dict[str, list[int]] = {}
+    poses: dict[str, FramePose] = {}
+    for joint in joints:
+        frame = poses.get(joint.parent, HERE).of(np.array(joint.xyz), rotation_of(joint.rpy))
+        count = len(columns)
+        columns += _columns(joint, frame)
+        moving[joint.child] = [*moving.get(joint.parent, []), *range(count, len(columns))]
+        poses[joint.child] = frame.of(*_move(joint, rng))
+    return columns, moving, poses
+
+
+def _columns(joint: Joint, frame: FramePose) -> list[JacobianColumn]:
+    """The columns of a joint's coordinates at zero. Those of several coordinates span the same motions at any value."""
+    axis = np.array(joint.axis)
+    across = np.cross(axis, X if abs(axis[0]) < 0.9 else Y)
+    slides = {"prismatic": [axis], "planar": [across, np.cross(axis, across)], "floating": [X, Y, Z]}
+    turns = {"revolute": [axis], "continuous": [axis], "planar": [axis], "floating": [X, Y, Z]}
+    return [
+        JacobianColumn(0, triple(frame.rotation @ axis), pivot)
+        for pivot, axes in ((None, slides), (triple(frame.position), turns))
+        for axis in axes.get(joint.kind, [])
+    ]
+
+
+def _move(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
+    """A random position and rotation of the child in the joint's frame that the joint allows."""
+    by, turn = np.zeros(3), np.eye(3)
+    for column in _columns(joint, HERE):
+        if column.pivot is None:
+            by = by + rng.uniform(0.1, 1.0) * np.array(column.axis)
+        else:
+            turn = turn @ _rotation_about(np.array(column.axis), rng.uniform(0.3, 1.2))
+    return by, turn
+
+
+def _rotation_about(axis: Vector3, angle: float) -> Matrix3:
+    """The rotation about a unit vector by an angle [rad] (Rodrigues)."""
+    x, y, z = axis
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across

@@ -1,0 +1,282 @@
+"""Reads XML files as trees of elements that know their lines, and the names and numbers in elements of a URDF.
+
+A file may come from a stranger. Document types, which can define endless entities or read other files, are refused. So
+are texts that are too large or nested too deep. Messages name the line. A word that is nearly a known one is refused,
+for it is probably misspelt.
+"""
+
+import dataclasses
+import difflib
+import re
+from collections.abc import Callable, Collection
+from pathlib import Path
+from xml.etree.ElementTree import ParseError
+
+import numpy as np
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import DefusedXMLParser
+
+from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.io.files import read_text
+from clearance_jax.io.keys.kinds import check_text
+from clearance_jax.io.urdf.robot import Triple
+from clearance_jax.units import check_comma
+
+LARGEST_XML = 20_000_000
+# Robots need six levels, plugins of simulators inside them a few more.
+DEEPEST = 100
+# Known children and attributes by tag, whether they are read or not.
+CHILDREN = {
+    "robot": ("link", "joint", "material", "transmission", "gazebo", "force_element"),
+    "link": ("inertial", "visual", "collision"),
+    "inertial": ("origin", "mass", "inertia"),
+    "joint": (
+        *("origin", "parent", "child", "axis", "limit", "mimic"),
+        *("dynamics", "joint_properties", "calibration", "safety_controller"),
+    ),
+}
+ATTRIBUTES = {
+    "robot": ("name", "version"),
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "origin": ("xyz", "rpy"),
+    "mass": ("value",),
+    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+    "parent": ("link",),
+    "child": ("link",),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "velocity", "effort", "damping", "friction"),
+    "mimic": ("joint", "multiplier", "offset"),
+    "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference", "armature"),
+    "joint_properties": ("damping", "friction"),
+}
+# Elements that allow no unknown attribute: `quat_xyzw` of an `origin` would change the pose.
+CLOSED = ("origin", "axis", "mass", "inertia")
+# Similarity from which a word counts as misspelt: `limits` for `limit`, but not `K` for `damping`.
+ALIKE = 0.75
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
+EXPAND = "Expand the file first: `xacro robot.urdf.xacro > robot.urdf`."
+# Numbers below it have finite products.
+LARGEST = 1e100
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Element:
+    """An element: its tag (`{namespace}name` where it has a namespace), attributes, children, the line that it begins
+    at, and the pieces of the text in it.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list["Element"] = dataclasses.field(default_factory=list)
+    pieces: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        """The text in it, without that of its children."""
+        return "".join(self.pieces).strip()
+
+    @property
+    def word(self) -> str:
+        """Its tag without a namespace."""
+        return self.tag.rpartition("}")[2]
+
+
+class _Builder:
+    """The target of the parser: builds the tree, with the line of each element."""
+
+    def __init__(self):
+        self.top: Element | None = None
+        self.open: list[Element] = []
+        self.line: Callable[[], int] = lambda: 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, dict(attributes), self.line())
+        if len(self.open) >= DEEPEST:
+            raise ClearanceError(f"line {element.line}: nested deeper than {DEEPEST} elements. Nest a few levels only.")
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.top = element
+        self.open.append(element)
+
+    def end(self, tag: str) -> None:
+        self.open.pop()
+
+    def data(self, text: str) -> None:
+        if self.open:
+            self.open[-1].pieces.append(text)
+
+    def close(self) -> None:
+        """The parser ends; the tree is `top`."""
+
+
+def read_xml(path: Path, what: str) -> tuple[str, Element]:
+    """Text and outermost element of an XML file.
+
+    **Arguments:** `what` the file is, for messages.
+
+    **Raises:** `ClearanceError` naming the file: for what is no file, no text in UTF-8, too large or nested too deep,
+    no valid XML (with line and column), and for a document type, with the entities that it may define.
+    """
+    text = read_text(path, what, LARGEST_XML)
+    try:
+        return text, parse(text)
+    except ClearanceError as error:
+        raise ClearanceError(f"`{path}`: {error}") from None
+
+
+def parse(text: str) -> Element:
+    """The outermost element of an XML text; messages name the line only."""
+    builder = _Builder()
+    parser = DefusedXMLParser(target=builder, forbid_dtd=True)
+    builder.line = lambda: parser.parser.CurrentLineNumber
+    try:
+        parser.feed(text)
+        parser.close()
+    except DefusedXmlException:
+        raise ClearanceError(
+            f"line {builder.line()}: declares a document type (<!DOCTYPE ...>), which could define endless entities or "
+            "read other files. Remove the declaration, and write its entities out."
+        ) from None
+    except ClearanceError:
+        raise
+    except (ParseError, ValueError) as error:
+        raise ClearanceError(f"is not valid XML: {quote(str(error))[1:-1]}. Mend it there.") from None
+    assert builder.top is not None  # a text without an element is no valid XML
+    return builder.top
+
+
+# Elements of a URDF ---------------------------------------------------------------------------------------------------
+
+
+def place(element: Element) -> str:
+    """The name of an element in messages: its line, its tag, and its name."""
+    name = element.attributes.get("name")
+    return f"line {element.line}: {element.word[:60]}" + ("" if name is None else f" {_name(name)}")
+
+
+def _name(name: str) -> str:
+    return f"`{name}`" if len(name) <= 60 and name.isprintable() else quote(name)
+
+
+def check_spelling(element: Element, where: str) -> None:
+    """Raise for a misspelt child or attribute."""
+    tags, allowed = {child.tag for child in element.children}, CHILDREN.get(element.tag, ())
+    _check_words(tags, allowed, f"{where} holds <{{}}>, which is no known element", allowed)
+    attributes, known = element.attributes, ATTRIBUTES.get(element.tag, ())
+    wrong = f"{where}: <{element.tag}> has an attribute `{{}}`, which is not known"
+    # A `gear_velocity` beside a `velocity` is not misspelt.
+    meant = known if element.tag in CLOSED else [word for word in known if word not in attributes]
+    _check_words(attributes, known, wrong, meant, element.tag in CLOSED)
+
+
+def _check_words(
+    words: Collection[str], known: Collection[str], wrong: str, meant: Collection[str], closed: bool = False
+) -> None:
+    """Raise for an unknown word that is similar to one in `meant`, or if `closed` for any unknown word."""
+    for word in sorted(set(words) - set(known)):
+        if closed or difflib.get_close_matches(word[:100].lower(), meant, n=1, cutoff=ALIKE):
+            raise ClearanceError(f"{wrong.format(word[:100])}. " + suggest(word, known))
+
+
+def only(element: Element, tag: str, where: str) -> Element | None:
+    """The child of that tag, if it is there. **Raises** for several."""
+    children = [child for child in element.children if child.tag == tag]
+    if len(children) > 1:
+        raise ClearanceError(f"{where} has {len(children)} <{tag}> (line {children[1].line} too). Leave one.")
+    if not children:
+        return None
+    check_spelling(children[0], where)
+    return children[0]
+
+
+def need(element: Element, tag: str, where: str, example: str) -> Element:
+    """The child of that tag. **Raises** where it is absent, with an example of it."""
+    child = only(element, tag, where)
+    if child is None:
+        raise ClearanceError(f"{where} lacks <{tag}>. Add one, as {example}.")
+    return child
+
+
+def text(element: Element, attribute: str, where: str) -> str:
+    """An attribute that must be there: a name or a word."""
+    if attribute not in element.attributes:
+        raise ClearanceError(f"{where} lacks the attribute `{attribute}` of <{element.tag}>. Add it.")
+    value = check_text(element.attributes[attribute], f"{where}: `{attribute}` of <{element.tag}>")
+    if "${" in value or "$(" in value:
+        raise ClearanceError(f"{where}: {quote(value)} is to be expanded by xacro. {EXPAND}")
+    return value
+
+
+def numbers(
+    element: Element, attribute: str, count: int, where: str, default: tuple[float, ...] | None = None
+) -> tuple[float, ...]:
+    """The numbers of an attribute. If it is absent, the default, or without one an error."""
+    if attribute not in element.attributes and default is not None:
+        return default
+    words = text(element, attribute, where).split()
+    if len(words) != count:
+        for word in words:
+            check_comma(word, f"{where}: `{attribute}` of <{element.tag}>")
+        raise ClearanceError(
+            f"{where}: `{attribute}` of <{element.tag}> must be {_count(count)}, but it is "
+            f"{quote(element.attributes[attribute])}."
+        )
+    return tuple(parse_number(word, f"{where}: `{attribute}` of <{element.tag}>") for word in words)
+
+
+def number(element: Element, attribute: str, where: str, default: float | None = None) -> float:
+    """As `numbers`, of one."""
+    return numbers(element, attribute, 1, where, None if default is None else (default,))[0]
+
+
+def bound(element: Element, attribute: str, where: str) -> float | None:
+    """A number; `None` if it is absent or infinite."""
+    if INFINITE.fullmatch(element.attributes.get(attribute, "inf").strip()):
+        return None
+    return number(element, attribute, where)
+
+
+def _count(count: int) -> str:
+    return "one number" if count == 1 else f"{count} numbers with spaces between them"
+
+
+def parse_number(word: str, where: str) -> float:
+    """A plain decimal number. **Raises** `ClearanceError` for another text, and one that is not finite."""
+    if not NUMBER.fullmatch(word):
+        check_comma(word, where)
+        if "," in word:
+            raise ClearanceError(f"{where} has a comma: {quote(word)}. Separate numbers by spaces only.")
+        raise ClearanceError(f"{where} must be written as plain decimal numbers, but it holds {quote(word)}.")
+    value = float(word)
+    if not abs(value) < LARGEST:
+        raise ClearanceError(f"{where} must be finite and below {LARGEST:g}, but it holds {quote(word)}.")
+    return value
+
+
+def pose(element: Element, where: str) -> tuple[Triple, Triple]:
+    """Position [m] and roll, pitch, yaw [rad] of an element's <origin>; zeros if it is absent."""
+    origin = only(element, "origin", where)
+    if origin is None:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    x, y, z = numbers(origin, "xyz", 3, where, (0.0, 0.0, 0.0))
+    roll, pitch, yaw = numbers(origin, "rpy", 3, where, (0.0, 0.0, 0.0))
+    return (x, y, z), (roll, pitch, yaw)
+
+
+def direction(element: Element, where: str) -> Triple:
+    """The unit vector of a joint's <axis>; URDF's own default where it is absent."""
+    axis = only(element, "axis", where)
+    if axis is None:
+        return (1.0, 0.0, 0.0)
+    vector = np.array(numbers(axis, "xyz", 3, where))
+    largest = np.abs(vector).max()
+    if not largest > 0:
+        raise ClearanceError(f"{where}: its <axis> must have a direction, but it is zero. Give one, as `0 0 1`.")
+    unit = vector / largest  # first, for squares of small numbers may vanish
+    # An axis along a coordinate axis stays exactly there: x / hypot(x, 0, 0) is 1.
+    x, y, z = (float(part) for part in unit / np.sqrt(np.sum(unit**2)))
+    return x, y, z
