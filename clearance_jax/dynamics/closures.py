@@ -108,8 +108,8 @@ def of_unit_length(y: Array, mechanism: PreparedMechanism) -> Array:
 
 
 def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Float[Array, " loops"]]:
-    """The nearest state (in the kinetic norm) in which all loops are closed, with the remaining opening of each [m]. The
-    pin of a loop with clearance is at rest at its `eccentricity`.
+    """The nearest state (in the kinetic norm) in which all loops are closed, with the remaining opening of each [m].
+    The pin of a loop with clearance is at rest at its `eccentricity`.
 
     The first iterations hold the pins in their sleeves. The last ones let them move, for loops that only play can
     close.
