@@ -25,6 +25,7 @@ from clearance_jax._compile.barriers import share, with_barriers
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative, carry
 from clearance_jax.joints.depth import depth_of
+from clearance_jax.joints.outline import JointOutline
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction
@@ -79,6 +80,11 @@ class AbstractClearance(Parametrised):
         """How far the pin's centre may go from the sleeve's along a direction (normal to the axis) before it touches
         [m].
         """
+
+    def outline(self) -> JointOutline | None:
+        """What pictures show of it: by default a pin in a round sleeve, as its laws see it. `None`: nothing."""
+        geometry = self.geometry()
+        return JointOutline(geometry.pin_radius, geometry.radial_clearance)
 
     @property
     def has_ends(self) -> bool:
