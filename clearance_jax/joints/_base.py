@@ -9,6 +9,7 @@ laws' constants: `PreparedClearance`.
 """
 
 import abc
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -58,6 +59,14 @@ class AbstractClearance(Parametrised):
     def slip_components(self) -> int:
         """Number of components of the slip and of the bristles: one along each tangent."""
         return self.tangents
+
+    @classmethod
+    def sizes(cls) -> dict[str, bool]:
+        """Names of the lengths that a designer gives, and whether each is play, which an error budget closes. By
+        default all its lengths but wear; those called `clearance` are play.
+        """
+        lengths = [f.name for f in dataclasses.fields(cls) if f.metadata.get("unit") == "m" and f.name != "depth"]
+        return {name: name.endswith("clearance") for name in lengths}
 
     @abc.abstractmethod
     def play(self) -> tuple[PlayCoordinate, ...]:
