@@ -28,8 +28,6 @@ from clearance_jax.spatial import as_array, subtract
 # The factor on contact stiffness that leaves play alone; the factor on clearances that leaves elasticity alone.
 RIGID, CLOSED = 1e6, 1e-3
 INSTANTS = 201
-# Fields of a clearance joint that are its play.
-CLEARANCES = "radial_clearance", "axial_clearance", "side_clearance"
 
 
 class Parts(NamedTuple):
@@ -195,7 +193,7 @@ def _closed(mechanism: Mechanism) -> Mechanism:
     """The mechanism with nearly no play."""
 
     def closer(clearance):
-        sizes = {name: getattr(clearance, name, None) for name in CLEARANCES}
+        sizes = {name: getattr(clearance, name) for name, play in clearance.sizes().items() if play}
         return dataclasses.replace(clearance, **{name: CLOSED * x for name, x in sizes.items() if x is not None})
 
     return change_each_play(mechanism, closer)

@@ -10,6 +10,7 @@ from clearance_jax.joints.elements import PlayDamper, PreloadedBearing
 from clearance_jax.joints.film import ShortBearing
 from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
+from clearance_jax.joints.outline import JointOutline
 from clearance_jax.joints.pin import AbstractPin, Sections
 from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
 from clearance_jax.joints.presets import guide_clearance, pin_clearance, shaft, socket
@@ -24,6 +25,7 @@ __all__ = [
     "ContactPoint",
     "Fitting",
     "GuideClearance",
+    "JointOutline",
     "Modes",
     "Offset",
     "PlayCoordinate",

@@ -9,6 +9,7 @@ laws' constants: `PreparedClearance`.
 """
 
 import abc
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -25,6 +26,7 @@ from clearance_jax._compile.barriers import share, with_barriers
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative, carry
 from clearance_jax.joints.depth import depth_of
+from clearance_jax.joints.outline import JointOutline
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction
@@ -58,6 +60,14 @@ class AbstractClearance(Parametrised):
         """Number of components of the slip and of the bristles: one along each tangent."""
         return self.tangents
 
+    @classmethod
+    def sizes(cls) -> dict[str, bool]:
+        """Names of the lengths that a designer gives, and whether each is play, which an error budget closes. By
+        default all its lengths but wear; those called `clearance` are play.
+        """
+        lengths = [f.name for f in dataclasses.fields(cls) if f.metadata.get("unit") == "m" and f.name != "depth"]
+        return {name: name.endswith("clearance") for name in lengths}
+
     @abc.abstractmethod
     def play(self) -> tuple[PlayCoordinate, ...]:
         """The coordinates that it adds to the tree, in the order in which they act."""
@@ -79,6 +89,11 @@ class AbstractClearance(Parametrised):
         """How far the pin's centre may go from the sleeve's along a direction (normal to the axis) before it touches
         [m].
         """
+
+    def outline(self) -> JointOutline | None:
+        """What pictures show of it: by default a pin in a round sleeve, as its laws see it. `None`: nothing."""
+        geometry = self.geometry()
+        return JointOutline(geometry.pin_radius, geometry.radial_clearance)
 
     @property
     def has_ends(self) -> bool:

@@ -9,6 +9,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
+from clearance_jax.joints.outline import JointOutline
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import UNIT, Vector, X, Y, Z, across, cross, dot, scale, subtract
@@ -80,6 +81,9 @@ class SphericalClearance(AbstractClearance):
             arm=arm,
             turning=turning,
         )
+
+    def outline(self):
+        return JointOutline(self.ball_radius, self.radial_clearance, ball=True)
 
     def travel(self, along):
         return self.radial_clearance

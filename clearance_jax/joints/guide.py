@@ -14,6 +14,7 @@ from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
+from clearance_jax.joints.outline import JointOutline
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import Vector, X, Y, Z, dot
@@ -139,6 +140,11 @@ class GuideClearance(AbstractClearance):
     def overhang(self, at):
         assert self.guide_length is not None
         return jnp.abs(jnp.asarray(at.place[2], float)) - (self.guide_length - self.length) / 2
+
+    def outline(self):
+        size = {"length": self.length, "height": self.height, "width": self.width}
+        ends = 0.5 * self.length * np.array([-1.0, 1.0])
+        return JointOutline(self.height / 2, self.side_clearance, **size, heights=ends, through=False)
 
     def travel(self, along):
         return self.side_clearance

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, NamedTuple, TypedDict, cast
 
 import jax.numpy as jnp
 
@@ -80,10 +80,9 @@ def pin_clearance(
     )
     if kind not in PINS:
         raise ClearanceError(f"`kind` must be {' or '.join(PINS)}, but it is {quote(kind)}.")
-    fields = {field.name: field for field in dataclasses.fields(PINS[kind])}
-    if length is None and fields["length"].default is dataclasses.MISSING:
+    if length is None and "length" in required(PINS[kind]):
         raise ClearanceError(f"A {kind} needs its `length`. Give it.")
-    if axial_clearance is not None and "axial_clearance" not in fields:
+    if axial_clearance is not None and "axial_clearance" not in PINS[kind].sizes():
         raise ClearanceError("An `axial_clearance` is that of a sleeve: give `kind` sleeve, and its `length`, too.")
     if pin_radius is None:
         if length is None:
@@ -133,9 +132,9 @@ def shaft(
     of `pin_clearance` for the kind "sleeve".
     """
     numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
-    sleeve = pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
-    assert isinstance(sleeve, SleeveClearance)
-    return sleeve
+    return cast(
+        SleeveClearance, pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
+    )
 
 
 def socket(
@@ -192,12 +191,39 @@ def guide_clearance(
     return GuideClearance(side_clearance, length, height, normal, friction, width, guide_length=guide_length)
 
 
+def required(kind: type[AbstractClearance]) -> list[str]:
+    """The names of the sizes that a kind of joint does not go without."""
+    sizes = kind.sizes()
+    return [f.name for f in dataclasses.fields(kind) if f.name in sizes and f.default is dataclasses.MISSING]
+
+
+def clearance_of_kind(
+    *,
+    kind: type[AbstractClearance],
+    normal: AbstractNormalLaw | None = None,
+    friction: AbstractFrictionLaw | None = None,
+    **sizes: Any,
+) -> AbstractClearance:
+    """The play of a joint of a `kind` of one's own, from its `sizes` [m]; `normal` law by default as of `socket`, for
+    the first of its sizes that is play; `friction`: by default none.
+
+    **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
+    """
+    check_sizes(**sizes)
+    missing = [f"`{name}`" for name in required(kind) if name not in sizes]
+    if missing:
+        raise ClearanceError(f"The play of a {kind.__name__} needs its {', '.join(missing)}. Give all of them.")
+    play = next(sizes[name] for name, is_play in kind.sizes().items() if is_play and name in sizes)
+    make: Any = kind
+    return make(**sizes, normal=round_contact(play) if normal is None else normal, friction=friction)
+
+
 class PlayNumbers(TypedDict, total=False):
     """The numbers of a design that make a clearance. Each kind of joint takes some of them (`pin_clearance`,
-    `shaft`, `socket`, `guide_clearance`).
+    `shaft`, `socket`, `guide_clearance`, `clearance_of_kind`).
     """
 
-    kind: str
+    kind: str | type[AbstractClearance]
     radial_clearance: Any
     axial_clearance: Any
     pin_radius: Any
@@ -225,6 +251,10 @@ class Preset(NamedTuple):
         """The names of the numbers that it takes."""
         return self.fields + self.words
 
+    def with_sizes(self, kind: type[AbstractClearance]) -> "Preset":
+        """The same with all sizes of a kind of joint."""
+        return self._replace(fields=(*self.fields, *(name for name in kind.sizes() if name not in self.fields)))
+
     def instead(self, name: str) -> str:
         """Advice for a number that it does not have."""
         new = next((new for old, new in RENAMED if old == name and new in self.fields), None)
@@ -247,7 +277,9 @@ PIN = Preset(pin_clearance, (*_ROUND, "axial_clearance"), (*FIT, "kind"))
 """The clearance of a pin in a sleeve, for a revolute joint."""
 SHAFT = Preset(shaft, _ROUND, FIT)
 """The clearance of a pin that slides in its sleeve, for a cylindrical joint."""
-BALL = Preset(socket, ("radial_clearance", "ball_radius"))
+BALL = Preset(socket, tuple(SphericalClearance.sizes()))
 """The clearance of a ball in a socket, for a spherical joint."""
-GUIDE = Preset(guide_clearance, ("side_clearance", "length", "height", "width", "guide_length"))
+GUIDE = Preset(guide_clearance, tuple(GuideClearance.sizes()))
 """The clearance of a block in a guide, for a prismatic joint."""
+OWN = Preset(clearance_of_kind, (), ("kind",))
+"""The clearance of a kind of one's own, which adds its sizes, for any joint."""

@@ -20,6 +20,7 @@ from clearance_jax.joints.bore import FEWEST, Bore, Modes, finer
 from clearance_jax.joints.checks import GRIPS, warn_of_pin
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.joints.fitting import Tolerance
+from clearance_jax.joints.outline import JointOutline
 from clearance_jax.joints.pin import AbstractPin, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical
@@ -132,6 +133,9 @@ class RevoluteClearance(AbstractPin):
         if self.depth is None:
             return scale(self.radial_clearance + depth, along)
         return (*self._bore.seat(along, depth), 0.0)
+
+    def outline(self):
+        return JointOutline(self.pin_radius, self.radial_clearance, self.profile)
 
     @property
     def _bore(self) -> Bore:

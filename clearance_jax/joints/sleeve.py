@@ -29,6 +29,7 @@ from clearance_jax.joints.bore import FEWEST, Bore, finer
 from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.fitting import Tolerance
+from clearance_jax.joints.outline import JointOutline
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, describe, physical
@@ -254,7 +255,7 @@ class SleeveClearance(AbstractPin):
     def _faces(self, at: Relative, angles: np.ndarray) -> "Meeting":
         """Where a ring of the collar comes nearest to one of the faces; none comes near both."""
         assert self.axial_clearance is not None
-        radius = 1.5 * self.pin_radius if self.collar_radius is None else self.collar_radius
+        radius = self._face_radius
         # The collar is square to the pin's axis: its height over a place of the face.
         arm = subtract((radius * np.cos(angles), radius * np.sin(angles), 0.0), (*at.place[:2], 0.0))
         slope = self._slope(at)
@@ -263,6 +264,11 @@ class SleeveClearance(AbstractPin):
         side = jnp.where(height < 0, -1.0, 1.0)
         arm = arm[0], arm[1], minus(0.0, fall)
         return Meeting(side * height - self.axial_clearance, scale(side, slope), arm)
+
+    @property
+    def _face_radius(self) -> Scalar:
+        """Where the faces touch [m]."""
+        return 1.5 * self.pin_radius if self.collar_radius is None else self.collar_radius
 
     def _slope(self, at: Relative) -> Vector:
         """The pin's axis per unit of height along the sleeve."""
@@ -293,6 +299,12 @@ class SleeveClearance(AbstractPin):
         both = jnp.where(same, 2.0, 3.0)
         radial = jnp.where(along[0] & along[last], both, jnp.where(jnp.any(along), 1.0, 0.0))
         return radial + jnp.where(jnp.any(touching[self.stations :]), 4.0, 0.0)
+
+    def outline(self):
+        faces = {"axial": self.axial_clearance, "collar": self._face_radius, "ring": self.ring}
+        heights, through = 0.5 * self.length * lobatto(self.stations)[0], self.pin == "through"
+        wall = self.pin_radius, self.radial_clearance, self.depth
+        return JointOutline(*wall, self.length, heights, edges=True, through=through, **faces)
 
     def travel(self, along):
         if self.depth is None:

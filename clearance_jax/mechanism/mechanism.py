@@ -94,6 +94,7 @@ class Mechanism(AbstractMechanism):
         - A spherical joint takes `radial_clearance` and `ball_radius` [m] (see `joints.socket`).
         - A prismatic joint takes `side_clearance`, `length`, `height`, `width` and `guide_length` [m] (see
           `joints.guide_clearance`).
+        - A joint takes a clearance of your own, too: its class is the `kind`, and the numbers are its `sizes`.
 
         For a joint that already has clearance, give those of its numbers that you want to change.
 

@@ -9,7 +9,7 @@ import equinox as eqx
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints import AbstractClearance, AbstractPin, Tolerance
 from clearance_jax.joints.checks import check_sizes
-from clearance_jax.joints.presets import BALL, FIT, GUIDE, PIN, SHAFT, Preset, radial_clearance_of
+from clearance_jax.joints.presets import BALL, FIT, GUIDE, OWN, PIN, SHAFT, Preset, radial_clearance_of
 from clearance_jax.joints.seating import pose_at
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
 from clearance_jax.mechanism.placement import Position, as_prepared
@@ -54,9 +54,13 @@ def no_play_reason(joint: AbstractJoint) -> ClearanceError:
 
 def _make(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
     """A clearance by a designer's numbers, or the joint's own with these numbers."""
-    preset = PRESETS.get(type(joint))
+    kind, preset = numbers.get("kind"), PRESETS.get(type(joint))
+    if isinstance(kind, type) and issubclass(kind, AbstractClearance):
+        preset = OWN.with_sizes(kind)
     if preset is None:
         raise ClearanceError(f"Joint `{joint.name}` is of a kind that is given its whole clearance only.")
+    if joint.clearance is not None:
+        preset = preset.with_sizes(type(joint.clearance))
     for name in numbers:
         if name not in preset.numbers:
             raise ClearanceError(f"The play of joint `{joint.name}` has no number `{name}`. " + preset.instead(name))
@@ -74,7 +78,7 @@ def _change(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -
     sizes = {name: value for name, value in numbers.items() if name in preset.fields}
     check_sizes(**sizes)
     kind = clearance.kind or type(clearance).__name__
-    if numbers.get("kind", kind) != kind:
+    if numbers.get("kind", kind) not in (kind, type(clearance)):
         raise ClearanceError(f"Joint `{joint.name}` has play of another kind, `{kind}`. Give it a whole clearance.")
     if any(word in numbers for word in FIT):
         if not isinstance(clearance, AbstractPin):

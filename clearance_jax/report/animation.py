@@ -96,8 +96,8 @@ class Film(AbstractFilm):
 
 def _scale(joint: JointPlay) -> str:
     """The magnification and the size of the play, in words."""
-    size = f"{1e6 * joint.clearance:g} µm"
-    known = f"{size} to either side" if joint.block is not None else f"dashed: clearance {size}"
+    size = f"{1e6 * joint.outline.clearance:g} µm"
+    known = f"{size} to either side" if joint.outline.height is not None else f"dashed: clearance {size}"
     return f"play × {joint.factor:g} ({known})"
 
 
@@ -105,21 +105,22 @@ def _views(figure: Any, joint: JointPlay) -> list:
     """Views of a joint: one section of a pin without tilt, two of a ball, both ends and sides of a sleeve, the sides of
     a block.
     """
-    if joint.block is not None:
-        ways = "xy" if joint.block[1] is not None else "x"
+    outline = joint.outline
+    if outline.height is not None:
+        ways = "xy" if outline.width is not None else "x"
         axes = np.atleast_1d(figure.subplots(len(ways), 1))
         return [
             Side(_title(axis, f"along the guide, {way} up"), joint, "xy".index(way))
             for axis, way in zip(axes, ways, strict=True)
         ]
-    if joint.length is not None:
+    if outline.length is not None:
         sides, ends = figure.subplots(2, 2)
         views: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
         for axis, station in zip(ends, (0, -1), strict=True):
-            place = f"{1e3 * joint.heights[station]:+.3g} mm".replace("-", "−")
+            place = f"{1e3 * outline.heights[station]:+.3g} mm".replace("-", "−")
             views.append(CrossSection(_title(axis, f"across the edge at z = {place}"), joint, station))
         return views
-    if joint.place.shape[1] == 3:
+    if outline.ball:
         pairs = zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True)
         return [CrossSection(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair) for axis, pair in pairs]
     return [CrossSection(figure.subplots(), joint)]

@@ -144,16 +144,16 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     ends of its axis. Of a pin with axial play also its axial position over time.
     """
     pin, path = play(dataset, joint), middle_path(dataset, joint)
-    if pin is None or pin.axial is None:
+    if pin is None or pin.outline.axial is None:
         figure, axes = new_figure(3.6)
     else:
         figure = Figure(figsize=(WIDTH, 4.9), layout="constrained")
         axes, below = figure.subplots(2, height_ratios=(3, 1))
-        _along_the_sleeve(below, path.time, pin.place[:, 2], pin.axial)
+        _along_the_sleeve(below, path.time, pin.place[:, 2], pin.outline.axial)
     states = {0: ("path", "0.6"), 1: ("in contact", "tab:red")}
-    if pin is not None and pin.length is not None:  # an end beyond the circle is in contact
+    if pin is not None and pin.outline.length is not None:  # an end beyond the circle is in contact
         states = {}
-        ends = pin.centres(pin.heights[[0, -1]])
+        ends = pin.centres(pin.outline.heights[[0, -1]])
         for k, name in enumerate(("end at −z", "end at +z")):
             axes.plot(*(1e6 * ends[:, k].T), lw=0.8, label=name)
     draw_path(axes, path, states)

@@ -14,7 +14,8 @@ from clearance_jax.report.play_figures import MOST, bearing_most, draw_path, wit
 from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.results.bearing import at_steps
 from clearance_jax.results.first_fall import seconds
-from clearance_jax.results.play import middle_path, worn_depth
+from clearance_jax.results.outlines import outline_of
+from clearance_jax.results.play import middle_path
 
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
@@ -80,9 +81,9 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
         time, places = at_steps(dataset, joint, "eccentricity")
         places = places[:, :2]  # across the sleeve
         colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
-        clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
-        if clearance is not None and not np.any(worn_depth(dataset, str(joint))):
-            axis.axhline(float(clearance) * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
+        outline = outline_of(dataset, joint)
+        if outline is not None and outline.height is None and not np.any(outline.depth):
+            axis.axhline(outline.clearance * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
     axis.set(ylabel="eccentricity, mm")
 
 

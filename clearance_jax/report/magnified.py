@@ -38,7 +38,7 @@ def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Join
             f"`{name}` cannot be magnified: of what it is ({kind(dataset, name) or 'an older result does not say'}) "
             "there is no view, or not all is known. Choose a joint with a pin, a ball, or a block in the tree."
         )
-    return joint._replace(factor=factor or round_factor(SHOWN * joint.radius / joint.clearance))
+    return joint._replace(factor=factor or round_factor(SHOWN * joint.outline.radius / joint.outline.clearance))
 
 
 def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple[Polygon, Circle]:
@@ -60,17 +60,16 @@ class CrossSection:
     """
 
     def __init__(self, axis: Any, joint: JointPlay, station: int = 0, axes: tuple[int, int] = (0, 1)):
-        self.joint, self.station, depth = joint, station, joint.wear_depth(station)
-        ball = joint.place.shape[1] == 3 and joint.length is None
-        across = joint.place[:, list(axes)] if ball else joint.centres(joint.heights)[:, station]
+        self.joint, self.station, depth, outline = joint, station, joint.wear_depth(station), joint.outline
+        across = joint.place[:, list(axes)] if outline.ball else joint.centres(outline.heights)[:, station]
         self.places = joint.factor * across
-        deep = penetration(across, joint.clearance, depth)
-        self.touching = (np.linalg.norm(joint.place, axis=1) > joint.clearance) if ball else deep > 0
-        outside = joint.wall + WALL * joint.radius + joint.factor * float(depth.max())
+        deep = penetration(across, outline.clearance, depth)
+        self.touching = (np.linalg.norm(joint.place, axis=1) > outline.clearance) if outline.ball else deep > 0
+        outside = joint.wall + WALL * outline.radius + joint.factor * float(depth.max())
         bore = joint.around(np.linspace(0, 2 * np.pi, max(181, depth.size + 1)), station)
-        _, self.pin = bushing(axis, bore, joint.radius, outside)
+        _, self.pin = bushing(axis, bore, outline.radius, outside)
         self.spoke = axis.plot([], [], color=EDGE, lw=1.0, zorder=2.5)[0]
-        axis.plot(*joint.factor * pin_travel(joint.clearance, depth), color="k", lw=0.7, ls="--", zorder=4)
+        axis.plot(*joint.factor * pin_travel(outline.clearance, depth), color="k", lw=0.7, ls="--", zorder=4)
         self.trail = axis.plot([], [], color=PATH, lw=0.8, zorder=5)[0]
         self.centre = axis.plot([], [], "o", ms=4, color=PATH, zorder=6)[0]
         self.mark = axis.plot([], [], color=CONTACT, lw=5, solid_capstyle="butt", zorder=7)[0]
@@ -83,7 +82,8 @@ class CrossSection:
         self.trail.set_data(*self.places[max(i - TRAIL, 0) : i + 1].T)
         if self.joint.turn is not None:
             turn = self.joint.turn[i] + np.array([0.0, np.pi])
-            self.spoke.set_data(x + self.joint.radius * np.cos(turn), y + self.joint.radius * np.sin(turn))
+            radius = self.joint.outline.radius
+            self.spoke.set_data(x + radius * np.cos(turn), y + radius * np.sin(turn))
         around = np.arctan2(y, x) + np.linspace(-HALF_ANGLE, HALF_ANGLE, 15)
         shown = self.joint.around(around, self.station)
         self.mark.set_data(*(shown if self.touching[i] else ([], [])))
@@ -96,15 +96,17 @@ class Side:
     """
 
     def __init__(self, axis: Any, joint: JointPlay, up: int):
-        if joint.block is not None:
-            joint = joint._replace(radius=(joint.block[up] or 0.0) / 2)
-        self.joint, self.up, half = joint, up, (joint.length or 0.0) / 2
+        outline = joint.outline
+        if outline.height is not None:
+            outline = outline._replace(radius=((outline.height, outline.width)[up] or 0.0) / 2)
+            joint = joint._replace(outline=outline)
+        self.joint, self.up, half = joint, up, (outline.length or 0.0) / 2
         self.half, self.slopes = half, joint.tilt / np.sqrt(1 - np.sum(joint.tilt**2, axis=1, keepdims=True))
-        self.reach = joint.factor * (joint.axial or 0.0)
-        wall, thick = joint.wall, WALL * joint.radius
+        self.reach = joint.factor * (outline.axial or 0.0)
+        wall, thick = joint.wall, WALL * outline.radius
         self.top = wall + 0.5 * thick
         # A shorter pin's sleeve goes on beyond its ends.
-        self.face = half if joint.through else half + OUT * joint.radius
+        self.face = half if outline.through else half + OUT * outline.radius
         for low in (wall, -wall - thick):
             axis.add_patch(Rectangle((-self.face, low), 2 * self.face, thick, fc=SLEEVE, ec=EDGE, lw=1.0))
         self.outlines = self._pin()
@@ -116,29 +118,29 @@ class Side:
         axis.axhline(0, color="0.5", lw=0.6, ls=(0, (8, 3, 2, 3)), zorder=1)
         self.walls = axis.plot([], [], "o", ms=6, color=CONTACT, zorder=7)[0]
         self.faces = axis.plot([], [], "s", ms=6, color="tab:purple", zorder=7)[0]
-        centres = joint.centres(joint.heights)
+        centres = joint.centres(outline.heights)
         self.lateral = centres[..., up]
         # What bears towards the reader or away from him does not bear at the edge of this picture.
-        self.touching = np.hypot(*np.moveaxis(centres, -1, 0)) > joint.clearance
+        self.touching = np.hypot(*np.moveaxis(centres, -1, 0)) > outline.clearance
         self.touching &= np.abs(self.lateral) >= np.abs(centres[..., 1 - up])
-        if joint.block is not None:
-            self.touching = np.abs(self.lateral) > joint.clearance
-        length = self.face + self.reach + (OUT + COLLAR) * joint.radius
+        if outline.height is not None:
+            self.touching = np.abs(self.lateral) > outline.clearance
+        length = self.face + self.reach + (OUT + COLLAR) * outline.radius
         axis.set_xlim(-1.1 * length, 1.1 * length)
-        tall = 1.06 * max(wall + thick, joint.collar + 1.3 * (wall - joint.radius) if joint.axial else 0.0)
+        tall = 1.06 * max(wall + thick, outline.collar + 1.3 * (wall - outline.radius) if outline.axial else 0.0)
         axis.set_ylim(-tall, tall)
         _bare(axis)
 
     def _pin(self) -> list[np.ndarray]:
         """Outlines of the pin at rest, (points, 2): along and across its axis."""
-        joint, r = self.joint, self.joint.radius
+        outline, r = self.joint.outline, self.joint.outline.radius
         beyond = self.face + self.reach
-        outlines = [_box(-beyond - OUT * r, beyond + OUT * r, r if joint.through else NECK * r)]
-        if not joint.through:
-            outlines = [*(outlines if joint.axial is not None else []), _box(-self.half, self.half, r)]
-        if joint.axial is not None:
+        outlines = [_box(-beyond - OUT * r, beyond + OUT * r, r if outline.through else NECK * r)]
+        if not outline.through:
+            outlines = [*(outlines if outline.axial is not None else []), _box(-self.half, self.half, r)]
+        if outline.axial is not None:
             thick = COLLAR * r
-            outlines += [_box(beyond, beyond + thick, joint.collar), _box(-beyond - thick, -beyond, joint.collar)]
+            outlines += [_box(beyond, beyond + thick, outline.collar), _box(-beyond - thick, -beyond, outline.collar)]
         return outlines
 
     def show(self, i: int) -> None:
@@ -149,7 +151,8 @@ class Side:
         chosen = self.touching[i]
         side = np.sign(self.lateral[i, chosen])
         # Stations are the sleeve's, or those of a shorter pin, which takes them along.
-        along = self.joint.heights[chosen] + (0.0 if self.joint.through else self.joint.factor * self._slid(i))
+        outline = self.joint.outline
+        along = outline.heights[chosen] + (0.0 if outline.through else self.joint.factor * self._slid(i))
         self.walls.set_data(along, side * self.joint.wall)
         self.faces.set_data(*self._on_faces(i))
 
@@ -167,13 +170,13 @@ class Side:
 
     def _on_faces(self, i: int) -> tuple[np.ndarray, np.ndarray]:
         """Where the collars touch the sleeve's faces: the points of the ring beyond the axial play."""
-        joint = self.joint
-        if joint.axial is None:
+        joint, outline = self.joint, self.joint.outline
+        if outline.axial is None:
             return np.zeros(0), np.zeros(0)
-        around = 2 * np.pi * np.arange(joint.ring) / joint.ring
-        ring = joint.collar * np.stack([np.cos(around), np.sin(around)], 1)
+        around = 2 * np.pi * np.arange(outline.ring) / outline.ring
+        ring = outline.collar * np.stack([np.cos(around), np.sin(around)], 1)
         height = joint.place[i, 2] - (ring - joint.place[i, :2]) @ self.slopes[i]
-        bears = np.abs(height) > joint.axial
+        bears = np.abs(height) > outline.axial
         # A pin that has come to the right bears with the collar on its left, and the other way round.
         return -np.sign(height[bears]) * self.face, np.clip(ring[bears, self.up], -self.top, self.top)
 

@@ -12,8 +12,9 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.report.curves import flights
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.style import STYLED
-from clearance_jax.results.bearing import FACE, PLANE, SLEEVE, BearingSpans, kind, spans
-from clearance_jax.results.play import PinPath, station_paths
+from clearance_jax.results.bearing import FACE, BearingSpans, spans
+from clearance_jax.results.outlines import outline_of
+from clearance_jax.results.play import PinPath, is_pin, station_paths
 
 # Words and colours of contact patterns, faces apart. A joint without edges has only the first and `TOUCHING`.
 PATTERNS = (
@@ -46,9 +47,10 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     if not joints:
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
     most = bearing_most(dataset)
-    plane = [joint for joint in most if kind(dataset, joint) == PLANE]
-    orbits_of = [_paths(dataset, joint, edges) for joint in most if kind(dataset, joint) == SLEEVE]
-    orbits_of += [[path for joint in plane for path in station_paths(dataset, joint)]] if plane else []
+    drawn = [_paths(dataset, joint, edges) for joint in most if is_pin(outline_of(dataset, joint))]
+    orbits_of = [paths for paths in drawn if len(paths) > 1]
+    single = [paths[0] for paths in drawn if len(paths) == 1]
+    orbits_of += [single] if single else []
     heights = [0.9 + 0.55 * len(joints), *(0.7 + 2.8 * -(-len(group) // ROW) for group in orbits_of)]
     figure = Figure(figsize=(11, sum(heights)), layout="constrained")
     parts: Any = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -93,7 +95,8 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
 def _tell(dataset: xr.Dataset, joint: str, bearing: BearingSpans) -> list[tuple[str, str, np.ndarray]]:
     """Words, colour and spans of every contact pattern that occurs."""
     radial = bearing.pattern % FACE
-    names = PATTERNS if kind(dataset, joint) == SLEEVE else (PATTERNS[0], TOUCHING)
+    outline = outline_of(dataset, joint)
+    names = PATTERNS if outline is not None and outline.edges else (PATTERNS[0], TOUCHING)
     told = [(words, colour, radial == code) for code, (words, colour) in enumerate(names)]
     told.append((*FACES, bearing.pattern >= FACE))
     return [entry for entry in told if np.any(entry[2])]

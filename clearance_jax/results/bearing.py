@@ -6,7 +6,6 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.joints import GuideClearance, RevoluteClearance, SleeveClearance
 from clearance_jax.results.episodes import SHORTEST
 
 # Added to a contact pattern while a face bears.
@@ -28,10 +27,6 @@ class BearingSpans(NamedTuple):
         return float(np.sum(lasts[chosen]) / np.sum(lasts))
 
 
-PLANE, SLEEVE, GUIDE = RevoluteClearance.kind, SleeveClearance.kind, GuideClearance.kind
-"""A pin in a plane sleeve, one that tilts in a sleeve of some length, a block in a guide."""
-
-
 def require_joint(dataset: xr.Dataset, joint: str) -> str:
     """The name of a clearance joint. **Raises** `ClearanceError` where there is no such joint."""
     known = [str(name) for name in dataset["joint"].values] if "joint" in dataset.coords else []
@@ -43,12 +38,6 @@ def require_joint(dataset: xr.Dataset, joint: str) -> str:
 def kind(dataset: xr.Dataset, joint: str) -> str:
     """The `kind` of a clearance joint's class; empty for a user's own class."""
     return str(dataset.attrs.get(f"clearance.{joint}", ""))
-
-
-def number(dataset: xr.Dataset, joint: str, name: str) -> float | None:
-    """A number of a clearance joint, or `None`."""
-    attribute = dataset.attrs.get(f"parameter.{joint}.{name}")
-    return None if attribute is None else float(attribute)
 
 
 def spans(dataset: xr.Dataset, joint: str) -> BearingSpans:

@@ -16,6 +16,7 @@ from clearance_jax.results import blocks, episodes, marks
 from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.extremes import of_points
 from clearance_jax.results.first_fall import first_falls_over
+from clearance_jax.results.outlines import outline_attributes
 from clearance_jax.results.peaks import peaks
 from clearance_jax.results.variables import EPISODES, EXTREMES, STEPS, VARIABLES, attributes
 from clearance_jax.results.works import ContactWarning, doubt, works
@@ -174,7 +175,9 @@ def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[st
 
 
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
-    """All numbers of the mechanism; of every clearance joint its kind, `clearance.NAME`, and its static options."""
+    """All numbers of the mechanism; of every clearance joint its kind, `clearance.NAME`, its static options, and its
+    outline, `outline.NAME`.
+    """
     numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
         numbers[f"clearance.{joint.name}"] = joint.clearance.kind
@@ -182,6 +185,7 @@ def _numbers(mechanism: Mechanism) -> dict[str, Any]:
             value = getattr(joint.clearance, field.name)
             if field.metadata.get("static", False) and isinstance(value, int | float | str):
                 numbers[f"clearance.{joint.name}.{field.name}"] = value
+        numbers |= outline_attributes(joint.name, joint.clearance.outline())
     return numbers
 
 

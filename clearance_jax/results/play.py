@@ -2,50 +2,32 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints.bore import finer
-from clearance_jax.joints.presets import PINS
-from clearance_jax.joints.sleeve import lobatto
-from clearance_jax.results.bearing import GUIDE, SLEEVE, at_step, kind, number, require_joint
-
-# Collar radius over pin radius, if it is not given.
-COLLAR_RADIUS = 1.5
-# Names of the size and the play of a pin, a ball and a block.
-SIZES = ("pin_radius", "radial_clearance"), ("ball_radius", "radial_clearance"), ("height", "side_clearance")
+from clearance_jax.joints import JointOutline
+from clearance_jax.results.bearing import at_step, kind, require_joint
+from clearance_jax.results.outlines import outline_of
 
 
 class JointPlay(NamedTuple):
-    """Motion and sizes of a clearance joint for drawing.
+    """Motion and `outline` of a clearance joint for drawing.
 
     Over the samples the `place` of the pin in its sleeve [m], (times, 2 or 3), its `tilt`, the components of its axis
-    across the sleeve, (times, 2), and its `turn` [rad], (times,), if known. Sizes [m]: of a pin with a length also the
-    heights at which it may touch, and of a `block` its height and width; `depth` of the sleeve's wear, (1 or heights,
-    sectors). `factor`: by which the play is magnified.
+    across the sleeve, (times, 2), and its `turn` [rad], (times,), if known. `factor`: by which the play is magnified.
     """
 
     place: np.ndarray
     tilt: np.ndarray
     turn: np.ndarray | None
-    radius: float
-    clearance: float
-    length: float | None = None
-    axial: float | None = None
-    collar: float = 0.0
-    ring: int = 0
-    through: bool = True
-    heights: np.ndarray = np.zeros(1)
-    block: tuple[float, float | None] | None = None
-    depth: np.ndarray = np.zeros((1, 1))
+    outline: JointOutline
     factor: float = 1.0
 
     @property
     def wall(self) -> float:
         """The radius of the sleeve as drawn [m]."""
-        return self.radius + self.factor * self.clearance
+        return self.outline.radius + self.factor * self.outline.clearance
 
     def around(self, angle: np.ndarray, station: int = 0) -> np.ndarray:
         """Points of the wall at angles [rad], at one height, as drawn [m], (2, angles)."""
@@ -56,19 +38,13 @@ class JointPlay(NamedTuple):
 
     def wear_depth(self, station: int) -> np.ndarray:
         """Depth of wear at one height [m], (sectors,)."""
-        return self.depth[station % len(self.depth)]
+        return self.outline.depth[station % len(self.outline.depth)]
 
     def centres(self, heights: np.ndarray) -> np.ndarray:
         """The pin's centre at heights along the sleeve [m], (times, heights, 2)."""
-        if self.length is None:
+        if self.outline.length is None:
             return np.repeat(self.place[:, None, :2], len(heights), axis=1)
-        return along_sleeve(self.place, self.tilt, heights, self.through)
-
-
-def worn_depth(dataset: xr.Dataset, joint: str) -> np.ndarray:
-    """Depth of wear of a sleeve as its pin meets it [m], (1 or stations, places); zero for a round sleeve."""
-    depth = dataset.attrs.get(f"parameter.{joint}.depth")
-    return np.zeros((1, 1)) if depth is None else np.atleast_2d(finer(jnp.asarray(depth, float)))
+        return along_sleeve(self.place, self.tilt, heights, self.outline.through)
 
 
 def pin_travel(clearance: float, depth: np.ndarray) -> np.ndarray:
@@ -95,44 +71,22 @@ def penetration(places: np.ndarray, clearance: float, depth: np.ndarray) -> np.n
 
 
 def play(dataset: xr.Dataset, joint: str) -> JointPlay | None:
-    """The `JointPlay` of a joint; `None` for a user's own class, or if sizes are unknown."""
-    sizes, tilt, length = _sizes(dataset, joint), _tilt(dataset, joint), number(dataset, joint, "length")
-    if sizes is None or tilt is None:
+    """The `JointPlay` of a joint; `None` if its outline or its tilt is unknown."""
+    outline = outline_of(dataset, joint)
+    tilt = None if outline is None else _tilt(dataset, joint, outline)
+    if outline is None or tilt is None:
         return None
-    of, (radius, clearance) = kind(dataset, joint), sizes
-    place = dataset["eccentricity"].sel(joint=joint).values
-    if of == GUIDE:
-        block, length = (radius, number(dataset, joint, "width")), length or 0.0
-        ends = np.array([-0.5, 0.5]) * length
-        return JointPlay(place, tilt, None, radius / 2, clearance, length, through=False, heights=ends, block=block)
-    turn = dataset["q"].sel(coordinate=joint).values if joint in dataset["coordinate"].values else None
-    pin = JointPlay(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
-    if of != SLEEVE:
-        return pin
-    prefix = f"clearance.{joint}"
-    return pin._replace(
-        length=length,
-        axial=number(dataset, joint, "axial_clearance"),
-        collar=number(dataset, joint, "collar_radius") or COLLAR_RADIUS * radius,
-        ring=int(dataset.attrs[f"{prefix}.ring"]),
-        through=dataset.attrs[f"{prefix}.pin"] == "through",
-        heights=0.5 * (length or 0.0) * lobatto(int(dataset.attrs[f"{prefix}.stations"]))[0],
-    )
+    turns = outline.height is None and joint in dataset["coordinate"].values
+    turn = dataset["q"].sel(coordinate=joint).values if turns else None
+    return JointPlay(dataset["eccentricity"].sel(joint=joint).values, tilt, turn, outline)
 
 
-def _sizes(dataset: xr.Dataset, joint: str) -> tuple[float, float] | None:
-    """Size and play of a joint of a known kind [m]."""
-    known = ([number(dataset, joint, name) for name in names] for names in SIZES)
-    complete = [(size, play) for size, play in known if size is not None and play is not None]
-    return complete[0] if complete and kind(dataset, joint) else None
-
-
-def _tilt(dataset: xr.Dataset, joint: str) -> np.ndarray | None:
+def _tilt(dataset: xr.Dataset, joint: str, outline: JointOutline) -> np.ndarray | None:
     """Components of the pin's axis across the sleeve, (times, 2); `None` for a plane block that closes a loop."""
     if "pin_tilt" in dataset:
         return dataset["pin_tilt"].sel(joint=joint).values
     tilt, turn = np.zeros((dataset.sizes["time"], 2)), f"{joint}.tilt_y"
-    if kind(dataset, joint) == GUIDE:
+    if outline.height is not None:
         if turn not in dataset["coordinate"].values:
             return None
         tilt[:, 0] = np.sin(dataset["q"].sel(coordinate=turn).values)
@@ -173,12 +127,17 @@ def _series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, .
 def middle_path(dataset: xr.Dataset, joint: str) -> PinPath:
     """The path in the middle of the sleeve, with the contact state of the whole joint."""
     time, places, state = _series(dataset, require_joint(dataset, joint), "eccentricity", "contact_state")
-    clearance, side, travel = number(dataset, joint, "radial_clearance"), number(dataset, joint, "side_clearance"), None
-    if clearance is not None:
-        travel = pin_travel(clearance, worn_depth(dataset, joint)[0])
-    elif side is not None:
-        travel = side * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
+    outline, travel = outline_of(dataset, joint), None
+    if outline is not None and outline.height is not None:
+        travel = outline.clearance * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
+    elif outline is not None:
+        travel = pin_travel(outline.clearance, outline.depth[0])
     return PinPath(joint, 0.0, time, places[:, :2], state, travel)
+
+
+def is_pin(outline: JointOutline | None) -> bool:
+    """Whether it is that of a pin in a sleeve, not of a ball or a block."""
+    return outline is not None and outline.height is None and not outline.ball
 
 
 def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
@@ -187,13 +146,14 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
     **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
     """
     pin = play(dataset, require_joint(dataset, joint))
-    if pin is None or kind(dataset, joint) not in PINS:
+    if pin is None or not is_pin(pin.outline):
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
-    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if pin.length is not None else []))
-    centres = pin._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(pin.heights)
+    tilts = pin.outline.length is not None and "pin_tilt" in dataset
+    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if tilts else []))
+    centres = pin._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(pin.outline.heights)
     out = []
-    for k, height in enumerate(pin.heights):
-        places, wall = centres[:, k], (pin.clearance, pin.wear_depth(k))
+    for k, height in enumerate(pin.outline.heights):
+        places, wall = centres[:, k], (pin.outline.clearance, pin.wear_depth(k))
         state = (penetration(places, *wall) > 0).astype(int)
         out.append(PinPath(joint, float(height), time, places, state, pin_travel(*wall)))
     return out

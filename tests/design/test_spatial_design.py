@@ -112,11 +112,11 @@ def test_what_is_seen_of_a_design_in_space():
     pin = play(motion, "hip")
     assert pin is not None
     # The sleeve's axes stand still: the axis comes by both ends of the sleeve half a length up and down it.
-    ends = pin.centres(pin.heights[[0, -1]])
+    ends = pin.centres(pin.outline.heights[[0, -1]])
     middle = 2e-5 - 1e-5 * lean
     np.testing.assert_allclose(ends[0, :, 0], [middle - LENGTH / 2 * lean, middle + LENGTH / 2 * lean], rtol=1e-5)
     np.testing.assert_allclose(ends[0, :, 1], -1.2e-4, rtol=1e-9)
-    assert (pin.clearance, pin.axial) == pytest.approx((RADIAL, AXIAL))
+    assert (pin.outline.clearance, pin.outline.axial) == pytest.approx((RADIAL, AXIAL))
     np.testing.assert_allclose(pin.place[:, 2], 1e-5)
     force, moment = seen(pin_wrenches, arm(SLEEVE, x=0.4), *LEANING)["hip"]
     assert force[0, 1] > 0  # the wall below pushes up

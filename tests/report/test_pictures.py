@@ -299,7 +299,7 @@ def test_what_is_no_play_is_refused(crank, lift):
     with pytest.raises(ClearanceError, match=r"no clearance joint `wirst`.*Did you mean `wrist`"):
         spans(crank, "wirst")
     with pytest.raises(ClearanceError, match="no pin in a sleeve"):
-        station_paths(crank.assign_attrs({"clearance.wrist": "guide"}), "wrist")
+        station_paths(crank.assign_attrs({"clearance.wrist": "guide", "outline.wrist.height": 0.02}), "wrist")
 
 
 def frames_of(gif: Any) -> int:
@@ -316,7 +316,7 @@ def views(film, kind) -> list:
 def test_a_magnified_pin_is_its_eccentricity_times_the_factor(crank):
     film = cj.animate(crank, "wrist", exaggeration=7.0)
     ((section,), (skeleton,)) = views(film, CrossSection), views(film, Skeleton)
-    assert (film.exaggeration, section.joint.radius) == (7.0, 0.01)
+    assert (film.exaggeration, section.joint.outline.radius) == (7.0, 0.01)
     assert section.joint.wall == pytest.approx(0.01 + 7 * 5e-4, rel=1e-12)
     touched = 0
     for k in range(0, len(film), 5):
