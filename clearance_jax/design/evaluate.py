@@ -68,7 +68,8 @@ class Simulations:
         metric = self.metrics[i]
         if i not in self._sizes:
             value = shapes_of(Question(self.mechanism, {"": metric.base_metric}, self.t1, self.solve), ()).values[""]
-            self._sizes[i] = len(metric.ages) * int(np.prod(value.shape))
+            ages = len(self._aged[i].cycles) if i in self._aged else 1
+            self._sizes[i] = ages * int(np.prod(value.shape))
         return self._sizes[i]
 
     def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
@@ -187,7 +188,7 @@ def simulations_of(
     """The simulations of a problem's designs, with the given accuracy, also of wear."""
     changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
     finer = 1.0 if rtol is None else specification.rtol / rtol
-    metrics = [limit.simulation_metric.finer(finer) for limit in specification.limits]
+    metrics = [limit.metric_solved(finer) for limit in specification.limits]
     bounds = [limit.bound for limit in specification.limits]
     return Simulations(
         specification.mechanism,

@@ -46,7 +46,7 @@ def maintenances(design: Design) -> tuple[Maintenance, ...]:
 
 def _of(design: Design, limit: Limit, metric: AbstractAged) -> Maintenance:
     parts = design.specification.nominal()
-    asked, shares, lives = max(metric.last, 1), _shares(design, limit), {}
+    asked, shares, lives = max(metric.cycles[-1], 1), _shares(design, limit), {}
     for condition, given in parts.conditions.items():
         columns = {name: shares * value for name, value in design.clearances.items()}
         of_wear = given.keys() - without_wear(parts.mechanism, [metric], given).keys()

@@ -1,7 +1,6 @@
 """The specification of a tolerance problem, checked: variables, limits, conditions, costs, options."""
 
 import dataclasses
-import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -15,8 +14,7 @@ from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.measure import AbstractMeasure, Function, as_measure, begin_of
-from clearance_jax.metrics.reductions import AbstractMetric, At, Peak
+from clearance_jax.metrics.measure import AbstractMeasure, as_measure, begin_of
 from clearance_jax.parameters import check_values, parameters, replace, units_of
 from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.wear import AbstractAged
@@ -51,34 +49,35 @@ class Limit(Module):
     @property
     def title(self) -> str:
         """The given name, or the metric's."""
-        metric = self.metric.base_metric
-        signal = getattr(metric, "signal", None)
-        title = metric.called if isinstance(metric, Function) else type(metric).__name__
-        parts = [title] + ([] if signal is None else [type(signal).__name__])
-        of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
-        return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + self.metric.title_suffix
+        aged = self._aged
+        return self.name or self.metric.base_metric.title + ("" if aged is None else f" worn at {aged.joint}")
 
     @property
     def label(self) -> str:
         """What is bounded, in words: "piston: position error", or "NAME: position error of piston"."""
-        return self._label(_quantity(self.metric.base_metric))
+        return self._label(self.metric.base_metric.label)
 
     @property
     def signal_label(self) -> str:
         """The signal of the metric in words, of the new mechanism; the label if there is no signal."""
         signal = getattr(self.metric.base_metric, "signal", None)
-        of = self.label if signal is None else self._label(_words(type(signal).__name__))
-        return of + " as new" * self.ages
+        of = self.label if signal is None else self._label(signal.label)
+        return of + " as new" * bool(self.ages)
 
     @property
     def reduction(self) -> str:
         """The reduction of the signal that is bounded, in words; empty if every value is."""
-        return _reduction(self.metric.base_metric).strip()
+        return self.metric.base_metric.reduction
 
     @property
-    def ages(self) -> bool:
-        """Whether it must hold as parts wear."""
-        return isinstance(self.metric, AbstractAged)
+    def ages(self) -> tuple[str, ...]:
+        """The suffix of the label at each age at which it must hold; none if it must hold for new parts only."""
+        aged = self._aged
+        return () if aged is None else tuple(f", after {cycles} cycles of wear" for cycles in aged.cycles)
+
+    @property
+    def _aged(self) -> AbstractAged | None:
+        return self.metric if isinstance(self.metric, AbstractAged) else None
 
     @property
     def since(self) -> float | None:
@@ -87,55 +86,28 @@ class Limit(Module):
         return None if since is None else float(since)
 
     def _label(self, what: str) -> str:
-        part = _part(self.metric.base_metric)
+        part = self.metric.base_metric.part
         name = self.name or part
         whole = what if part in ("", name) else f"{what} of {part}"
         return f"{name}: {whole}" if name else whole
 
     def labels(self, count: int) -> list[str]:
         """The label of each of the `count` values of `simulation_metric`: "piston: position error, peak 1"."""
-        once = self._labels_once(count // len(self.metric.ages))
-        return [label + age for age in self.metric.ages for label in once]
-
-    def _labels_once(self, count: int) -> list[str]:
-        """The labels of the values of one motion."""
-        metric = self.metric.base_metric
-        if isinstance(metric, At):
-            return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in metric.times]
-        word = "peak" if isinstance(metric, Peak) else "value"
-        return [self.label] if count == 1 else [f"{self.label}, {word} {k + 1}" for k in range(count)]
+        ages = self.ages or ("",)
+        components = self.metric.base_metric.components(count // len(ages))
+        return [self.label + (f", {component}" if component else "") + age for age in ages for component in components]
 
     @property
     def simulation_metric(self) -> AbstractMeasure:
         """The metric to be solved for: instead of one peak the `PEAKS` highest."""
-        metric = self.metric.base_metric
-        if isinstance(metric, Peak) and metric.count == 1:
-            return self.metric.with_metric(dataclasses.replace(metric, count=PEAKS))
-        return self.metric
+        return self.metric_solved()
 
-
-def _quantity(metric: AbstractMetric) -> str:
-    """A metric in words: "position error", "RMS contact force", "energy lost"."""
-    signal = getattr(metric, "signal", None)
-    if signal is not None:
-        return _reduction(metric) + _words(type(signal).__name__)
-    function = getattr(metric, "function", None)
-    return _words(type(metric).__name__ if function is None else getattr(function, "__name__", "function"))
-
-
-def _reduction(metric: AbstractMetric) -> str:
-    """The reduction of a metric in words, as a prefix to its signal."""
-    return "" if isinstance(metric, Peak | At) else _words(type(metric).__name__).replace("rms", "RMS") + " "
-
-
-def _words(name: str) -> str:
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ").strip().lower()
-
-
-def _part(metric: AbstractMetric) -> str:
-    """The point, joint or body that a metric is about."""
-    holder = getattr(metric, "signal", metric)
-    return next((str(getattr(holder, n)) for n in ("point", "joint", "body") if hasattr(holder, n)), "")
+    def metric_solved(self, accuracy: float = 1.0) -> AbstractMeasure:
+        """The same for a solve that is so many times more accurate, and so is a simulation of wear."""
+        metric = self.metric.with_metric(self.metric.base_metric.several(PEAKS))
+        if isinstance(metric, AbstractAged):
+            return dataclasses.replace(metric, tolerance=metric.tolerance / accuracy)
+        return metric
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)

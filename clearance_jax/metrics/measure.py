@@ -6,7 +6,6 @@ for all of it at once and hands each metric its own part (`Reply`).
 
 import abc
 import dataclasses
-import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple, Unpack
 
@@ -20,6 +19,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.farthest import Farthest
+from clearance_jax.metrics.functions import arguments, function_name, in_words
 from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.problem import Problem, widths
 from clearance_jax.solve.settings import STATIC, Settings, SolveOptions, settings_of
@@ -95,21 +95,6 @@ class AbstractMeasure(Module):
     def unit(self) -> str:
         """The unit of its values."""
 
-    @property
-    def ages(self) -> tuple[str, ...]:
-        """A suffix of the label for each age of its values; by default one age, without suffix."""
-        return ("",)
-
-    @property
-    def title_suffix(self) -> str:
-        """What follows the metric in a title, with a space before. Empty by default."""
-        return ""
-
-    def finer(self, factor: float) -> "AbstractMeasure":
-        """The same with errors of its own, beyond those of a solve, `factor` times smaller."""
-        del factor
-        return self
-
     def model(self, mechanism: Mechanism) -> Any:
         """The model that has all numbers it depends on; by default the mechanism."""
         return mechanism
@@ -120,6 +105,8 @@ class AbstractMetric(AbstractMeasure):
 
     word: ClassVar[str] = ""
     """What study files call it; empty: they do not know it."""
+    each: ClassVar[str] = "value"
+    """What reports call each of several values."""
 
     @property
     def base_metric(self) -> "AbstractMetric":
@@ -131,6 +118,38 @@ class AbstractMetric(AbstractMeasure):
     @property
     def unit(self) -> str:
         return getattr(getattr(self, "signal", None), "unit", "")
+
+    @property
+    def reduction(self) -> str:
+        """What it does with its signal, in words; empty if it bounds every value."""
+        return in_words(type(self).__name__)
+
+    @property
+    def label(self) -> str:
+        """What it measures, in words: "RMS contact force"; by default after its class and its signal's."""
+        signal = getattr(self, "signal", None)
+        return in_words(type(self).__name__) if signal is None else f"{self.reduction} {signal.label}".lstrip()
+
+    @property
+    def part(self) -> str:
+        """The point, joint or body that it is about; empty: the mechanism."""
+        holder = getattr(self, "signal", self)
+        return next((str(getattr(holder, n)) for n in ("point", "joint", "body") if hasattr(holder, n)), "")
+
+    @property
+    def title(self) -> str:
+        """What tells it from other metrics: "Peak PositionError of piston"."""
+        signal, of = getattr(self, "signal", None), f" of {self.part}" if self.part else ""
+        return type(self).__name__ + ("" if signal is None else f" {type(signal).__name__}{of}")
+
+    def components(self, count: int) -> tuple[str, ...]:
+        """The label of each of its `count` values; empty for a single one."""
+        return ("",) if count == 1 else tuple(f"{self.each} {k + 1}" for k in range(count))
+
+    def several(self, count: int) -> "AbstractMetric":
+        """What a search solves for in its place: of a single peak the `count` highest; by default the same."""
+        del count
+        return self
 
     def form(self, mechanism: Mechanism) -> MetricForm:
         """Unit and axes of its values for a mechanism's motion; by default axes have no names."""
@@ -184,9 +203,12 @@ class Function(AbstractMetric):
         return self.of(reply.mechanism, reply.solution)
 
     @property
-    def called(self) -> str:
-        """The function's name."""
-        return _function_name(self.function)
+    def label(self) -> str:
+        return in_words(getattr(self.function, "__name__", "function"))
+
+    @property
+    def title(self) -> str:
+        return function_name(self.function)
 
     def of(self, mechanism: Mechanism, solution: Solution) -> Array:
         """The function's value."""
@@ -196,33 +218,8 @@ class Function(AbstractMetric):
             return jnp.asarray(answer)
         except (TypeError, ValueError):
             raise ClearanceError(
-                f"The metric `{self.called}` must return a number or an array, but it returned {type(answer).__name__}."
+                f"The metric `{self.title}` must return a number or an array, but it returned {type(answer).__name__}."
             ) from None
-
-
-def _function_name(function: Any) -> str:
-    return getattr(function, "__name__", type(function).__name__)
-
-
-def arguments(function: Callable) -> int:
-    """How many arguments a custom metric takes: 1, `f(solution)`, or 2, `f(mechanism, solution)`.
-
-    **Raises:** `ClearanceError` where it takes others.
-    """
-    try:
-        every = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        every = []
-    placed = [p.name for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
-    demanded = [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
-    swapped = placed[:1] == ["solution"] and len(placed) == 2
-    if len(placed) not in (1, 2) or demanded or swapped or isinstance(function, type):
-        signature = f"`{_function_name(function)}({', '.join([*placed, *demanded])})`"
-        raise ClearanceError(
-            f"A metric is one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`; "
-            f"{signature} is neither."
-        )
-    return len(placed)
 
 
 def as_measure(given: Any) -> AbstractMeasure:

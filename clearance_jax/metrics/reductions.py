@@ -7,6 +7,7 @@ A metric is a reduction over time (`Peak`, `Rms`, `Mean`, `At`, `SoftPeak`, ...)
     jax.grad(lambda c: peak(cj.replace(mechanism, {"wrist.radial_clearance": c}), 0.012))(1e-4)
 """
 
+import dataclasses
 from typing import Any, ClassVar, Unpack
 
 import equinox as eqx
@@ -48,9 +49,17 @@ class Peak(AbstractMetric):
     """
 
     word: ClassVar[str] = "peak"
+    each: ClassVar[str] = "peak"
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
     since: Scalar | None = _since()
+
+    @property
+    def reduction(self):
+        return ""
+
+    def several(self, count):
+        return dataclasses.replace(self, count=count) if self.count == 1 else self
 
     def request(self, mechanism, t1, options):
         # Where the peaks are is looked for without derivatives.
@@ -112,6 +121,10 @@ class Rms(AbstractMetric):
     signal: AbstractSignal
     since: Scalar | None = _since()
 
+    @property
+    def reduction(self):
+        return "RMS"
+
     def request(self, mechanism, t1, options):
         return Request(integrands=(self.signal.integrand(mechanism, t1, options, 2),), since=self.since)
 
@@ -149,6 +162,13 @@ class At(AbstractMetric):
     word: ClassVar[str] = "at"
     signal: AbstractSignal
     times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.atleast_1d(jnp.asarray(t, float)))
+
+    @property
+    def reduction(self):
+        return ""
+
+    def components(self, count):
+        return tuple(f"at {1e3 * float(time):.6g} ms" for time in self.times)
 
     def request(self, mechanism, t1, options):
         return Request(times=self.times)

@@ -22,6 +22,7 @@ from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.functions import in_words
 from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
@@ -40,6 +41,11 @@ class AbstractSignal(Module):
     """What study files call it; empty: they do not know it."""
     unit: ClassVar[str] = ""
     needs_ideal: ClassVar[bool] = False
+
+    @property
+    def label(self) -> str:
+        """What it is, in words: "position error"; by default after its class."""
+        return in_words(type(self).__name__)
 
     @abc.abstractmethod
     def value(self, time: Scalar, y: Array, mechanism: PreparedMechanism, reference: Array | None) -> Scalar:

@@ -32,10 +32,14 @@ class AbstractAged(AbstractMeasure):
     shares its solve.
     """
 
-    @property
-    @abc.abstractmethod
-    def last(self) -> int:
-        """The cycles at its greatest age."""
+    metric: eqx.AbstractVar[AbstractMetric]
+    """Of one motion."""
+    joint: eqx.AbstractVar[str]
+    """The joint that wears."""
+    cycles: eqx.AbstractVar[tuple[int, ...]]
+    """Its ages: after how many cycles of wear it is computed, ascending."""
+    tolerance: eqx.AbstractVar[float]
+    """Of the simulation of the wear."""
 
     @abc.abstractmethod
     def of(
@@ -99,23 +103,8 @@ class AfterWear(AbstractAged):
     def unit(self) -> str:
         return self.metric.unit
 
-    @property
-    def ages(self) -> tuple[str, ...]:
-        return tuple(f", after {cycles} cycles of wear" for cycles in self.cycles)
-
-    @property
-    def last(self) -> int:
-        return self.cycles[-1]
-
-    @property
-    def title_suffix(self) -> str:
-        return f" worn at {self.joint}"
-
     def with_metric(self, metric: AbstractMetric) -> "AfterWear":
         return dataclasses.replace(self, metric=metric)
-
-    def finer(self, factor: float) -> "AfterWear":
-        return dataclasses.replace(self, tolerance=self.tolerance / factor)
 
     def model(self, mechanism: Mechanism) -> WearModel:
         """The wear model, whose numbers have names: "wear.coefficient" of the law, "pressure.stiffness"."""

@@ -385,7 +385,7 @@ def test_the_example_of_a_limit_is_read(tmp_path):
     asked = study(tmp_path, WEAR, limit=lines(example(design_keys.LIMIT))).problem.specification
     (limit,) = asked.limits
     assert limit.title == "piston"
-    assert limit.metric.ages == (", after 0 cycles of wear", ", after 20000 cycles of wear")
+    assert limit.ages == (", after 0 cycles of wear", ", after 20000 cycles of wear")
     assert float(asked.worth("wear.coefficient")) == pytest.approx(6e-14)
     assert float(asked.worth("wrist.length")) == pytest.approx(0.02)
 

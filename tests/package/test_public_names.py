@@ -15,7 +15,8 @@ from catalogue import slider_crank
 
 import clearance_jax as cj
 import clearance_jax.parameters  # puts the module beside the function of that name
-from clearance_jax.metrics.measure import arguments, as_metric, by_name
+from clearance_jax.metrics.functions import arguments
+from clearance_jax.metrics.measure import as_metric, by_name
 from clearance_jax.solve.settings import Settings, SolveOptions, evenly, settings_of
 
 CRANK, T1, NAME = slider_crank(), 2e-3, "wrist.radial_clearance"

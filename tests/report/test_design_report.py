@@ -212,6 +212,37 @@ def test_limits_are_called_by_what_they_are(limit, labels):
     assert limit.labels(len(labels)) == labels
 
 
+class RodStress(metrics.AbstractMetric):
+    """A metric of one's own with several values."""
+
+    @property
+    def label(self):
+        return "stress of the rod"
+
+    @property
+    def unit(self):
+        return "Pa"
+
+    def components(self, count):
+        return tuple(f"section {'ABC'[k]}" for k in range(count))
+
+    def request(self, mechanism, t1, options):
+        return metrics.Request()
+
+    def value(self, reply):
+        return jnp.ones(3)
+
+
+@pytest.mark.parametrize(("name", "called"), [("", "stress of the rod"), ("rod", "rod: stress of the rod")])
+def test_a_metric_of_ones_own_says_how_a_report_calls_it(name, called):
+    limit = design.Limit(RodStress(), 2e6, name)
+    assert limit.labels(3) == [f"{called}, section {letter}" for letter in "ABC"]
+    page = render(known_findings(answer([limit])))
+    rows = rows_of(page, "limit")
+    assert [row[:3] for row in rows] == [[f"{called}, section {x}", "1.9998e+06 Pa", "2e+06 Pa"] for x in "ABC"]
+    assert f"Decided by: {called}, section A" in text_of(page)
+
+
 def test_standings_know_which_limit_and_condition_a_row_is_of():
     conditions = {"slow": {"drive.main.speed": 50.0}, "fast": {"drive.main.speed": 500.0}}
     found = answer([piston_limit()], conditions=conditions)

@@ -69,4 +69,4 @@ def _study(asked: StudyFile) -> Study:
 
 def _wears(design: DesignAsked | None) -> bool:
     """Whether a limit of the design is checked after wear."""
-    return design is not None and any(limit.metric.ages != ("",) for limit in design.problem.specification.limits)
+    return design is not None and any(limit.ages for limit in design.problem.specification.limits)
