@@ -49,25 +49,37 @@ def one_function(function: Callable) -> Callable:
     return call
 
 
+# A whole number as two floats that hold it exactly.
+_HALF = 32
+
+
 def _pack(numbers: list[Any]) -> jax.Array:
-    """Arrays of numbers and flags as one vector; integers as they lie in memory."""
+    """Arrays of numbers and flags as one vector of floats."""
+    parts = []
+    for x in numbers:
+        flat = jnp.ravel(x)
+        if jnp.issubdtype(flat.dtype, jnp.floating):
+            parts.append(flat.astype(float))
+        else:
+            whole = flat.astype(jnp.int64)
+            parts += [(whole >> _HALF).astype(float), (whole & (2**_HALF - 1)).astype(float)]
+    return jnp.concatenate(parts)
 
-    def flat(x):
-        if jnp.issubdtype(x.dtype, jnp.floating):
-            return jnp.ravel(x).astype(float)
-        return jax.lax.bitcast_convert_type(jnp.ravel(x).astype(jnp.int64), float)
 
-    return jnp.concatenate([flat(jnp.asarray(x)) for x in numbers])
-
-
-def _unpack(packed: jax.Array, like: list[Any]) -> list[Any]:
+def _unpack(packed: jax.Array, like: list[Any]) -> list[jax.Array]:
     """The arrays that `_pack` has packed."""
     out, place = [], 0
-    for x in like:
-        part = jax.lax.slice_in_dim(packed, place, place + x.size).reshape(x.shape)
-        floating = jnp.issubdtype(x.dtype, jnp.floating)
-        out.append((part if floating else jax.lax.bitcast_convert_type(part, jnp.int64)).astype(x.dtype))
+
+    def take(x):
+        nonlocal place
         place += x.size
+        return jax.lax.slice_in_dim(packed, place - x.size, place).reshape(x.shape)
+
+    for x in like:
+        part = take(x)
+        if not jnp.issubdtype(x.dtype, jnp.floating):
+            part = (part.astype(jnp.int64) << _HALF) | take(x).astype(jnp.int64)
+        out.append(part.astype(x.dtype))
     return out
 
 

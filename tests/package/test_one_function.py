@@ -40,6 +40,18 @@ def test_it_gives_what_the_function_gives():
     assert one["away"].dtype == bool
 
 
+def test_whole_numbers_and_flags_come_as_they_are():
+    """Small ones too, whose bits as a float would be a denormal number, which arithmetic may flush to zero."""
+    values = jnp.asarray([0, 1, 2, -1, -2, 2**31, 2**53 + 1, -(2**63), 2**63 - 1])
+    flags, little = values % 2 == 0, jnp.asarray([-1, 3], jnp.int32)
+    floats = jnp.asarray([5e-324, -0.0, jnp.inf, 1.0])
+    passed = jax.jit(one_function(lambda *numbers: numbers))(values, flags, little, floats)
+    for new, old in zip(passed[:3], (values, flags, little), strict=True):
+        assert new.dtype == old.dtype
+        np.testing.assert_array_equal(new, old)
+    np.testing.assert_array_equal(passed[3][1:], floats[1:])
+
+
 def test_it_is_marked_under_every_transformation():
     def end(start):
         return one_function(walk)(*arguments(start))["end"].sum()
