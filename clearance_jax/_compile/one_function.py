@@ -1,6 +1,6 @@
 """Functions that a program for a CPU runs as one compiled function, with all their loops.
 
-XLA on the CPU runs the body of a loop operation by operation, which costs a motion ten times its time. A call that
+XLA on the CPU runs the body of a loop operation by operation, which costs a motion several times its time. A call that
 carries marks is compiled as one function instead. The marks travel with the program, through `jit`, `vmap` and
 derivatives, whatever flags the process has.
 """
