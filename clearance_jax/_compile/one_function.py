@@ -6,6 +6,7 @@ derivatives, whatever flags the process has.
 """
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -15,13 +16,17 @@ import jax.numpy as jnp
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxlib.mlir import ir
+from jaxlib.mlir.dialects import stablehlo as hlo
 
 # XLA reads these on a call: whether it stays a call, and is compiled as one function.
 _STAYS, _ONE = "inlineable", "xla_cpu_small_call"
 _MARKS = "mhlo.frontend_attributes"
 # What XLA cannot compile so (`small_while_loop_hoisting_pass.cc` of XLA lists it): work of other kernels and devices.
 _APART = {"custom_call", "scatter", "sort", "fft", "infeed", "outfeed", "replica_id", "partition_id", "top_k"}
-_APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter"}
+_APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter", "convolution"}
+# XLA leaves long sums and products of matrices to a library (`ynn_support.cc` of XLA): from so many numbers (measured),
+# and from so many rows, columns or terms.
+_LONG, _WIDE = 4096, 8
 
 
 def one_function(function: Callable) -> Callable:
@@ -103,9 +108,28 @@ def _can_be_one(call: Any, functions: Any, known: dict[str, bool]) -> bool:
     name = ir.FlatSymbolRefAttr(call.attributes["callee"]).value
     if name not in known:
         inside = _operations(functions[name].operation)
-        known[name] = not any(operation.name.split(".")[-1] in _APART for operation in inside)
+        known[name] = not any(_is_apart(operation) for operation in inside)
         known[name] = known[name] and all(_can_be_one(each, functions, known) for each in inside if _is_call(each))
     return known[name]
+
+
+def _is_apart(operation: Any) -> bool:
+    """Whether XLA gives an operation to another kernel."""
+    name = operation.name.split(".")[-1]
+    if name not in ("reduce", "dot_general"):
+        return name in _APART
+    value = ir.RankedTensorType(operation.operands[0].type)
+    if name == "reduce":
+        floats = isinstance(value.element_type, ir.FloatType)
+        return floats and len(operation.results) == 1 and math.prod(value.shape) >= _LONG
+    numbers = hlo.DotDimensionNumbers(operation.attributes["dot_dimension_numbers"])
+    others = ir.RankedTensorType(operation.operands[1].type).shape
+    terms = math.prod(value.shape[i] for i in numbers.lhs_contracting_dimensions)
+    each = terms * math.prod(value.shape[i] for i in numbers.lhs_batching_dimensions)
+    rows, columns = math.prod(value.shape) // each, math.prod(others) // each
+    # XLA writes outer products, and products with a vector, as sums of products.
+    matrices = min(rows, columns, terms) > 1 and max(rows, columns, terms) >= _WIDE
+    return matrices or each * rows * columns >= _LONG
 
 
 def _operations(whole: Any) -> list[Any]:

@@ -1,5 +1,6 @@
 """Functions that a CPU runs as one: what they compute, how they are marked, and what is left as it is."""
 
+import math
 import re
 
 import jax
@@ -70,15 +71,50 @@ def test_the_call_stays_one_in_what_is_compiled():
     assert re.search(r'call\(.*to_apply=%program.*xla_cpu_small_call="true"', text)
 
 
+def looped(kernel):
+    """A kernel twice, as one function."""
+    return one_function(lambda x: jax.lax.fori_loop(0, 2, lambda _, x: kernel(x), x))
+
+
+# XLA leaves them to a library, whose kernels no function can hold: products with matrices, long sums and maxima.
+LIBRARY = {
+    "square": (lambda x: x @ x, (8, 8)),
+    "rows": (lambda x: x @ jnp.full((4, 4), 0.2), (16, 4)),
+    "network": (jax.vmap(lambda x: jnp.tanh(jnp.full((6, 6), 0.2) @ x)), (12, 6)),
+    "tall": (lambda x: x @ (x.T @ x), (30, 2)),
+    "many squares": (jax.vmap(lambda x: x @ x), (16, 12, 12)),
+    "long sum": (lambda x: x / jnp.sum(jnp.exp(x)), (5000,)),
+    "worn bores": (lambda x: x / jnp.max(jnp.exp(x), axis=-1, keepdims=True), (30, 180)),
+    "many norms": (jax.vmap(lambda x: x / (x @ x)), (64, 70)),
+}
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_what_xla_leaves_to_a_library_is_left_as_it_is(name):
+    kernel, shape = LIBRARY[name]
+    numbers = jnp.linspace(0.1, 0.2, math.prod(shape)).reshape(shape)
+    assert not marked(looped(kernel), numbers)
+    np.testing.assert_allclose(jax.jit(looped(kernel))(numbers), kernel(kernel(numbers)), rtol=1e-13)
+
+
+@pytest.mark.parametrize("size", [6, 7, 40])
+def test_products_with_vectors_stay_within_one(size):
+    square = jnp.full((size, size), 1 / size)
+    for kernel in (lambda x: square @ x, lambda x: x / (1 + x @ x), lambda x: jnp.outer(x, x) @ x / size):
+        numbers = jnp.linspace(0.1, 0.2, size)
+        assert marked(looped(kernel), numbers)
+        np.testing.assert_allclose(jax.jit(looped(kernel))(numbers), kernel(kernel(numbers)), rtol=1e-13)
+
+
 @pytest.mark.parametrize(
     "kernel", [lambda x: jnp.linalg.inv(x), lambda x: jnp.sort(x), lambda x: x.at[jnp.array([1, 0])].add(1.0)]
 )
 def test_what_needs_kernels_of_its_own_is_left_as_it_is(kernel):
     matrix = jnp.asarray([[2.0, 1.0], [0.0, 4.0]])
-    looped = one_function(lambda x: jax.lax.fori_loop(0, 2, lambda _, x: kernel(x), x))
-    assert not marked(looped, matrix)
-    np.testing.assert_allclose(looped(matrix), kernel(kernel(matrix)), rtol=1e-15)
+    twice = looped(kernel)
+    assert not marked(twice, matrix)
+    np.testing.assert_allclose(twice(matrix), kernel(kernel(matrix)), rtol=1e-15)
     # Within it, another function can be one.
-    inner = one_function(lambda x: looped(x) + one_function(walk)(x, *arguments()[1:])["end"])
+    inner = one_function(lambda x: twice(x) + one_function(walk)(x, *arguments()[1:])["end"])
     assert marked(inner, matrix)
     assert np.all(np.isfinite(jax.jit(inner)(matrix)))
