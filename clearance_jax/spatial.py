@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._basis.numerics import safe_norm, safe_sqrt, sincos
@@ -312,3 +313,12 @@ def as_array(terms) -> Array:
         return terms
     terms = list(terms)
     return jnp.stack([jnp.asarray(term, dtype=float) for term in terms]) if terms else jnp.zeros(0)
+
+
+def put(whole: Array, places: np.ndarray, values: Array) -> Array:
+    """`whole` (n, ...) with `values` (k, ...) in its `places` (k,), which are known before it runs. It is no scatter,
+    with which a program could not be one function (see `_compile.one_function`).
+    """
+    source = np.arange(len(whole))
+    source[places] = len(whole) + np.arange(len(places))
+    return jnp.concatenate([whole, values])[source]

@@ -57,7 +57,7 @@ def independent(
         good = remainders[best] > REPEATED
         column = left[best] / jnp.sqrt(jnp.where(good, remainders[best], 1.0))
         left = jnp.where(good, left - column[:, None] * column[None, :], left)
-        return left, kept.at[best].set(jnp.where(good, 1.0, kept[best]))
+        return left, jnp.where(good & (jnp.arange(count) == best), 1.0, kept)
 
     begin = jax.lax.stop_gradient(matrix / (unit[:, None] * unit[None, :])), jnp.zeros(count)
     return jax.lax.fori_loop(0, min(count, loop_conditions[0].moves.count), once, begin)[1]

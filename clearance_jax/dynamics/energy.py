@@ -18,7 +18,7 @@ from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, parts
-from clearance_jax.spatial import Term, plus, times, total
+from clearance_jax.spatial import Term, plus, put, times, total
 
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
 # loss: an integral of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
@@ -126,13 +126,8 @@ def hand_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     work.
     """
     brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
-    first = layout(mechanism).size
-    return (
-        y.at[first + BALANCE_TERMS.index("drive_work")]
-        .add(brought)
-        .at[first + BALANCE_TERMS.index("exchanged")]
-        .add(jnp.abs(brought))
-    )
+    changed = layout(mechanism).size + np.array([BALANCE_TERMS.index(name) for name in ("drive_work", "exchanged")])
+    return put(y, changed, y[changed] + jnp.stack([brought, jnp.abs(brought)]))
 
 
 def just_before(mechanism: PreparedMechanism, time: Scalar) -> PreparedMechanism:

@@ -13,7 +13,7 @@ from clearance_jax.mechanism.links import Links, Order, rodrigues
 from clearance_jax.mechanism.moved import Moved, swing_rates
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
-from clearance_jax.spatial import Term, as_array, of_quaternion, swing, three
+from clearance_jax.spatial import Term, as_array, of_quaternion, put, swing, three
 
 
 class Motions(NamedTuple):
@@ -78,8 +78,8 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
     q, v, a = as_array(now.values), as_array(now.rates), as_array(now.accelerations)
     sine, cosine = sincos(turning * q)
     inner = rodrigues(links.axis, sine, cosine)
-    for i, rows in now.turned.items():
-        inner = inner.at[i].set(rows)
+    if now.turned:
+        inner = put(inner, np.array(list(now.turned)), jnp.stack(list(now.turned.values())))
     spun, spun_up = ((turning * rate)[:, None] * links.axis for rate in (v, a))
     spun, axes = spun + jnp.stack(now.spins), links.axis
     first = plan.swings
@@ -89,11 +89,11 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
         by = Moved(-1, (x[0], y[0]), (x[1], y[1]), (x[2], y[2]))
         at = swing(about_x, about_y, *by.q)
         spin, faster = swing_rates(at, by)
-        inner = inner.at[first].set(jnp.moveaxis(jnp.asarray(at.rows), -1, 0))
-        spun = jnp.asarray(spun).at[first].set(jnp.stack(spin, -1))
-        spun_up = jnp.asarray(spun_up).at[first].set(jnp.stack(faster, -1))
+        inner = put(inner, first, jnp.moveaxis(jnp.asarray(at.rows), -1, 0))
+        spun = put(spun, first, jnp.stack(spin, -1))
+        spun_up = put(spun_up, first, jnp.stack(faster, -1))
         for k, axis in enumerate(at.inside):
-            axes = axes.at[first + k].set(jnp.stack(axis, -1))
+            axes = put(axes, first + k, jnp.stack(axis, -1))
     given = (
         np.array([parent if parent >= 0 else count for parent in plan.parents]),
         np.arange(count),

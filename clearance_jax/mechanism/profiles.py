@@ -144,7 +144,7 @@ class Trapezoid(AbstractDrive):
             (after, none, none),
         ]
         moves = jnp.stack([jnp.stack(piece, axis=-1) for piece in pieces], axis=1).reshape(-1, 3)
-        before = jnp.zeros((1, 3)).at[0, 0].set(self.offset)
+        before = jnp.stack([self.offset, *jnp.zeros(2)])[None]
         return Pieces(jnp.concatenate([before, moves]), times.ravel())
 
     def __call__(self, time):
@@ -241,7 +241,7 @@ class Quintic(AbstractDrive):
         higher = jnp.stack([*left, *right, rise], axis=-1) @ HERMITE.T
         powers = jnp.stack([self.values[:-1], left[0], left[1] / 2, *higher.T], axis=-1)
         inner = powers / h[:, None] ** jnp.arange(6)[None]
-        first, last = (jnp.zeros(6).at[0].set(self.values[k]).at[1].set(speeds[k])[None] for k in (0, -1))
+        first, last = (jnp.stack([self.values[k], speeds[k], *jnp.zeros(4)])[None] for k in (0, -1))
         return Pieces(jnp.concatenate([first, inner, last]), self.times)
 
     def __call__(self, time):

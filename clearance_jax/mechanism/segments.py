@@ -100,7 +100,7 @@ def _even(begin: Corner, end: Corner, length: Scalar) -> Stretch:
     angle, none = safe_sqrt(jnp.sum(turn**2)), jnp.zeros(3)
     length = jnp.where(length > 0, length, jnp.where(angle > 0, angle, 1.0))
     place = jnp.stack([begin.place, end.place - begin.place, none, none])
-    quaternion = jnp.zeros((4, 4)).at[0].set(begin.quaternion)
+    quaternion = jnp.stack([begin.quaternion, *jnp.zeros((3, 4))])
     return Stretch(length, place, quaternion, turn, none, jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()))
 
 
@@ -164,7 +164,7 @@ class Arc(AbstractSegment):
         # Seen along p x q, the via point comes before the end in the positive sense of rotation.
         sweep = jnp.arctan2((q - centre) @ y, (q - centre) @ x) % (2 * jnp.pi)
         even = _even(begin, end, sweep * jnp.linalg.norm(arm))
-        place = jnp.zeros((4, 3)).at[0].set(begin.place + centre)
+        place = jnp.stack([begin.place + centre, *jnp.zeros((3, 3))])
         return [Stretch(even.length, place, even.quaternion, even.turn, arm, axis, sweep)]
 
     def refusal(self, corners):

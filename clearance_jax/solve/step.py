@@ -194,4 +194,4 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
 
     after = field(time, state, problem.without_directions)
     jumps = jax.vmap(before)(problem.directions, delay) - after[None]
-    return stack.at[1:].add(delay[:, None] * jumps)
+    return jnp.concatenate([stack[:1], stack[1:] + delay[:, None] * jumps])

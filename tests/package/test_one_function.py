@@ -8,7 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import clearance_jax as cj
 from clearance_jax._compile.one_function import one_function
+from experiments.common import SCENES
 
 pytestmark = pytest.mark.quick
 
@@ -118,3 +120,11 @@ def test_what_needs_kernels_of_its_own_is_left_as_it_is(kernel):
     inner = one_function(lambda x: twice(x) + one_function(walk)(x, *arguments()[1:])["end"])
     assert marked(inner, matrix)
     assert np.all(np.isfinite(jax.jit(inner)(matrix)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["bennett", "pick_up"])
+def test_a_motion_with_loops_or_payloads_is_one(scene):
+    """With one scatter in its field a motion takes 25 times its time."""
+    mechanism = cj.load(SCENES / f"{scene}.toml")
+    assert marked(lambda end: cj.simulate(mechanism, end).final, 0.01)
