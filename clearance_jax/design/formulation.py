@@ -167,6 +167,11 @@ def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jaco
     return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian, specification.judge)
 
 
+def objective_of(specification: Specification, x: np.ndarray) -> float:
+    """The objective at variables `x` (n,)."""
+    return _objective(specification, specification.values(x))[0]
+
+
 def _objective(specification: Specification, x: np.ndarray) -> tuple[float, np.ndarray]:
     if specification.common:
         return float(-np.mean(x)), np.full(len(x), -1.0 / len(x))

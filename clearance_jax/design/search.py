@@ -1,6 +1,7 @@
 """The search for a design: choice of method, starts, classes, and explanations of failure."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.class_search import choose_classes, without_classes
 from clearance_jax.design.classes import NONE_CHOSEN, Candidates, classes_of, priced
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.formulation import formulate, unposed
+from clearance_jax.design.formulation import formulate, objective_of, unposed
 from clearance_jax.design.infeasible import why_infeasible
 from clearance_jax.design.manufacture import Neighbours
 from clearance_jax.design.methods import AUTO, METHODS, Method, method_of
@@ -24,6 +25,7 @@ from clearance_jax.design.program import BudgetSpent, Program
 from clearance_jax.design.run import INTERRUPTED, SPENT, USELESS, run
 from clearance_jax.design.specification import AUTO as BOTH
 from clearance_jax.design.specification import Specification
+from clearance_jax.design.trades import trade
 from clearance_jax.design.unreachable import unreachable
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
@@ -102,7 +104,11 @@ def _continuous(
         _check_derivatives(specification, x)
     if reason := _first(specification, program, x, method.gradients):
         return _design(specification, program, method, reason, note)
-    stop_reason = _runs(program, method, x, starts, seed, **_options(specification, method))
+    options = _options(specification, method)
+    stop_reason = _runs(program, method, x, starts, seed, **options)
+    if not specification.manufacture.is_sampled:
+        cost = functools.partial(objective_of, specification)
+        stop_reason = trade(program, method, cost, stop_reason, **options)
     return _explained(_design(specification, program, method, stop_reason, note))
 
 

@@ -12,7 +12,9 @@ from clearance_jax import design, metrics
 from clearance_jax.design.by_values import by_values
 from clearance_jax.design.infeasible import why_infeasible
 from clearance_jax.design.methods import METHODS
+from clearance_jax.design.run import SPENT
 from clearance_jax.design.slopes import UselessSlopes, followed
+from clearance_jax.design.trades import trade
 from clearance_jax.design.unreachable import unreachable
 from clearance_jax.design.verify import HAIR, moved_inside
 from experiments.common import SCENES
@@ -83,6 +85,33 @@ def test_answers_are_those_of_a_sweep(n, amplitude, part):
         assert program.best is not None
         assert program.best.objective <= (1 + part) * swept(error, costs), seed
         assert program.solves <= 60 * n
+
+
+def test_a_search_goes_on_from_a_cheaper_design_beside_its_end():
+    """Waves of 5 % part the designs that hold. Most answers of slopes are 2 to 10 % short."""
+    short: dict[str, list[float]] = {"slopes": [], "trades": []}
+    for seed in (4, 6, 9, 12, 14, 15, 18):
+        program, error, costs = rough(seed, 2, 0.05)
+        start = np.exp(np.random.default_rng(seed).uniform(np.log(1e-3), 0, 2))
+        best, reason = swept(error, costs), design.run(program, "slsqp", start)
+        for name in short:
+            if name == "trades":
+                trade(program, SLSQP, lambda x, costs=costs: float((costs / x).sum()), reason)
+                assert program.solves <= 200
+            assert program.best is not None
+            short[name].append(program.best.objective / best - 1)
+    assert np.sum(np.array(short["slopes"]) > 0.01) == 6
+    assert np.sum(np.array(short["trades"]) > 0.01) == 3
+    assert np.all(np.array(short["trades"]) <= short["slopes"])
+
+
+def test_a_search_trades_nothing_where_it_was_stopped_or_has_one_variable():
+    one, both = rough(1, 1)[0], rough(1, 2)[0]
+    for program, reason in ((one, ""), (both, SPENT)):
+        design.run(program, "slsqp", np.full(len(program.names), 0.03))
+        before = program.solves
+        assert trade(program, SLSQP, lambda x: float(x.sum()), reason) == reason
+        assert program.solves == before
 
 
 def test_a_lower_peak_that_is_steep_takes_the_slopes_of_the_highest():
