@@ -15,9 +15,8 @@ from clearance_jax._basis.types import Each, EachFlag, Scalar
 from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
 from clearance_jax.solve.control import Control, Decision, Means, first_end, judge, next_step
 from clearance_jax.solve.problem import Problem, motion
-from clearance_jax.solve.refusal import has_left, leaves_walls
-from clearance_jax.solve.step import Trial, try_step
-from clearance_jax.solve.tableau import tableau_of
+from clearance_jax.solve.start import has_left, leaves_walls
+from clearance_jax.solve.step import Trial, tableau_of, try_step
 
 # Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall where a load presses them.
 STARTS = CENTRE, SETTLED = "centre", "settled"

@@ -18,8 +18,7 @@ from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.solve.attempt import Options, decide, dense, dense_info, means_of, start_records
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.control import Control, Means, first_end
-from clearance_jax.solve.outcome import Outcome, SolveTask
-from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.problem import Outcome, Problem, SolveTask
 from clearance_jax.solve.step import Trial, try_step
 
 

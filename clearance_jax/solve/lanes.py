@@ -19,7 +19,7 @@ from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.platforms import by_platform
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.outcome import Outcome, SolveTask
+from clearance_jax.solve.problem import Outcome, SolveTask
 
 # Numbers in one instruction (512 bits): a chunk of whole vectors leaves no lanes to do one by one.
 VECTOR = 8

@@ -28,9 +28,9 @@ from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.observers import AbstractObserver, Picked
-from clearance_jax.solve.refusal import are_within, has_left, leaves_walls
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
+from clearance_jax.solve.start import are_within, has_left, leaves_walls
 from clearance_jax.solve.tolerances import largest_length
 from clearance_jax.solve.validity import NOT_VALID, Validity, validity_of
 

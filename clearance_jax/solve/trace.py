@@ -23,11 +23,10 @@ from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.flow import Inputs, problem_of, project_samples
 from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.refusal import unresolved, why_stopped
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 from clearance_jax.solve.simulate import warn_of_energy
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.start import check_start
+from clearance_jax.solve.start import check_start, unresolved, why_stopped
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 

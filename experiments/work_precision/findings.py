@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clearance_jax.solve.choice import HIGH, LIMITS, LOW, kind_of
+from clearance_jax.solve.settings import HIGH, LIMITS, LOW, kind_of
 from experiments.work_precision.ours import TOOLS
 from experiments.work_precision.points import BOUNDS, Point, cheapest, of
 from experiments.work_precision.scenes import CLASSES, Case

@@ -9,8 +9,18 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax.runs.identity import settings as in_words
-from clearance_jax.solve.choice import HIGH, LIMITS, LOW, PLANE, SMOOTH, SPACE, choose_solver, kind_of
-from clearance_jax.solve.settings import settings_of, with_solver
+from clearance_jax.solve.settings import (
+    HIGH,
+    LIMITS,
+    LOW,
+    PLANE,
+    SMOOTH,
+    SPACE,
+    choose_solver,
+    kind_of,
+    settings_of,
+    with_solver,
+)
 
 CRANK, T1 = catalogue.slider_crank(), 1e-3
 LOOSE, TIGHT = 10 * LIMITS[PLANE], 0.1 * LIMITS[PLANE]

@@ -25,8 +25,7 @@ from clearance_jax.solve.control import factor, on_grid, scaled_error
 from clearance_jax.solve.events import EventJoints, StepCurve, first_of
 from clearance_jax.solve.flow import Inputs, problem_of
 from clearance_jax.solve.problem import basis
-from clearance_jax.solve.step import Trial
-from clearance_jax.solve.tableau import tableau_of
+from clearance_jax.solve.step import Trial, tableau_of
 from clearance_jax.spatial import ZERO, scale
 
 
