@@ -6,7 +6,7 @@ import re
 from importlib.metadata import version
 from typing import Any
 
-from clearance_jax._compile.remembered import remember
+from clearance_jax._compile.files import remember
 from clearance_jax.errors import ClearanceError, quote
 
 # The allowed forms of a quantity. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and which

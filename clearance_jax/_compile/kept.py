@@ -4,7 +4,7 @@
 executable that cannot be kept) leads to a usual compilation, never to an error. So does code of the user's in a
 program, because no key can cover what it reads and remembers. The key of a file covers everything on which its program
 depends: the traced functions, with the library as it is in memory (`library`), the structure of the arguments
-(`structure`), and the surroundings (`surroundings`).
+(`structure`), and the surroundings (`library`).
 """
 
 import contextlib
@@ -31,11 +31,10 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from clearance_jax._compile import files
 from clearance_jax._compile.code import altered
-from clearance_jax._compile.library import library_text
-from clearance_jax._compile.remembered import remember_in
+from clearance_jax._compile.files import remember_in
+from clearance_jax._compile.library import is_plain, library_text, settings, surroundings
 from clearance_jax._compile.solo import SOLO, solo_jit
 from clearance_jax._compile.structure import Untold, hash_texts, text, tree_text
-from clearance_jax._compile.surroundings import is_plain, settings, surroundings
 
 # Largest number of calls that are recognised without reading their arguments again.
 _MOST = 1024

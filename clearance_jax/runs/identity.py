@@ -15,8 +15,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from clearance_jax._compile.library import source_digest
 from clearance_jax._compile.structure import Reader
-from clearance_jax._compile.surroundings import source_digest
 from clearance_jax.parameters import parameters
 
 SOURCE, STRUCTURE = "source of clearance_jax", "structure of the model"

@@ -1,4 +1,5 @@
-"""One attempt at a step: try it, judge it, decide, record. Every driver of a solve uses it.
+"""One attempt at a step: try it, judge it, decide, record. Every driver of a solve uses it, with the same input and
+output.
 
 Diffrax drives single solves and calls the two halves one after the other (`driver`). Blocks that keep every step end
 drive attempts themselves (`trace`).
@@ -11,12 +12,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._basis.types import Each, EachFlag, Scalar
+from clearance_jax._basis.types import Code, Each, EachFlag, Scalar
 from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
+from clearance_jax.dynamics.seated import Seated
 from clearance_jax.solve.control import Control, Decision, Means, first_end, judge, next_step
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.start import has_left, leaves_walls
 from clearance_jax.solve.step import Trial, tableau_of, try_step
+from clearance_jax.solve.tolerances import Tolerances
 
 # Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall where a load presses them.
 STARTS = CENTRE, SETTLED = "centre", "settled"
@@ -34,6 +37,36 @@ class Options(NamedTuple):
     derivatives: str = "controlled"
     observers: tuple = ()
     start: str = CENTRE
+
+
+class SolveTask(NamedTuple):
+    """A motion (or lanes of motions) to be integrated from `t0` to `t1`, from a state (or stack) `start`; `save_at`:
+    sample times; `seated`: how pins of a settled start begin. A `refused` one (a `codes.Result` as a number; 0: not
+    refused) ends where it begins.
+    """
+
+    problem: Problem
+    t0: Each
+    t1: Each
+    start: Array
+    save_at: Array | None
+    allowed: Tolerances
+    refused: Code
+    seated: Seated | None = None
+
+
+class Outcome(NamedTuple):
+    """The last state and its time; sample times and states; the observers' records; a `codes.Result` as a number; steps
+    kept and rejected.
+    """
+
+    final: Array
+    end_time: Each
+    samples: tuple[Array, Array] | None
+    record: Any
+    code: Array
+    accepted: Array
+    rejected: Array
 
 
 def means_of(options: Options, allowed) -> Means:

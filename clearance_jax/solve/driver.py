@@ -15,10 +15,10 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._basis.types import Flag, Scalar
-from clearance_jax.solve.attempt import Options, decide, dense, dense_info, means_of, start_records
+from clearance_jax.solve.attempt import Options, Outcome, SolveTask, decide, dense, dense_info, means_of, start_records
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.control import Control, Means, first_end
-from clearance_jax.solve.problem import Outcome, Problem, SolveTask
+from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
 
 

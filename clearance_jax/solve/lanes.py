@@ -17,9 +17,8 @@ from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
 from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.platforms import by_platform
-from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
+from clearance_jax.solve.attempt import Carry, Options, Outcome, SolveTask, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.problem import Outcome, SolveTask
 
 # Numbers in one instruction (512 bits): a chunk of whole vectors leaves no lanes to do one by one.
 VECTOR = 8

@@ -1,5 +1,4 @@
-"""The problem that a solve integrates: a motion, or a motion and its derivatives as one stack; and what drivers take
-and give.
+"""The problem that a solve integrates: a motion, or a motion and its derivatives as one stack.
 
 The derivative of a solve by a number is the solve of the variational equations on the same steps. So the state of a
 differentiated solve is a stack: row 0 is the motion, row 1 + k its derivative along direction k. A Runge-Kutta step
@@ -9,7 +8,7 @@ Quadratures stand behind the state: the energy balance and other integrals. Noth
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,14 +18,12 @@ from jax.extend.core import Literal
 from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
-from clearance_jax._basis.types import Code, Each, Flag, Rows
+from clearance_jax._basis.types import Each, Flag, Rows
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import by_component, each_lane, sharing_lanes
 from clearance_jax.dynamics.field import rate, where_it_counts
-from clearance_jax.dynamics.seated import Seated
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates, vector
-from clearance_jax.solve.tolerances import Tolerances
 
 # A number moved by more directions than this is applied to all directions at once.
 THIN = 8
@@ -282,33 +279,3 @@ def _reach(function, *arguments) -> list[frozenset[int]]:
         sources = nothing.union(*(reached.get(v, nothing) for v in equation.invars if not isinstance(v, Literal)))
         reached.update(dict.fromkeys(equation.outvars, sources))
     return [nothing if isinstance(v, Literal) else reached.get(v, nothing) for v in program.outvars]
-
-
-class SolveTask(NamedTuple):
-    """A motion (or lanes of motions) to be integrated from `t0` to `t1`, from a state (or stack) `start`; `save_at`:
-    sample times; `seated`: how pins of a settled start begin. A `refused` one (a `codes.Result` as a number; 0: not
-    refused) ends where it begins.
-    """
-
-    problem: Problem
-    t0: Each
-    t1: Each
-    start: Array
-    save_at: Array | None
-    allowed: Tolerances
-    refused: Code
-    seated: Seated | None = None
-
-
-class Outcome(NamedTuple):
-    """The last state and its time; sample times and states; the observers' records; a `codes.Result` as a number; steps
-    kept and rejected.
-    """
-
-    final: Array
-    end_time: Each
-    samples: tuple[Array, Array] | None
-    record: Any
-    code: Array
-    accepted: Array
-    rejected: Array

@@ -3,8 +3,8 @@
 Functions that solve take `**options`, the keywords of `SolveOptions`, and turn them into `Settings` at once. An unknown
 keyword, or a value with which no solve can start, is refused there.
 
-`solver="auto"` is the solver for a tolerance and a kind of scene. The rule follows docs/benchmarks/work_precision.md: the
-solver of order eight takes longer steps, and is faster below a tolerance that depends on what limits the steps of a
+`solver="auto"` is the solver for a tolerance and a kind of scene. The rule follows docs/benchmarks/work_precision.md:
+the solver of order eight takes longer steps, and is faster below a tolerance that depends on what limits the steps of a
 scene.
 """
 

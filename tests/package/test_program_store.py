@@ -21,7 +21,7 @@ from equinox import _config as equinox_config
 from typer.testing import CliRunner
 
 import clearance_jax as cj
-from clearance_jax._compile import files, kept, surroundings
+from clearance_jax._compile import files, kept, library
 from clearance_jax._compile.code import altered
 from clearance_jax._compile.jax_cache import WholeEntries
 from clearance_jax._compile.kept import keep_in, kept_jit
@@ -38,7 +38,7 @@ import clearance_jax as cj
 cj.configure(cache=sys.argv[1])
 import jax.numpy as jnp
 from clearance_jax._compile.kept import kept_jit
-from clearance_jax._compile.surroundings import surroundings
+from clearance_jax._compile.library import surroundings
 
 def function(x, power):
     print("traced")
@@ -286,7 +286,7 @@ def test_surroundings_are_part_of_the_key(monkeypatch):
         found.append(key(1))
     for name in ("source_digest", "processor", "_versions", "_flags"):
         with monkeypatch.context() as patch:
-            patch.setattr(surroundings, name, lambda: "another")
+            patch.setattr(library, name, lambda: "another")
             found.append(key(1))
     with monkeypatch.context() as patch:
         patch.setattr(kept, "SOLO", {"xla_cpu_use_fusion_emitters": "another"})
