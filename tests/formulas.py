@@ -41,7 +41,7 @@ def plain(text: str) -> str:
     """LaTeX without its commands."""
     text = re.sub(r"\\mathrm\{(\w+)\}", r"\1", text)
     text = re.sub(r"\\(left|right|mathbf|quad)(?![a-z])|\\[,;]", " ", text)
-    text = re.sub(r"\\dot ?([a-z])", r"\1'", text)
+    text = re.sub(r"\\dot ?([a-z](?:_\w)?)", r"\1'", text)
     text = text.replace("E^*", "E_star").replace("E*", "E_star")
     text = re.sub(r"\\begin\{cases\}(.*?)\\end\{cases\}", _cases, text, flags=re.DOTALL)
     while r"\frac" in text:
