@@ -39,7 +39,7 @@ def say_budget(
         budget = error_budget(mechanism, name, end, **{n: options[n] for n in KNOWN if n in options})
     say(str(budget))
     if plot is not None:
-        from clearance_jax.report.budget_figure import budget_figure
+        from clearance_jax.report.design_figures import budget_figure
         from clearance_jax.report.figures import save_figure
 
         save_figure(budget_figure(budget), plot)

@@ -31,8 +31,7 @@ def plot(
             raise ClearanceError(f"`{result_file}` is a sweep: no motion is in it. Plot it without `--play`.")
         _plot_sweep(result_file, output)
         return
-    from clearance_jax.report import play_figures, wear_figures
-    from clearance_jax.report.figures import overview, save_figure
+    from clearance_jax.report import figures, wear_figures
     from clearance_jax.results.store import load_dataset
 
     check_readable(result_file)
@@ -40,8 +39,8 @@ def plot(
     check_writable(output, FIGURES)
     check_distinct(result=result_file, figure=output)
     dataset = load_dataset(result_file)
-    draw = play_figures.play if play else wear_figures.overview if wear_figures.is_life(dataset) else overview
-    save_figure(draw(dataset), output)
+    draw = figures.play if play else (wear_figures if wear_figures.is_life(dataset) else figures).overview
+    figures.save_figure(draw(dataset), output)
     say_written("figure", output)
 
 

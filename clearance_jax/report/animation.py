@@ -10,10 +10,10 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report.figures import timeline
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
 from clearance_jax.report.magnified import CrossSection, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
-from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import round_down
 from clearance_jax.results.bearing import require_joint

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clearance_jax.calibrate.result import Calibration
-from clearance_jax.report.design_figures import HEIGHT, STYLED, WIDTH
+from clearance_jax.report.design_figures import HEIGHT, PAGE, WIDTH
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.style import length_unit
 
@@ -16,7 +16,7 @@ def _short(name: str) -> str:
     return name if len(name) <= SHORT else f"...{name[3 - SHORT :]}"
 
 
-@STYLED
+@PAGE
 def signal_fit(calibration: Calibration, name: str) -> Figure:
     """A measured and fitted signal over time; below it the residuals, with two deviations of the noise."""
     figure = Figure(figsize=(WIDTH, 1.4 * HEIGHT), layout="constrained")
@@ -40,7 +40,7 @@ def signal_fit(calibration: Calibration, name: str) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def interval_widths(calibration: Calibration) -> Figure:
     """The widths of the 95 % intervals relative to their numbers, cut off at 100 %."""
     names = list(calibration.values)
@@ -57,7 +57,7 @@ def interval_widths(calibration: Calibration) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def correlations(calibration: Calibration) -> Figure:
     """The correlation of every pair of numbers."""
     names = [str(name) for name in calibration.correlation["parameter"].values]
