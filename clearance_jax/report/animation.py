@@ -16,9 +16,8 @@ from clearance_jax.report.magnified import CrossSection, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import round_down
-from clearance_jax.results.bearing import require_joint
 from clearance_jax.results.places import places
-from clearance_jax.results.play import JointPlay
+from clearance_jax.results.play import JointPlay, require_joint
 
 # Default length of a film [s]. It is slowed by a round factor that makes it no longer.
 LASTS = 10.0

@@ -13,10 +13,19 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import Panel, curve, flights, of_points, panels, time_axis
 from clearance_jax.report.style import STYLED, legend_below
-from clearance_jax.results.bearing import FACE, BearingSpans, at_steps, spans
 from clearance_jax.results.first_fall import seconds
-from clearance_jax.results.outlines import outline_of
-from clearance_jax.results.play import PinPath, is_pin, middle_path, station_paths
+from clearance_jax.results.places import names_of
+from clearance_jax.results.play import (
+    FACE,
+    BearingSpans,
+    PinPath,
+    at_steps,
+    is_pin,
+    middle_path,
+    outline_of,
+    spans,
+    station_paths,
+)
 
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
@@ -45,7 +54,7 @@ def overview(dataset: xr.Dataset) -> Figure:
 
     **Raises:** `ClearanceError` for a dataset that is no motion, or shows nothing.
     """
-    joints = list(dataset["joint"].values) if "joint" in dataset.coords else []
+    joints = names_of(dataset, "joint")
     shown = (
         [Panel(ECCENTRICITY, _eccentricity), Panel("contact force", _force), *of_points(dataset)]
         if joints
@@ -106,7 +115,7 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
 
 def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
-    joints = [str(name) for name in dataset["joint"].values]
+    joints = names_of(dataset, "joint")
     for place, joint in enumerate(bearing_most(dataset)):
         time, force = at_steps(dataset, joint, "contact_force")
         colour = curve(axis, factor * time, force, str(joint))
@@ -187,7 +196,7 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
 
     **Raises:** `ClearanceError` for a dataset without clearance joints.
     """
-    joints = [str(name) for name in dataset["joint"].values] if "joint" in dataset.coords else []
+    joints = names_of(dataset, "joint")
     if not joints:
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
     most = bearing_most(dataset)
@@ -210,7 +219,7 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
 
 def bearing_most(dataset: xr.Dataset) -> list[str]:
     """The joints that a figure shows: those with the largest forces, in their own order."""
-    joints = [str(name) for name in dataset["joint"].values]
+    joints = names_of(dataset, "joint")
     forces = dataset["step_force" if "step_force" in dataset else "contact_force"].values
     most = np.argsort(-np.max(forces, axis=0), kind="stable")[:MOST]
     return [joints[k] for k in sorted(most)]
@@ -218,7 +227,7 @@ def bearing_most(dataset: xr.Dataset) -> list[str]:
 
 def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) -> None:
     """Draw a bar for each clearance joint, coloured by its contact pattern; below it another one while a face bears."""
-    joints = [str(name) for name in dataset["joint"].values] if joints is None else joints
+    joints = names_of(dataset, "joint") if joints is None else joints
     factor = time_axis(axis, float(dataset["time"][-1]))
     labelled: set[str] = set()
     for row, joint in enumerate(joints):

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
 from clearance_jax.report.style import legend_below
-from clearance_jax.results.places import bounds
+from clearance_jax.results.places import bounds, names_of
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
@@ -65,7 +65,7 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
     titles = {"N m": "torques of actuators", "N": "forces of actuators"}
     efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
     if not efforts and "joint_reaction" in dataset:
-        names = [str(name) for name in dataset["any_joint"].values]
+        names = names_of(dataset, "any_joint")
         efforts = [Panel("reactions in joints", partial(_curves, "joint_reaction", "any_joint", names, "force, N"))]
     if "position" not in dataset:
         return motions + efforts
@@ -77,7 +77,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
     """Speed and acceleration of the named points."""
     if "velocity" not in dataset:
         return []
-    names, listed = [str(name) for name in dataset["point"].values], _list(dataset)
+    names, listed = names_of(dataset, "point"), _list(dataset)
     return [
         Panel(f"{name} of {listed}", partial(_curves, name, "point", names, label))
         for name, label in (("velocity", "speed, m/s"), ("acceleration", "acceleration, m/s²"))
@@ -85,7 +85,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
 
 
 def _list(dataset: xr.Dataset) -> str:
-    names = [str(name) for name in dataset["point"].values]
+    names = names_of(dataset, "point")
     return names[0] if len(names) == 1 else f"{len(names)} points"  # a legend names them
 
 

@@ -60,6 +60,11 @@ class Outline(NamedTuple):
         return np.concatenate([at[self.sample], *(at[:, mark] for mark in self.places.points.values())])
 
 
+def names_of(dataset: xr.Dataset, label: str) -> list[str]:
+    """The names along a dimension of a dataset; none where it has no such dimension."""
+    return [str(name) for name in dataset[label].values] if label in dataset.coords else []
+
+
 def bounds(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the greatest coordinates of places (..., axes) [m], (axes,)."""
     every = at.reshape(-1, at.shape[-1])
@@ -74,8 +79,7 @@ def places(dataset: xr.Dataset) -> Places:
             "Simulate again."
         )
     names, owners, joined, points, loose = (
-        [str(name) for name in dataset[label].values] if label in dataset.coords else []
-        for label in ("mark", "mark_body", "any_joint", "point", "joint")
+        names_of(dataset, label) for label in ("mark", "mark_body", "any_joint", "point", "joint")
     )
     bodies: dict[str, list[int]] = {}
     for mark, owner in enumerate(owners):

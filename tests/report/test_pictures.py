@@ -31,9 +31,8 @@ from clearance_jax.report import figures, magnified
 from clearance_jax.report.figures import overview
 from clearance_jax.report.magnified import CrossSection, Side
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.results.bearing import FACE, spans
 from clearance_jax.results.places import outline, places
-from clearance_jax.results.play import along_sleeve, station_paths
+from clearance_jax.results.play import FACE, along_sleeve, spans, station_paths
 
 RADIAL, AXIAL, RADIUS, LENGTH = 1e-4, 5e-5, 0.01, 0.04
 LAW = laws.HuntCrossley(1e9, 0.5)
