@@ -6,8 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from clearance_jax.cli.common import check_distinct, check_readable, check_writable, errors, say_written
-from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import ProgressDisplay
+from clearance_jax.cli.pace import Interruption, ProgressDisplay
 
 Magnified = Annotated[
     str | None,

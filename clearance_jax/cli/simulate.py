@@ -25,10 +25,8 @@ from clearance_jax.cli.common import (
     say_written,
     warn,
 )
-from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.motion import check_covered, driven_by, end_of, usual_end
-from clearance_jax.cli.pace import ProgressDisplay
-from clearance_jax.cli.posture import say_held
+from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
+from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.errors import ClearanceError, quote, suggest
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
@@ -145,7 +143,7 @@ def _solution(result: Any) -> Any:
 def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
     """The dataset of a motion; prints a warning about contacts that add energy."""
     from clearance_jax.results.dataset import to_dataset
-    from clearance_jax.results.works import ContactWarning
+    from clearance_jax.results.episodes import ContactWarning
 
     with aloud(ContactWarning):
         return to_dataset(mechanism, result, **told)

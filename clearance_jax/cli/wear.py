@@ -9,8 +9,7 @@ from rich.markup import escape
 
 from clearance_jax.cli.animate import write_film
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
-from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import ProgressDisplay, shown_duration
+from clearance_jax.cli.pace import Interruption, ProgressDisplay, shown_duration
 from clearance_jax.errors import ClearanceError
 
 
