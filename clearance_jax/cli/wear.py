@@ -17,7 +17,7 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
     """Run the wear simulation of a study. Ctrl-C, or another end, leaves a journal that it can be resumed from."""
     from clearance_jax.results.store import save
     from clearance_jax.runs.journal import RunWarning
-    from clearance_jax.wear.sectors import SectorsWarning
+    from clearance_jax.wear.worn import SectorsWarning
 
     journal = study.wear.journal or output.with_suffix(".journal")
     if journal.exists() and not resume:

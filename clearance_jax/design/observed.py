@@ -19,10 +19,8 @@ from clearance_jax.design.specification import Specification
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.metrics.first_fall import FirstFall
-from clearance_jax.metrics.instants import PeakInstants
-from clearance_jax.metrics.joint_work import JointWork
 from clearance_jax.metrics.measure import AbstractMetric, Request
+from clearance_jax.metrics.observed import FirstFall, JointWork, PeakInstants
 from clearance_jax.metrics.reductions import At, Impacts, Peak
 from clearance_jax.metrics.signals import ContactForce
 from clearance_jax.results.marks import picture

@@ -22,7 +22,7 @@ from clearance_jax.design.observed import Observed
 from clearance_jax.design.standings import standings
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
-from clearance_jax.metrics.instants import Instants
+from clearance_jax.metrics.observed import Instants
 from clearance_jax.report import design_figures, html
 from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report
