@@ -11,10 +11,9 @@ import typer
 
 from clearance_jax._compile import files
 from clearance_jax._version import __version__
-from clearance_jax.cli.animate import animate
 from clearance_jax.cli.common import console, errors, say
 from clearance_jax.cli.info import info
-from clearance_jax.cli.plot import plot
+from clearance_jax.cli.plot import animate, plot
 from clearance_jax.cli.run import run
 from clearance_jax.cli.simulate import simulate
 from clearance_jax.errors import LONGEST, ClearanceError, cut

@@ -7,7 +7,6 @@ import typer
 from rich.markup import escape
 
 from clearance_jax._basis.extras import require
-from clearance_jax.cli.animate import check_film
 from clearance_jax.cli.common import (
     DATASETS,
     FIGURES,
@@ -22,7 +21,7 @@ from clearance_jax.cli.common import (
 )
 from clearance_jax.cli.design import check_choices, run_design
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
-from clearance_jax.cli.plot import check_folder, draw_sweep
+from clearance_jax.cli.plot import check_film, check_folder, draw_sweep
 from clearance_jax.cli.wear import run_wear
 from clearance_jax.errors import ClearanceError
 

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from clearance_jax.cli.animate import Magnified, check_film, write_film
 from clearance_jax.cli.common import (
     DATASETS,
     FIGURES,
@@ -27,6 +26,7 @@ from clearance_jax.cli.common import (
 )
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
+from clearance_jax.cli.plot import Magnified, check_film, write_film
 from clearance_jax.errors import ClearanceError, quote, suggest
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.

@@ -7,9 +7,9 @@ from typing import Any
 import typer
 from rich.markup import escape
 
-from clearance_jax.cli.animate import write_film
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.pace import Interruption, ProgressDisplay, shown_duration
+from clearance_jax.cli.plot import write_film
 from clearance_jax.errors import ClearanceError
 
 

@@ -12,11 +12,12 @@ from clearance_jax.dynamics.quantities import OBSERVED, Variable, labels
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
-from clearance_jax.results import blocks, episodes, marks
+from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.episodes import ContactWarning, doubt, works
 from clearance_jax.results.first_fall import first_falls_over
 from clearance_jax.results.peaks import of_points, peaks
+from clearance_jax.results.places import mark_labels
 from clearance_jax.results.play import outline_attributes
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.trace import Trace
@@ -111,7 +112,7 @@ def to_dataset(
             rest(1.0)
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
-    labelled = labels(mechanism) | marks.labels(mechanism)
+    labelled = labels(mechanism) | mark_labels(mechanism)
     data = {
         **_variables("time", seen, VARIABLES, labelled),
         **_variables("step", steps, STEPS, labelled),
@@ -134,8 +135,8 @@ def to_dataset(
 
 
 def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
-    """The variables of pictures (`marks.picture`) at times [s], as a dataset for figures."""
-    labelled = labels(mechanism) | marks.labels(mechanism)
+    """The variables of pictures (`places.picture`) at times [s], as a dataset for figures."""
+    labelled = labels(mechanism) | mark_labels(mechanism)
     if "penetration" in picture:
         picture = picture | {"contact_state": (picture["penetration"] > 0).astype(int)}
     coords: dict[str, Any] = {name: label for name, label in labelled.items() if label[1]}

@@ -28,8 +28,7 @@ from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report
 from clearance_jax.report.panels import time_axis
 from clearance_jax.results.dataset import picture_dataset
-from clearance_jax.results.marks import picture
-from clearance_jax.results.places import outline, places
+from clearance_jax.results.places import outline, picture, places
 
 pytestmark = pytest.mark.quick
 
