@@ -21,7 +21,7 @@ from clearance_jax.cli.common import (
     errors,
     read_scene,
     say,
-    say_written,
+    write_figure,
 )
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, is_robot, say_held, usual_end
 from clearance_jax.errors import ClearanceError, suggest
@@ -245,10 +245,8 @@ def say_budget(
     say(str(budget))
     if plot is not None:
         from clearance_jax.report.design_figures import budget_figure
-        from clearance_jax.report.figures import save_figure
 
-        save_figure(budget_figure(budget), plot)
-        say_written("figure", plot)
+        write_figure(budget_figure(budget), plot)
 
 
 def _with_point(mechanism: Any, robot: Path, link: str) -> Any:

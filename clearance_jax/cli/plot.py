@@ -7,7 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
-from clearance_jax.cli.common import FIGURES, check_distinct, check_readable, check_writable, errors, say_written, warn
+from clearance_jax.cli.common import (
+    FIGURES,
+    check_distinct,
+    check_readable,
+    check_writable,
+    errors,
+    say_written,
+    warn,
+    write_figure,
+)
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.errors import ClearanceError
 
@@ -86,8 +95,7 @@ def plot(
     check_distinct(result=result_file, figure=output)
     dataset = load_dataset(result_file)
     draw = figures.play if play else (wear_figures if wear_figures.is_life(dataset) else figures).overview
-    figures.save_figure(draw(dataset), output)
-    say_written("figure", output)
+    write_figure(draw(dataset), output)
 
 
 def _plot_sweep(store: Path, output: Path | None) -> None:
@@ -120,7 +128,7 @@ def animate(
 
     An .mp4 needs the program ffmpeg. Ctrl-C leaves no half film.
     """
-    from clearance_jax.report.animation import animate as film_of
+    from clearance_jax.report.film import animate as film_of
     from clearance_jax.results.store import load_dataset
 
     check_readable(result_file)

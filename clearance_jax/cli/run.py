@@ -18,6 +18,7 @@ from clearance_jax.cli.common import (
     say,
     say_written,
     set_up,
+    write_dataset,
 )
 from clearance_jax.cli.design import check_choices, run_design
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
@@ -208,7 +209,6 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
     """Run the calibration of a study. Ctrl-C stops the search and keeps the best motion so far."""
     from clearance_jax.calibrate.run import calibrate
     from clearance_jax.report.html import calibration_report
-    from clearance_jax.results.store import save
 
     given = study.calibrate | ({} if starts is None else {"starts": starts})
     with ProgressDisplay(errors) as shown, Interruption() as asked:
@@ -228,8 +228,7 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
     console.print(f"[bold]{escape(study.name)}[/bold]")
     say(calibration.message)
     if output is not None:
-        save(calibration.residuals, output)
-        say_written("dataset", output)
+        write_dataset(calibration.residuals, output)
     if report is not None:
         calibration_report(calibration, report, study.name, study.text)
         say_written("report", report)

@@ -274,9 +274,6 @@ def animate(dataset: xr.Dataset, *, frames: int = FRAMES, fps: float = SLOW) -> 
     return WearFilm(dataset, frames, fps)
 
 
-__all__ = ["WearFilm", "animate", "bore", "criterion", "growth", "overview", "profiles", "volume"]
-
-
 def wear_map(worn: Any, title: str = "") -> Figure:
     """A map of depths over the angle and along the sleeve, and beside it the deepest of every height.
 
@@ -302,3 +299,6 @@ def wear_map(worn: Any, title: str = "") -> Figure:
         beside.set(xlabel=f"deepest, {unit}", xlim=(0, None))
         beside.grid(alpha=0.3)
     return figure
+
+
+__all__ = ["WearFilm", "animate", "bore", "criterion", "growth", "overview", "profiles", "volume"]
