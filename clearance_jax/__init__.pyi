@@ -70,8 +70,8 @@ from .parameters import physical as physical
 from .parameters import replace as replace
 from .report import sweep_figures as sweep_figures
 from .report import wear_figures as wear_figures
-from .report.animation import Film as Film
-from .report.animation import animate as animate
+from .report.film import Film as Film
+from .report.film import animate as animate
 from .report.html import calibration_report as calibration_report
 from .results.dataset import to_dataset as to_dataset
 from .results.sobol import sobol_indices as sobol_indices

@@ -14,7 +14,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.laws import Geometry
 from clearance_jax.mechanism.motion_laws import Harmonic, Spline, Step5Sum, StepSum
-from clearance_jax.report import play_figures
+from clearance_jax.report import figures
 from clearance_jax.report.figures import pin_path
 
 IMAGES = Path(__file__).parent / "images"
@@ -262,7 +262,7 @@ def rattling() -> xr.Dataset:
 def play_in_space() -> None:
     """When that joint bears how, its orbits, and a frame of its film."""
     dataset = rattling()
-    saved(play_figures.play(dataset), "play.png", dpi=80)
+    saved(figures.play(dataset), "play.png", dpi=80)
     film = cj.animate(dataset, "axis_5")
     when = dataset["time"].values[film.frames]
     saved(film.show(int(np.argmin(np.abs(when - BEARING)))), "film.png", dpi=100)

@@ -29,7 +29,7 @@ import clearance_jax as cj
 from clearance_jax import laws, wear
 from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
-from clearance_jax.report.wear_maps import wear_map
+from clearance_jax.report.wear_figures import wear_map
 from clearance_jax.wear import Contacts, Section, SectionLoad
 from experiments.common import SCENES, compact, slider_crank, table
 from experiments.publish import command, picture, write

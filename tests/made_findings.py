@@ -14,7 +14,7 @@ from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.joints import fits
 from clearance_jax.results.dataset import picture_dataset
-from clearance_jax.results.marks import picture
+from clearance_jax.results.places import picture
 
 CLEARANCE = "wrist.radial_clearance"
 

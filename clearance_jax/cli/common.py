@@ -134,3 +134,19 @@ def aloud(*categories: type[Warning]) -> Iterator[None]:
 def say_written(what: str, path: Path) -> None:
     """Print where something was written."""
     console.print(f"{what:<8} {escape(str(path))}", soft_wrap=True)
+
+
+def write_dataset(dataset: Any, path: Path) -> None:
+    """Write a dataset, and print where."""
+    from clearance_jax.results.store import save
+
+    save(dataset, path)
+    say_written("dataset", path)
+
+
+def write_figure(figure: Any, path: Path) -> None:
+    """Write a figure, and print where."""
+    from clearance_jax.report.figures import save_figure
+
+    save_figure(figure, path)
+    say_written("figure", path)

@@ -7,8 +7,7 @@ import typer
 from rich.markup import escape
 
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
-from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import Pace, ProgressDisplay, shown_duration
+from clearance_jax.cli.pace import Interruption, Pace, ProgressDisplay, shown_duration
 from clearance_jax.errors import ClearanceError
 
 # Free coordinates of a plane mechanism above which compiling takes minutes.

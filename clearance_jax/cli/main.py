@@ -1,19 +1,19 @@
-"""The command `clearance`. Every error is one sentence and exit code 2."""
+"""The command `clearance`, and `clearance cache`. Every error is one sentence and exit code 2."""
 
 import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
 
+from clearance_jax._compile import files
 from clearance_jax._version import __version__
-from clearance_jax.cli.animate import animate
-from clearance_jax.cli.cache import cache
-from clearance_jax.cli.common import console, errors
+from clearance_jax.cli.common import console, errors, say
 from clearance_jax.cli.info import info
-from clearance_jax.cli.plot import plot
+from clearance_jax.cli.plot import animate, plot
 from clearance_jax.cli.run import run
 from clearance_jax.cli.simulate import simulate
 from clearance_jax.errors import LONGEST, ClearanceError, cut
@@ -35,6 +35,34 @@ app = typer.Typer(
     "clearance run experiments/studies/slider_crank.toml -o out.zarr --plot pictures\n\n"
     "clearance run experiments/studies/disc.toml -o out.nc --plot out.png",
 )
+
+
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all of it. What is needed is compiled again.")] = False,
+) -> None:
+    """Show where compiled programs are kept between commands, and how much there is; or empty it."""
+    home = files.user_cache()
+    programs, jax = files.programs_in(home), files.jax_folder(home)
+    kept, compiled = files.size(programs), files.jax_size(jax)
+    if clear:
+        left = files.clear(programs) + files.jax_clear(jax)
+        if left:
+            raise ClearanceError(f"{left} files in `{programs}` and `{jax}` cannot be removed. Remove them by hand.")
+        say(f"removed {kept[0] + compiled[0]} programs, {_bytes(kept[1] + compiled[1])}")
+        return
+    _show("ready to run", programs, kept, f" of at most {_bytes(files.LARGEST)}")
+    _show("JAX's cache", jax, compiled, "")
+    why = files.unsafe(programs)
+    if why:
+        say(f"Nothing in `{programs}` is used: {why}.")
+
+
+def _show(what: str, folder: Path, size: tuple[int, int], most: str) -> None:
+    say(f"{what:<13}{folder}: {size[0]} programs, {_bytes(size[1])}{most}")
+
+
+def _bytes(count: int) -> str:
+    return f"{count / 2**20:.1f} MiB" if count < 2**30 else f"{count / 2**30:.1f} GiB"
 
 
 def _version(asked: bool) -> bool:

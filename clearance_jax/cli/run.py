@@ -1,16 +1,28 @@
-"""`clearance run`: a sweep, a design, a wear simulation or a calibration, as a study file asks."""
+"""`clearance run`: what a study file asks; a sweep and a calibration here, a design and wear in their own modules."""
 
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
-from clearance_jax.cli.animate import check_film
-from clearance_jax.cli.calibrate import run_calibrate
-from clearance_jax.cli.common import DATASETS, FIGURES, aloud, check_distinct, check_writable, set_up
+from clearance_jax._basis.extras import require
+from clearance_jax.cli.common import (
+    DATASETS,
+    FIGURES,
+    aloud,
+    check_distinct,
+    check_writable,
+    console,
+    errors,
+    say,
+    say_written,
+    set_up,
+    write_dataset,
+)
 from clearance_jax.cli.design import check_choices, run_design
-from clearance_jax.cli.pictures import check_folder
-from clearance_jax.cli.sweep import check_sweep, run_sweep
+from clearance_jax.cli.pace import Interruption, ProgressDisplay
+from clearance_jax.cli.plot import check_film, check_folder, draw_sweep
 from clearance_jax.cli.wear import run_wear
 from clearance_jax.errors import ClearanceError
 
@@ -30,6 +42,8 @@ FOR = {
     "--no-verify": ("design",),
     "--tradeoff": ("design",),
 }
+# File endings that a store, which is a folder, must not have.
+OF_FILES = (".csv", ".txt", ".json", ".nc", ".h5", ".hdf5", ".parquet", ".xlsx", ".png", ".pdf")
 
 
 def run(
@@ -145,3 +159,80 @@ def _check_options(given: dict[str, Any], asked: list[str]) -> None:
             raise ClearanceError(f"`{option}` has no effect: the study has no section {wanted}. Leave it out.")
         if len(sections) > 1 and option in ("--output", "--plot", "--report", "--starts"):
             raise ClearanceError(f"`{option}` is for one result, but the study asks for {' and '.join(sections)}.")
+
+
+def check_sweep(output: Path, cluster: str | None) -> None:
+    """Raise `ClearanceError`, before the solves, for a missing package or a store that is named like a file."""
+    require("The store of a sweep", "sweep", "zarr")
+    if cluster is not None:
+        require("A sweep on a cluster", "sweep", "dask", "distributed", "cloudpickle")
+    if output.suffix.lower() in OF_FILES:
+        raise ClearanceError(f"Cannot write a store to `{output}`: it is a folder. Give it a name that ends in .zarr.")
+
+
+def run_sweep(
+    study: Any, file: Path, output: Path, *, resume: bool, cores: int | None, cluster: str | None, plot: Path | None
+) -> None:
+    """Run the sweep of a study into a zarr store. Ctrl-C, or another end, leaves a store that can be resumed."""
+    from clearance_jax.runs.journal import RunWarning
+    from clearance_jax.sweep.run import sweep as swept
+
+    console.print(f"[bold]{escape(study.name)}[/bold]")
+    with aloud(RunWarning), ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
+        shown.phase("compiling")
+
+        def progress(now: Any) -> None:
+            shown.update(str(now), now.done / now.lanes)
+            asked.check()
+
+        try:
+            dataset = swept(
+                **study.sweep,
+                store=output,
+                resume=resume,
+                cores=cores,
+                cluster=cluster,
+                plan=lambda plan: say(str(plan)),
+                progress=progress,
+            )
+        except KeyboardInterrupt:
+            say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
+            raise typer.Exit(130) from None
+    why = f": {dataset.attrs['failures']}" if dataset.attrs["failed"] else ""
+    say(f"{dataset.attrs['lanes']} samples, {dataset.attrs['failed']} failed{why}")
+    say_written("store", output)
+    if plot is not None:
+        draw_sweep(dataset, plot)
+
+
+def run_calibrate(study: Any, *, output: Path | None, report: Path | None, starts: int | None) -> None:
+    """Run the calibration of a study. Ctrl-C stops the search and keeps the best motion so far."""
+    from clearance_jax.calibrate.run import calibrate
+    from clearance_jax.report.html import calibration_report
+
+    given = study.calibrate | ({} if starts is None else {"starts": starts})
+    with ProgressDisplay(errors) as shown, Interruption() as asked:
+        shown.phase("compiling")
+        points = []
+
+        def progress(point: Any) -> None:
+            points.append(point)
+            shown.update(f"{len(points)} motions" + ("" if point.reached else ", the last one failed"))
+            asked.check()
+
+        try:
+            calibration = calibrate(**given, progress=progress)
+        except KeyboardInterrupt:
+            say("Interrupted before the first motion was compared: there is nothing to keep.")
+            raise typer.Exit(130) from None
+    console.print(f"[bold]{escape(study.name)}[/bold]")
+    say(calibration.message)
+    if output is not None:
+        write_dataset(calibration.residuals, output)
+    if report is not None:
+        calibration_report(calibration, report, study.name, study.text)
+        say_written("report", report)
+    if asked.heard:
+        raise typer.Exit(130)
+    if not calibration.converged:
+        raise typer.Exit(1)

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from clearance_jax.cli.animate import Magnified, check_film, write_film
 from clearance_jax.cli.common import (
     DATASETS,
     FIGURES,
@@ -22,13 +21,13 @@ from clearance_jax.cli.common import (
     console,
     errors,
     read_scene,
-    say_written,
     warn,
+    write_dataset,
+    write_figure,
 )
-from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.motion import check_covered, driven_by, end_of, usual_end
-from clearance_jax.cli.pace import ProgressDisplay
-from clearance_jax.cli.posture import say_held
+from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
+from clearance_jax.cli.pace import Interruption, ProgressDisplay
+from clearance_jax.cli.plot import Magnified, check_film, write_film
 from clearance_jax.errors import ClearanceError, quote, suggest
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
@@ -65,7 +64,6 @@ def simulate(
     scene = read_scene(scene_file)
     driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, ideal, clearance)
-    from clearance_jax.results.store import save
     from clearance_jax.solve.law_validity import invalid, sunk
     from clearance_jax.solve.simulate import EnergyWarning, doubt
 
@@ -109,15 +107,13 @@ def simulate(
         deepest = dataset["penetration"].max("time")
         warn(sunk(mechanism, dict(zip(dataset["joint"].values.tolist(), deepest.values.tolist(), strict=True))))
     if output is not None:
-        save(dataset, output)
-        say_written("dataset", output)
+        write_dataset(dataset, output)
     if plot is not None:
-        from clearance_jax.report.figures import overview, save_figure
+        from clearance_jax.report.figures import overview
 
-        save_figure(overview(dataset), plot)
-        say_written("figure", plot)
+        write_figure(overview(dataset), plot)
     if movie is not None:
-        from clearance_jax.report.animation import animate
+        from clearance_jax.report.film import animate
 
         write_film(animate(dataset, magnify), movie)
     if result.message:
@@ -145,7 +141,7 @@ def _solution(result: Any) -> Any:
 def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
     """The dataset of a motion; prints a warning about contacts that add energy."""
     from clearance_jax.results.dataset import to_dataset
-    from clearance_jax.results.works import ContactWarning
+    from clearance_jax.results.episodes import ContactWarning
 
     with aloud(ContactWarning):
         return to_dataset(mechanism, result, **told)

@@ -7,18 +7,16 @@ from typing import Any
 import typer
 from rich.markup import escape
 
-from clearance_jax.cli.animate import write_film
-from clearance_jax.cli.common import aloud, console, errors, say, say_written
-from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import ProgressDisplay, shown_duration
+from clearance_jax.cli.common import aloud, console, errors, say, write_dataset, write_figure
+from clearance_jax.cli.pace import Interruption, ProgressDisplay, shown_duration
+from clearance_jax.cli.plot import write_film
 from clearance_jax.errors import ClearanceError
 
 
 def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path | None, movie: Path | None) -> None:
     """Run the wear simulation of a study. Ctrl-C, or another end, leaves a journal that it can be resumed from."""
-    from clearance_jax.results.store import save
     from clearance_jax.runs.journal import RunWarning
-    from clearance_jax.wear.sectors import SectorsWarning
+    from clearance_jax.wear.worn import SectorsWarning
 
     journal = study.wear.journal or output.with_suffix(".journal")
     if journal.exists() and not resume:
@@ -38,14 +36,11 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
             raise typer.Exit(130) from None
     for line in _words(dataset):
         say(line)
-    save(dataset, output)
-    say_written("dataset", output)
+    write_dataset(dataset, output)
     if plot is not None:
-        from clearance_jax.report.figures import save_figure
         from clearance_jax.report.wear_figures import overview
 
-        save_figure(overview(dataset), plot)
-        say_written("figure", plot)
+        write_figure(overview(dataset), plot)
     if movie is not None:
         from clearance_jax.report.wear_figures import animate
 
@@ -75,13 +70,11 @@ def _dataset(study: Any, history: Any, **attributes: Any) -> Any:
 
 def _keep(study: Any, journal: Path, output: Path) -> None:
     """Write the part of the simulation that is done as a dataset."""
-    from clearance_jax.results.store import save
     from clearance_jax.wear.history import lived_so_far
 
     history = lived_so_far(study.wear.model, journal, study.wear.until)
     if history is not None:
-        save(_dataset(study, history, result=f"interrupted after {int(history.cycles[-1])} cycles"), output)
-        say_written("dataset", output)
+        write_dataset(_dataset(study, history, result=f"interrupted after {int(history.cycles[-1])} cycles"), output)
 
 
 class _Told:

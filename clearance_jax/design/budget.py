@@ -19,7 +19,7 @@ from clearance_jax.mechanism.play import change_each_play
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results.dataset import picture_dataset
-from clearance_jax.results.marks import mark_positions
+from clearance_jax.results.places import mark_positions
 from clearance_jax.solve.quasi_static import are_poses
 from clearance_jax.solve.settings import evenly, settings_of
 from clearance_jax.solve.simulate import run

@@ -7,7 +7,7 @@ import numpy as np
 from clearance_jax.design.observed import Observed
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.instants import Instants
+from clearance_jax.metrics.observed import Instants
 
 
 class JointLoad(NamedTuple):

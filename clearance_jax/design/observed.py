@@ -19,13 +19,11 @@ from clearance_jax.design.specification import Specification
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.metrics.first_fall import FirstFall
-from clearance_jax.metrics.instants import PeakInstants
-from clearance_jax.metrics.joint_work import JointWork
 from clearance_jax.metrics.measure import AbstractMetric, Request
+from clearance_jax.metrics.observed import FirstFall, JointWork, PeakInstants
 from clearance_jax.metrics.reductions import At, Impacts, Peak
 from clearance_jax.metrics.signals import ContactForce
-from clearance_jax.results.marks import picture
+from clearance_jax.results.places import picture
 from clearance_jax.solve.settings import DYNAMICS
 from clearance_jax.spatial import as_array
 
@@ -40,7 +38,7 @@ class Observed(NamedTuple):
     - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
     - by clearance joint, `forces` (`Instants` of the largest), `falls` (when the first fall is over [s]), `works`
       (`Work`) and `impacts`;
-    - over time, `picture` (`results.marks.picture`), and in space `wrenches` on the pins.
+    - over time, `picture` (`results.places.picture`), and in space `wrenches` on the pins.
     """
 
     limits: tuple[Any, ...]

@@ -40,10 +40,8 @@ def values_by_name(entries: Iterable[tuple[str, Any, str]], model: Any) -> dict[
 
 
 def _setting(known: Mapping[str, Leaf], name: str, value: Any, where: str) -> float:
-    try:
+    with naming(where):
         leaf, _ = find(known, name)
-    except ClearanceError as error:
-        raise ClearanceError(f"{where}: {error}") from None
     if leaf.unit == "" and isinstance(value, str):
         try:
             value = float(value)

@@ -1,6 +1,6 @@
 """Metrics: a reduction over time (`Peak`, `Rms`, `At`, ...) of a signal of a motion (`PositionError`, ...)."""
 
-from clearance_jax.metrics.crossing import CrossingTime
+from clearance_jax.metrics.crossing import CrossingTime, SettlingTime
 from clearance_jax.metrics.iso9283 import (
     Accuracy,
     orientation_repeatability,
@@ -13,7 +13,6 @@ from clearance_jax.metrics.measure import AbstractMetric, Function, Reply, Reque
 from clearance_jax.metrics.path import PathDeviation
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
 from clearance_jax.metrics.reductions import At, EnergyLost, Impacts, Mean, Peak, PNorm, Rms, SoftPeak
-from clearance_jax.metrics.settling import SettlingTime
 from clearance_jax.metrics.signals import (
     AbstractSignal,
     Acceleration,

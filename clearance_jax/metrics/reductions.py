@@ -27,7 +27,7 @@ from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
 
 
-def _since(**field):
+def since_field(**field):
     """A field: the time from which a metric counts [s]."""
     return eqx.field(converter=lambda t: None if t is None else jnp.asarray(t, float), default=None, **field)
 
@@ -52,7 +52,7 @@ class Peak(AbstractMetric):
     each: ClassVar[str] = "peak"
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
-    since: Scalar | None = _since()
+    since: Scalar | None = since_field()
 
     @property
     def reduction(self):
@@ -119,7 +119,7 @@ class Rms(AbstractMetric):
 
     word: ClassVar[str] = "rms"
     signal: AbstractSignal
-    since: Scalar | None = _since()
+    since: Scalar | None = since_field()
 
     @property
     def reduction(self):
@@ -142,7 +142,7 @@ class Mean(AbstractMetric):
 
     word: ClassVar[str] = "mean"
     signal: AbstractSignal
-    since: Scalar | None = _since()
+    since: Scalar | None = since_field()
 
     def request(self, mechanism, t1, options):
         return Request(integrands=(self.signal.integrand(mechanism, t1, options, 1),), since=self.since)
@@ -240,7 +240,7 @@ class EnergyLost(AbstractMetric):
 
     word: ClassVar[str] = "energy-lost"
     unit: ClassVar[str] = "J"
-    since: Scalar | None = _since()
+    since: Scalar | None = since_field()
 
     def request(self, mechanism, t1, options):
         return Request(energy_balance=True, since=self.since)
@@ -266,7 +266,7 @@ class Impacts(AbstractMetric):
 
     word: ClassVar[str] = "impacts"
     joint: str = eqx.field(static=True)
-    since: Scalar | None = _since()
+    since: Scalar | None = since_field()
 
     def request(self, mechanism, t1, options):
         counter = TouchCounter(clearance_index(mechanism, self.joint), without_derivatives(self.since))

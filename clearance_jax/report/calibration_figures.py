@@ -1,10 +1,11 @@
 """Figures of a calibration: measured and fitted signals, intervals, correlations."""
 
 import numpy as np
+import xarray as xr
 from matplotlib.figure import Figure
 
 from clearance_jax.calibrate.result import Calibration
-from clearance_jax.report.design_figures import HEIGHT, STYLED, WIDTH
+from clearance_jax.report.design_figures import HEIGHT, PAGE, WIDTH, new_figure
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.style import length_unit
 
@@ -16,23 +17,25 @@ def _short(name: str) -> str:
     return name if len(name) <= SHORT else f"...{name[3 - SHORT :]}"
 
 
-@STYLED
+def _unit_of(signal: xr.DataArray, largest: float) -> tuple[float, str]:
+    """Factor and unit in which values of a signal are shown, by the largest of them."""
+    unit = str(signal.attrs["units"])
+    return length_unit(largest) if unit == "m" else (1.0, unit)
+
+
+@PAGE
 def signal_fit(calibration: Calibration, name: str) -> Figure:
     """A measured and fitted signal over time; below it the residuals, with two deviations of the noise."""
     figure = Figure(figsize=(WIDTH, 1.4 * HEIGHT), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     measured = calibration.residuals[name]
-    factor, unit = 1.0, str(measured.attrs["units"])
-    if unit == "m":
-        factor, unit = length_unit(float(np.nanmax(np.abs(measured.values))))
+    factor, unit = _unit_of(measured, float(np.nanmax(np.abs(measured.values))))
     times = time_axis(below, float(calibration.residuals["time"][-1])) * calibration.residuals["time"].values
     above.plot(times, factor * measured.values, ".", ms=3, color="C0", label="measured")
     above.plot(times, factor * calibration.residuals[f"{name}_model"].values, lw=0.9, color="C1", label="fitted")
     above.set_ylabel(f"{_short(name)}" + (f", {unit}" if unit else ""))
-    noise, unit = calibration.noise[name], str(measured.attrs["units"])
-    factor = 1.0
-    if unit == "m":
-        factor, unit = length_unit(noise)
+    noise = calibration.noise[name]
+    factor, unit = _unit_of(measured, noise)
     below.axhspan(-2 * factor * noise, 2 * factor * noise, color="0.9", lw=0, zorder=0)
     below.plot(times, factor * calibration.residuals[f"{name}_residual"].values, ".", ms=3, color="C0")
     below.set_ylabel("residual" + (f", {unit}" if unit else ""))
@@ -40,12 +43,11 @@ def signal_fit(calibration: Calibration, name: str) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def interval_widths(calibration: Calibration) -> Figure:
     """The widths of the 95 % intervals relative to their numbers, cut off at 100 %."""
     names = list(calibration.values)
-    figure = Figure(figsize=(WIDTH, 1.0 + 0.4 * len(names)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(1.0 + 0.4 * len(names))
     for row, name in enumerate(names):
         low, high = np.array(calibration.intervals[name])
         size = abs(calibration.values[name]) or 1.0
@@ -57,12 +59,11 @@ def interval_widths(calibration: Calibration) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def correlations(calibration: Calibration) -> Figure:
     """The correlation of every pair of numbers."""
     names = [str(name) for name in calibration.correlation["parameter"].values]
-    figure = Figure(figsize=(WIDTH, 1.2 + 0.45 * len(names)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(1.2 + 0.45 * len(names))
     axes.imshow(calibration.correlation.values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     for i, line in enumerate(calibration.correlation.values):
         for k, value in enumerate(line):

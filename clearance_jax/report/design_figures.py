@@ -1,7 +1,11 @@
-"""Figures of a design: errors over time, contributions, trade-off, convergence, paths of pins."""
+"""Figures of a design: errors over time, contributions, trade-off, convergence, paths of pins, the mechanism with its
+names; and of an error budget.
+"""
 
+import itertools
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -11,20 +15,41 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.design.answer import Design
+from clearance_jax.design.budget import ErrorBudget
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.design.maintenance import Maintenance
 from clearance_jax.design.time_histories import TimeHistory
+from clearance_jax.report.figures import draw_path
 from clearance_jax.report.panels import time_axis
-from clearance_jax.report.play_figures import draw_path
-from clearance_jax.report.style import legend_below
+from clearance_jax.report.skeleton import Skeleton
+from clearance_jax.report.style import STYLED, legend_below, length_unit, round_down
 from clearance_jax.report.wear_figures import draw_lives
+from clearance_jax.results.places import Outline, bounds, places
 from clearance_jax.results.play import middle_path, play
 
 # As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
 WIDTH, HEIGHT = 3.6, 2.6
-STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "legend.fontsize": 9})
+PAGE = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "legend.fontsize": 9})
 # Characters of a label that fit along the figure's height and width.
 UPRIGHT, LEVEL = 30, 44
+# Of the picture of a mechanism: its least and greatest height [inch].
+LOW, HIGH = 1.5, 4.2
+# Relative to the mechanism's size: distance below which places share a label, and margin for labels.
+SAME, ROOM = 0.02, 0.2
+# Of a label: the height of a line and the width of a character, and how far it stands off [point].
+LINE, CHARACTER, OFF = 11.0, 5.6, 9.0
+# Where a label may stand, the best place first; half the size of a joint's mark [point]; points all over a label.
+SIDES = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)])
+MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 5)), -1).reshape(-1, 2)
+# Of an error budget: the size of the mark of the largest share [point]. Areas of marks are proportional to shares.
+LARGEST = 34.0
+# Words and colours of the models of an error budget.
+MODELS = {
+    "dynamics": ("dynamics", "C3"),
+    "quasi_static": ("quasi-static", "k"),
+    "play": ("play alone", "C0"),
+    "elasticity": ("elasticity alone", "C1"),
+}
 
 
 def new_figure(height: float = HEIGHT) -> tuple[Figure, Axes]:
@@ -49,7 +74,7 @@ def _label(text: str, unit: str, width: int) -> str:
     return textwrap.fill(text + (f", {unit}" if unit else ""), width)
 
 
-@STYLED
+@PAGE
 def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound; times that do not count are shaded."""
     figure, axes = new_figure()
@@ -67,7 +92,7 @@ def over_time(history: TimeHistory) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def contributions(why: Sequence[Response]) -> Figure:
     """Shares of the clearances in each limit's value, to first order, and the rest."""
     names = [*why[0].contributions, "the rest"]
@@ -89,7 +114,7 @@ def contributions(why: Sequence[Response]) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def trade(tradeoff: Tradeoff, design: Design) -> Figure:
     """The cost, or the clearance, that each bound allows."""
     figure, axes = new_figure()
@@ -102,7 +127,7 @@ def trade(tradeoff: Tradeoff, design: Design) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def intervals(maintenance: Maintenance, design: Design) -> Figure:
     """After how many cycles a limit is met, against the clearance; or against the share of the designed ones."""
     figure, axes = new_figure()
@@ -119,7 +144,7 @@ def intervals(maintenance: Maintenance, design: Design) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def convergence(design: Design) -> Figure:
     """Cost (or clearance) of each evaluated design; those that violate a limit have another mark."""
     figure, axes = new_figure()
@@ -138,7 +163,7 @@ def convergence(design: Design) -> Figure:
     return figure
 
 
-@STYLED
+@PAGE
 def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     """The path of a pin's centre inside the clearance circle, and its contacts. Of a pin that tilts the paths of both
     ends of its axis. Of a pin with axial play also its axial position over time.
@@ -167,3 +192,123 @@ def _along_the_sleeve(axes: Axes, times: np.ndarray, places: np.ndarray, clearan
     for side in (-1, 1):
         axes.axhline(side * 1e6 * clearance, color="k", ls="--", lw=0.8)
     axes.set_ylabel("along z, µm")
+
+
+# The mechanism --------------------------------------------------------------------------------------------------------
+
+
+@PAGE
+def mechanism(outline: Outline) -> Figure:
+    """The mechanism at one instant."""
+    low, high = bounds(outline.visible)
+    size = float(max(high - low))
+    width, height = high - low + 2 * ROOM * size
+    figure, axes = new_figure(float(np.clip(WIDTH * height / width, LOW, HIGH)))
+    # The whole page is the axes': names are placed in points, which no layout may move afterwards.
+    figure.set_layout_engine("none")
+    axes.set_position((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    Skeleton(axes, outline.places, whole=True).show(outline.sample)
+    # One scale both ways: what is left of the page lies around the mechanism.
+    page = float(max(width / WIDTH, height / figure.get_figheight())) * figure.get_size_inches()
+    left, bottom = 0.5 * (low + high - page)
+    axes.set(xlim=(left, left + page[0]), ylim=(bottom, bottom + page[1]))
+    _write_names(figure, axes, outline, SAME * size)
+    _scale_bar(axes, size)
+    return figure
+
+
+def _write_names(figure: Figure, axes: Axes, outline: Outline, same: float) -> None:
+    """Write names beside their places, those of one place together, where they hide least."""
+    groups: list[tuple[np.ndarray, list[str]]] = []
+    places = outline.places.at[outline.sample]
+    for name, mark in {**outline.places.joints, **outline.places.points}.items():
+        near = next((names for at, names in groups if np.hypot(*(at - places[mark])) < same), None)
+        if near is None:
+            groups.append((places[mark], [name]))
+        else:
+            near.append(name)
+    figure.draw_without_rendering()  # from here on the axes know where they are
+    scale, page, along = 72 / figure.dpi, 72 * figure.get_size_inches(), np.linspace(0, 1, 25)[:, None]
+    at = [scale * axes.transData.transform(where) for where, _ in groups]
+    # Points of the page that names would hide: of joints, bodies, other names.
+    taken = [middle + MARK * SPREAD for middle in at]
+    for marks in outline.places.bodies.values():
+        taken += [a + along * (b - a) for a, b in itertools.pairwise(scale * axes.transData.transform(places[marks]))]
+    for middle, (where, names) in zip(at, groups, strict=True):
+        half = np.array([CHARACTER * max(map(len, names)), LINE * len(names)]) / 2
+        sides = [np.clip(middle + side * (OFF + half), half, page - half) for side in SIDES]
+        hidden = [np.sum(np.all(np.abs(np.concatenate(taken) - side) < half, axis=1)) for side in sides]
+        best = sides[int(np.argmin(hidden))]
+        taken.append(best + half * SPREAD)
+        axes.annotate(
+            "\n".join(names), where, best - middle, textcoords="offset points", ha="center", va="center", zorder=5,
+            linespacing=1.1, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
+        )  # fmt: skip
+
+
+def _scale_bar(axes: Axes, size: float) -> None:
+    """A bar of a round length below the mechanism."""
+    length = round_down(0.4 * size)
+    text = f"{1e3 * length:g} mm" if length < 1 else f"{length:g} m"
+    left, bottom = axes.get_xlim()[0] + 0.03 * size, axes.get_ylim()[0] + 0.05 * size
+    axes.plot([left, left + length], [bottom, bottom], color="k", lw=2, solid_capstyle="butt")
+    axes.annotate(text, (left + length, bottom), (5, 0), textcoords="offset points", va="center")
+
+
+# An error budget ------------------------------------------------------------------------------------------------------
+
+
+@STYLED
+def budget_figure(budget: ErrorBudget) -> Figure:
+    """Three panels: the mechanism when its quasi-static error is largest, with marks by the joints' shares; the shares
+    with their parts by play and by elasticity; the errors of each model over time.
+    """
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    grid = figure.add_gridspec(1, 3, width_ratios=(1.1, 1.0, 1.1))
+    dataset = budget.dataset.drop_vars(["joint_error", "joint_play"]).drop_dims("axis").rename(page_axis="axis")
+    placed = places(dataset)
+    left = figure.add_subplot(grid[0], **({"projection": "3d"} if placed.at.shape[-1] == 3 else {}))
+    _robot(left, budget, placed)
+    _joint_shares(figure.add_subplot(grid[1]), budget)
+    _over_time(figure.add_subplot(grid[2]), budget)
+    figure.suptitle(f"What the error of `{budget.point}` is made of")
+    return figure
+
+
+def _robot(axis: Any, budget: ErrorBudget, placed: Any) -> None:
+    k, shares = int(budget.dataset.quasi_static.values.argmax()), budget.shares
+    Skeleton(axis, placed, whole=True).show(k)
+    largest = max(abs(share) for share in shares.values())
+    for name, share in shares.items():
+        size = LARGEST * np.sqrt(abs(share) / largest) if largest > 0 else 0.0
+        place = placed.at[k, placed.joints[name]][None].T
+        axis.plot(*place, marker="o", ms=size, mfc="tab:red", mec="none", alpha=0.35, zorder=6)
+    axis.set_title(f"shares at {budget.peak_time:.3g} s (areas)", fontsize=10)
+
+
+def _joint_shares(axis: Any, budget: ErrorBudget) -> None:
+    shares, play = budget.shares, budget.play_shares
+    names = sorted(shares, key=lambda name: abs(shares[name]))
+    factor, unit = length_unit(max(abs(share) for share in shares.values()))
+    rows = np.arange(len(names))
+    total, rigid = (factor * np.array([part[name] for name in names]) for part in (shares, play))
+    axis.barh(rows, rigid, 0.55, color=MODELS["play"][1], label="play")
+    axis.barh(rows, total - rigid, 0.55, left=rigid, color=MODELS["elasticity"][1], label="elasticity")
+    axis.set_yticks(rows, names)
+    axis.set(xlabel=f"share of the peak, {unit}")
+    axis.set_title("by joint", fontsize=10)
+    legend_below(axis, 2)
+
+
+def _over_time(axis: Any, budget: ErrorBudget) -> None:
+    times = budget.dataset.time.values
+    per_second = time_axis(axis, float(times[-1]))
+    factor, unit = length_unit(max(peak for peak in budget.peaks.values() if np.isfinite(peak)))
+    for name, (label, colour) in MODELS.items():
+        values = budget.dataset[name].values
+        if np.isfinite(values).all():
+            axis.plot(per_second * times, factor * values, color=colour, lw=1.2, label=label)
+    axis.set(ylabel=f"error of {budget.point}, {unit}")
+    axis.set_title("over time", fontsize=10)
+    legend_below(axis, 2)

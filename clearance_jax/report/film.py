@@ -1,23 +1,85 @@
-"""The base class of films: frames drawn on a figure one after another, and written to a file."""
+"""Films: frames drawn on a figure one after another, and written to a file; and those of a motion from a dataset: the
+mechanism, beside it a magnified clearance joint, below it the joint's contact force and state over time.
+"""
 
 import abc
 import base64
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
+from scipy.spatial import KDTree
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.gif import write_gif
+from clearance_jax.report.figures import timeline
+from clearance_jax.report.magnified import CrossSection, Side, magnify
+from clearance_jax.report.panels import SHORT, curve, time_axis
+from clearance_jax.report.skeleton import Skeleton
+from clearance_jax.report.style import round_down
+from clearance_jax.results.places import places
+from clearance_jax.results.play import JointPlay, require_joint
 
 MOVIES = (".gif", ".mp4")
 FPS, DPI = 20.0, 80
 STYLE = {"font.size": 9, "axes.grid": False}
+# Colours of a GIF (the last of 256 marks pixels that stay as they were, which makes the file smaller), and in how many
+# frames they are looked for.
+COLOURS, LOOKED_AT = 255, 10
+_BITS = np.array([1 << 16, 1 << 8, 1])
+# Default length of a film [s]. It is slowed by a round factor that makes it no longer.
+LASTS = 10.0
+
+
+class GifFrame(NamedTuple):
+    """A picture: its `colours`, packed to one number each, and `which` of them every pixel has, (height, width)."""
+
+    colours: np.ndarray
+    which: np.ndarray
+
+
+def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> None:
+    """Write pictures (height, width, 3 or 4), of bytes each, as a GIF that repeats."""
+    frames = [_frame(picture) for picture in pictures]
+    palette = _palette(frames[:: -(-len(frames) // LOOKED_AT)])
+    first, *rest = (_paint(frame, palette) for frame in frames)
+    lasts = max(round(1000 / fps), 20)  # ms; what is shorter browsers show slowly
+    first.save(path, format="GIF", save_all=True, append_images=rest, duration=lasts, loop=0)
+
+
+def _frame(picture: np.ndarray) -> GifFrame:
+    colours, which = np.unique(picture[..., :3] @ _BITS, return_inverse=True)
+    return GifFrame(colours, which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours))))
+
+
+def _palette(frames: list[GifFrame]) -> np.ndarray:
+    """The colours that most of the pixels have: areas keep theirs, their blurred edges get the nearest."""
+    seen = np.concatenate([frame.colours for frame in frames])
+    counts = np.concatenate([np.bincount(frame.which.ravel()) for frame in frames])
+    colours, which = np.unique(seen, return_inverse=True)
+    totals = np.bincount(which, counts)
+    return _parts(colours[np.argsort(-totals, kind="stable")[:COLOURS]])
+
+
+def _paint(frame: GifFrame, palette: np.ndarray) -> Image.Image:
+    """A frame in the nearest colours of a palette. (Pillow's own choice turns white into a light grey.)"""
+    near = np.asarray(KDTree(palette).query(_parts(frame.colours))[1]).astype(np.uint8)
+    painted = Image.fromarray(near[frame.which])
+    painted.putpalette(palette.astype(np.uint8).tobytes())
+    return painted
+
+
+def _parts(colours: np.ndarray) -> np.ndarray:
+    """Red, green and blue, (colours, 3)."""
+    return colours[:, None] // _BITS % 256
 
 
 class AbstractFilm(abc.ABC):
@@ -101,3 +163,173 @@ def check_movie(path: str | Path) -> None:
             f"Cannot write the film `{path}`: an .mp4 needs the program ffmpeg, which is not on the path. Install it, "
             "or choose a name ending in .gif."
         )
+
+
+class Film(AbstractFilm):
+    """A film of the samples of a `dataset`. Make one with `cj.animate`.
+
+    - `figure`: what is drawn on; `show(k)` puts frame `k` on it.
+    - `frames` (frames,): indices of the samples that it shows; `fps`: how many of them a second.
+    - `slowdown`: seconds of the film per second of the motion.
+    - `exaggeration`: the factor by which the play of `joint` is magnified. The argument `factor` sets it.
+    """
+
+    def __init__(
+        self,
+        dataset: xr.Dataset,
+        joint: str | None,
+        frames: np.ndarray,
+        fps: float,
+        slowdown: float,
+        factor: float | None,
+    ):
+        self.frames, self.fps, self.slowdown, self.joint = frames, fps, slowdown, joint
+        self.time, self.name = dataset["time"].values, str(dataset.attrs.get("mechanism", ""))
+        enlarged = None if joint is None else magnify(dataset, joint, factor)
+        self.exaggeration = 1.0 if enlarged is None else enlarged.factor
+        with mpl.rc_context(STYLE):
+            self.figure = Figure(figsize=(11, 6.2) if enlarged is not None else (7, 6), dpi=DPI, layout="constrained")
+            self._views, self._cursors = self._lay_out(dataset, enlarged)
+            self._clock = self.figure.suptitle("", fontsize=11)
+            self.settle()
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def show(self, k: int) -> Figure:
+        """Draw frame `k`."""
+        i = int(self.frames[k])
+        for view in self._views:
+            view.show(i)
+        factor, unit = (1e3, "ms") if self.time[-1] < SHORT else (1.0, "s")
+        now = factor * self.time[i]
+        for cursor in self._cursors:
+            cursor.set_xdata([now, now])
+        speed = f"slowed {self.slowdown:g} times" if self.slowdown >= 1 else f"{1 / self.slowdown:g} times as fast"
+        self._clock.set_text(f"{self.name}   t = {now:.{_digits(factor * self.time[-1])}f} {unit}, {speed}")
+        return self.figure
+
+    def __repr__(self) -> str:
+        of = f", {self.joint} with its play x {self.exaggeration:g}" if self.joint else ""
+        return f"Film of {self.name}{of}: {len(self)} frames, {self.fps:.3g} a second"
+
+    def _lay_out(self, dataset: xr.Dataset, enlarged: JointPlay | None) -> tuple[list, list]:
+        """Draw what does not move; returns the views that follow the motion, and the cursors on time axes."""
+        projection = "3d" if dataset.sizes["axis"] == 3 else None
+        if enlarged is None:
+            return [Skeleton(self.figure.add_subplot(projection=projection), places(dataset))], []
+        parts: Any = self.figure.subfigures(2, 1, height_ratios=(4.6, 1.6))
+        upper, lower = parts
+        left, right = upper.subfigures(1, 2, width_ratios=(1.1, 1.0))
+        views = [
+            Skeleton(left.add_subplot(projection=projection), places(dataset), self.joint),
+            *_views(right, enlarged),
+        ]
+        right.suptitle(f"{self.joint}: {_scale_words(enlarged)}", color="tab:red", fontsize=10)
+        force, bar = lower.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        factor = time_axis(bar, float(self.time[-1]))
+        curve(force, factor * self.time, dataset["contact_force"].sel(joint=self.joint).values, "")
+        force.set(ylabel="contact\nforce, N", ylim=(0, None))
+        force.grid(alpha=0.3)
+        timeline(bar, dataset, [str(self.joint)])
+        return views, [axis.axvline(0.0, color="k", lw=1.2, zorder=9) for axis in (force, bar)]
+
+
+def _scale_words(joint: JointPlay) -> str:
+    """The magnification and the size of the play, in words."""
+    size = f"{1e6 * joint.outline.clearance:g} µm"
+    known = f"{size} to either side" if joint.outline.height is not None else f"dashed: clearance {size}"
+    return f"play × {joint.factor:g} ({known})"
+
+
+def _views(figure: Any, joint: JointPlay) -> list:
+    """Views of a joint: one section of a pin without tilt, two of a ball, both ends and sides of a sleeve, the sides of
+    a block.
+    """
+    outline = joint.outline
+    if outline.height is not None:
+        ways = "xy" if outline.width is not None else "x"
+        axes = np.atleast_1d(figure.subplots(len(ways), 1))
+        return [
+            Side(_title(axis, f"along the guide, {way} up"), joint, "xy".index(way))
+            for axis, way in zip(axes, ways, strict=True)
+        ]
+    if outline.length is not None:
+        sides, ends = figure.subplots(2, 2)
+        views: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
+        for axis, station in zip(ends, (0, -1), strict=True):
+            place = f"{1e3 * outline.heights[station]:+.3g} mm".replace("-", "−")
+            views.append(CrossSection(_title(axis, f"across the edge at z = {place}"), joint, station))
+        return views
+    if outline.ball:
+        pairs = zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True)
+        return [CrossSection(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair) for axis, pair in pairs]
+    return [CrossSection(figure.subplots(), joint)]
+
+
+def _title(axis: Any, title: str) -> Any:
+    axis.set_title(title, fontsize=9)
+    return axis
+
+
+def animate(
+    dataset: xr.Dataset,
+    joint: str | None = None,
+    *,
+    slowdown: float | None = None,
+    exaggeration: float | None = None,
+    span: tuple[float, float] | None = None,
+    fps: float = FPS,
+) -> Film:
+    """A film of a motion, with a clearance joint magnified beside the mechanism: `film.save("play.gif")`. A notebook
+    shows it by itself.
+
+    **Arguments:**
+
+    - `dataset`: of `to_dataset`. A film shows its samples, and nothing between them.
+    - `joint`: the joint to magnify; by default the one with the largest force; without play none.
+    - `slowdown`: seconds of film per second of motion, > 0; by default so large that the film lasts ten seconds at
+      most.
+    - `exaggeration`: how many times as large the play is drawn, >= 1, beside a pin of its own size; by default so large
+      that you see it.
+    - `span`: from when to when [s]; by default all.
+    - `fps`: frames a second, > 0; fewer if the dataset has fewer samples.
+
+    **Raises:** `ClearanceError` for a joint that is not there or cannot be drawn, and for other numbers.
+    """
+    for name, value, least in (("slowdown", slowdown, 0.0), ("exaggeration", exaggeration, 1.0), ("fps", fps, 0.0)):
+        if value is not None and not (np.isfinite(value) and value > 0 and value >= least):
+            bound = "at least 1" if least else "greater than 0"
+            raise ClearanceError(f"`{name}` must be {bound}, but it is {value:g}.")
+    if "time" not in dataset.coords:
+        raise ClearanceError("There is nothing to film: this is no result of a simulation.")
+    name = _most_loaded(dataset) if joint is None else require_joint(dataset, joint)
+    chosen = _within(dataset["time"].values, span)
+    lasts = float(np.ptp(dataset["time"].values[chosen]))
+    slowdown = slowdown or round_down(LASTS / lasts)
+    count = min(round(slowdown * lasts * fps) + 1, len(chosen))
+    frames = chosen[np.round(np.linspace(0, len(chosen) - 1, max(count, 2))).astype(int)]
+    return Film(dataset, name, frames, (len(frames) - 1) / (slowdown * lasts), slowdown, exaggeration)
+
+
+def _most_loaded(dataset: xr.Dataset) -> str | None:
+    if "contact_force" not in dataset:
+        return None
+    return str(dataset["joint"].values[int(dataset["contact_force"].values.mean(axis=0).argmax())])
+
+
+def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
+    """Indices of the samples in a span of time [s]."""
+    first, last = (time[0], time[-1]) if span is None else span
+    chosen = np.flatnonzero((time >= first) & (time <= last))
+    if len(chosen) < 2:
+        raise ClearanceError(
+            f"A film needs two samples at least, but from {first:g} s to {last:g} s there are {len(chosen)}. "
+            f"The result has {len(time)}, from {time[0]:g} s to {time[-1]:g} s."
+        )
+    return chosen
+
+
+def _digits(last: float) -> int:
+    """Decimals of a clock that runs to `last`, so that it shows a thousandth of it."""
+    return int(np.clip(3 - np.floor(np.log10(last)), 0, 6))

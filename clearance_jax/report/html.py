@@ -1,34 +1,84 @@
-"""Reports of designs and calibrations as one HTML file, with figures and numbers inside.
+"""Reports of designs and calibrations as one HTML file, with figures and numbers inside, and how these are written.
 
 Everything on it was found before; a template says where it stands.
 """
 
 import io
 import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import matplotlib as mpl
+import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from clearance_jax.calibrate.result import Calibration
 from clearance_jax.design.findings import Findings
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report import calibration_figures, design_figures, mechanism_figure, words
+from clearance_jax.report import calibration_figures, design_figures
+from clearance_jax.report.panels import SHORT
+from clearance_jax.units import format_quantity
+
+
+def quantity(value: float | None, unit: str, digits: int = 6) -> str:
+    """A quantity in a unit of the workshop; empty for `None`."""
+    return "" if value is None else format_quantity(value, unit, digits).replace(" um", " µm")
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A share in percent."""
+    return f"{100 * share:.{digits}f} %"
+
+
+def instant(time: float | None) -> str:
+    """A time [s], in ms or s as the time axes have it."""
+    if time is None:
+        return ""
+    return f"{1e3 * time:.5g} ms" if abs(time) < SHORT else f"{time:.5g} s"
+
+
+def pressure(value: float | None) -> str:
+    """A pressure [Pa], in MPa."""
+    return "" if value is None else f"{1e-6 * value:.4g} MPa"
+
+
+def span(ends: tuple[float, float]) -> str:
+    """A least and a greatest length [m], in µm."""
+    return f"{1e6 * ends[0]:g} to {1e6 * ends[1]:g} µm"
+
+
+def deviations(ends: tuple[float, float]) -> str:
+    """Of a size, as on a drawing: the upper over the lower one [m], in µm."""
+    upper, lower = (f"{1e6 * end:+g}" if end else "0" for end in ends[::-1])
+    return f"{upper} / {lower} µm".replace("-", "−")
+
+
+def settings(values: Mapping[str, Any]) -> str:
+    """Values by name."""
+    return ", ".join(f"{name} = {np.asarray(value).tolist()}" for name, value in values.items())
+
+
+def breakable(text: Any) -> Markup:
+    """A text whose long names may break after a dot or an underline: a phone is narrow."""
+    return Markup(re.sub(r"(?<=[A-Za-z0-9])([._])(?=[A-Za-z])", r"\1<wbr>", str(escape(text))))
+
 
 FILTERS = (
-    words.quantity,
-    words.percent,
-    words.instant,
-    words.pressure,
-    words.span,
-    words.deviations,
-    words.settings,
-    words.breakable,
+    quantity,
+    percent,
+    instant,
+    pressure,
+    span,
+    deviations,
+    settings,
+    breakable,
 )
 FIGURES = (
-    mechanism_figure.mechanism,
+    design_figures.mechanism,
     design_figures.pin_in_sleeve,
     design_figures.over_time,
     design_figures.contributions,

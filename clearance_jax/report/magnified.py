@@ -9,8 +9,7 @@ import xarray as xr
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.results.bearing import kind
-from clearance_jax.results.play import JointPlay, penetration, pin_travel, play
+from clearance_jax.results.play import JointPlay, kind, penetration, pin_travel, play
 
 # Default size of the drawn play over the pin's radius; the factor is rounded down.
 SHOWN = 0.35

@@ -1,17 +1,20 @@
-"""Panels of a motion from a dataset: coordinates, points, efforts of drives, reactions in joints."""
+"""Panels of a motion from a dataset: coordinates, points, efforts of drives, reactions in joints;
+curves of more points than a picture has columns, and smooth ones through few.
+"""
 
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
+from scipy.interpolate import CubicSpline
 
-from clearance_jax.report.curves import envelope
 from clearance_jax.report.style import legend_below
-from clearance_jax.results.places import bounds
+from clearance_jax.results.places import bounds, names_of
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
@@ -21,6 +24,8 @@ SHORT = 0.2
 MOST_NAMED = 10
 # Relative to the size of what is shown: the margin, and half the least extent of an axis.
 ROOM, LEAST = 0.12, 0.3
+# Points drawn per interval of a flight. Places nearer in time than this part of the flight count as one.
+FINE, NEAR = 12, 1e-3
 
 
 class Panel(NamedTuple):
@@ -60,7 +65,7 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
     titles = {"N m": "torques of actuators", "N": "forces of actuators"}
     efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
     if not efforts and "joint_reaction" in dataset:
-        names = [str(name) for name in dataset["any_joint"].values]
+        names = names_of(dataset, "any_joint")
         efforts = [Panel("reactions in joints", partial(_curves, "joint_reaction", "any_joint", names, "force, N"))]
     if "position" not in dataset:
         return motions + efforts
@@ -72,7 +77,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
     """Speed and acceleration of the named points."""
     if "velocity" not in dataset:
         return []
-    names, listed = [str(name) for name in dataset["point"].values], _list(dataset)
+    names, listed = names_of(dataset, "point"), _list(dataset)
     return [
         Panel(f"{name} of {listed}", partial(_curves, name, "point", names, label))
         for name, label in (("velocity", "speed, m/s"), ("acceleration", "acceleration, m/s²"))
@@ -80,7 +85,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
 
 
 def _list(dataset: xr.Dataset) -> str:
-    names = [str(name) for name in dataset["point"].values]
+    names = names_of(dataset, "point")
     return names[0] if len(names) == 1 else f"{len(names)} points"  # a legend names them
 
 
@@ -134,3 +139,42 @@ def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
     else:
         axis.set_aspect("equal", adjustable="box")
     return middle - half
+
+
+def envelope(time: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middles of equal columns of time that hold values, with the least and the greatest value in each."""
+    edges = np.linspace(time[0], time[-1], columns + 1)
+    column = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, columns - 1)
+    filled, first = np.unique(column, return_index=True)
+    middles = 0.5 * (edges[:-1] + edges[1:])[filled]
+    return middles, np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
+
+
+def flights(time: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Every free flight as a smooth path from the contact that it leaves to the one that it meets, (points, 2), with a
+    row of NaN after each.
+
+    **Arguments:** increasing times (n,), places (n, 2), and whether each is free (n,).
+    """
+    edge = np.diff(np.concatenate([[0], free.astype(int), [0]]))
+    paths = [np.zeros((0, 2))]
+    for begin, end in zip(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1), strict=True):
+        # With the last place in contact before it, and the first one after it.
+        part = slice(max(begin - 1, 0), min(end + 1, len(time)))
+        paths += [smooth(time[part], places[part]), np.full((1, 2), np.nan)]
+    return np.concatenate(paths)
+
+
+def smooth(time: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """A smooth path through places (n, 2) of a flight: a spline, for without contact it has no corner."""
+    apart = NEAR * (time[-1] - time[0])
+    kept = [0]
+    for i in range(1, len(time)):
+        if time[i] - time[kept[-1]] > apart:
+            kept.append(i)
+    kept[-1] = len(time) - 1 if len(kept) > 1 else kept[-1]
+    if len(kept) < 3:
+        return places[kept]
+    t = time[kept]
+    fine = np.concatenate([np.linspace(a, b, FINE, endpoint=False) for a, b in pairwise(t)])
+    return CubicSpline(t, places[kept])(np.append(fine, t[-1]))

@@ -71,26 +71,27 @@ def bifurcation(
     **Arguments:** `dataset`: of a sweep; `name`: of the section; `axis`: name of the number, by default the first that
     varies; `exponent`: name of the exponent, if there is one; `quantity`: which of the section's quantities.
     """
-    dataset = tidy(dataset)
-    axis = variables(dataset)[0] if axis is None else axis
-    dataset, where = slice_grid(dataset, axis)
+    figure, dataset, axis = _over(dataset, axis, 4.6 if exponent is None else 6.4)
+    points = section(dataset, name)[quantity]
     if exponent is None:
-        figure = Figure(figsize=(9, 4.6), layout="constrained")
-        draw_bifurcation(figure.subplots(), dataset, section(dataset, name)[quantity], axis)
-        _title(figure, where)
+        draw_bifurcation(figure.subplots(), dataset, points, axis)
         return figure
-    figure = Figure(figsize=(9, 6.4), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))
-    draw_bifurcation(above, dataset, section(dataset, name)[quantity], axis, exponent)
+    draw_bifurcation(above, dataset, points, axis, exponent)
     above.set_xlabel("")
     draw_exponent(below, dataset, exponent, axis)
-    _title(figure, where)
     return figure
 
 
-def _title(figure: Figure, where: str) -> None:
+def _over(dataset: xr.Dataset, axis: str | None, height: float) -> tuple[Figure, xr.Dataset, str]:
+    """A figure of this height [inch], the lanes along a number (by default the first that varies), and its name."""
+    dataset = tidy(dataset)
+    axis = variables(dataset)[0] if axis is None else axis
+    dataset, where = slice_grid(dataset, axis)
+    figure = Figure(figsize=(9, height), layout="constrained")
     if where:
         figure.suptitle(where, fontsize=9)
+    return figure, dataset, axis
 
 
 def draw_bifurcation(
@@ -147,12 +148,8 @@ def exponents(dataset: xr.Dataset, name: str, axis: str | None = None) -> Figure
     **Arguments:** `dataset`: of a sweep; `name`: of the exponent; `axis`: name of the number, by default the first that
     varies.
     """
-    dataset = tidy(dataset)
-    axis = variables(dataset)[0] if axis is None else axis
-    dataset, where = slice_grid(dataset, axis)
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure, dataset, axis = _over(dataset, axis, 3.6)
     draw_exponent(figure.subplots(), dataset, name, axis)
-    _title(figure, where)
     return figure
 
 

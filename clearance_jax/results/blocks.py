@@ -22,7 +22,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results.episodes import Inside
-from clearance_jax.results.marks import mark_positions
+from clearance_jax.results.places import mark_positions
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import try_step
 

@@ -1,4 +1,4 @@
-"""Builds labelled datasets of solutions: variables with units, contact episodes, provenance."""
+"""Builds labelled datasets of solutions: variables with units and meanings, contact episodes, provenance."""
 
 import dataclasses
 import warnings
@@ -8,18 +8,17 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax._version import __version__
-from clearance_jax.dynamics.quantities import Variable, labels
+from clearance_jax.dynamics.quantities import OBSERVED, Variable, labels
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
-from clearance_jax.results import blocks, episodes, marks
+from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import Progress, in_blocks
-from clearance_jax.results.extremes import of_points
+from clearance_jax.results.episodes import ContactWarning, doubt, works
 from clearance_jax.results.first_fall import first_falls_over
-from clearance_jax.results.outlines import outline_attributes
-from clearance_jax.results.peaks import peaks
-from clearance_jax.results.variables import EPISODES, EXTREMES, STEPS, VARIABLES, attributes
-from clearance_jax.results.works import ContactWarning, doubt, works
+from clearance_jax.results.peaks import of_points, peaks
+from clearance_jax.results.places import mark_labels
+from clearance_jax.results.play import outline_attributes
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.trace import Trace
 
@@ -28,6 +27,53 @@ _LOOKED_AT = 0.9
 # Variables at the step ends: of contacts, as in `episodes.StepEnds`, and of pins.
 _OF_CONTACTS = ("penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate")
 _OF_PINS = ("eccentricity", "contact_pattern", "pin_tilt")
+
+VARIABLES = OBSERVED | {
+    "contact_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact"),
+    "mark_position": Variable(("mark", "axis"), "m", "place of a joint, point or spring on the body `mark_body`"),
+}
+
+# Of a trace: what each clearance joint did at every step end, every touch and every separation among them.
+STEPS = {
+    "step_time": Variable((), "s", "end of an integration step"),
+    "step_eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre at the step ends"),
+    "step_force": Variable(("joint",), "N", "normal contact force at the step ends"),
+    "step_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact, at the step ends"),
+    "step_pattern": Variable(("joint",), "", "where a pin bears at the step ends, as `contact_pattern` (in space)"),
+    "step_tilt": Variable(("joint", "across"), "rad", "how the pin's axis leans at the step ends (in space)"),
+}
+
+EPISODES = {
+    "episode_joint": Variable((), "1", "which clearance joint (index)"),
+    "episode_start": Variable((), "s", "first touch"),
+    "episode_end": Variable((), "s", "separation (NaN: still in contact at the end)"),
+    "impact_speed": Variable((), "m/s", "approach speed at first touch (NaN: in contact from the start)"),
+    "peak_force": Variable((), "N", "largest normal force, within the steps too"),
+    "peak_time": Variable((), "s", "when the largest normal force acts"),
+    "separation_speed": Variable((), "m/s", "speed at which the pin leaves (NaN: still in contact)"),
+    "restitution": Variable(
+        (), "1", "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)"
+    ),
+}
+
+# Of a trace: what `after` [s] is the start or the end of the first falls.
+EXTREMES = {
+    f"largest_{name}{ending}": Variable(("point",), unit, meaning)
+    for name, of in (("speed", "m/s"), ("acceleration", "m/s^2"))
+    for ending, unit, meaning in (
+        ("", of, f"largest {name} from the instant `after` on, within the steps too"),
+        ("_time", "s", f"when the {name} is largest"),
+    )
+}
+
+
+def attributes(variable: Variable, labelled: dict[str, tuple[str, list[str]]]) -> dict[str, str]:
+    """A variable's attributes: its unit where that is one for all its entries, and what it means."""
+    unit = variable.unit
+    if unit.startswith("see "):
+        units = set(labelled[unit.removeprefix("see ")][1])
+        unit = units.pop() if len(units) == 1 else unit
+    return {"units": unit, "long_name": variable.meaning}
 
 
 def to_dataset(
@@ -66,7 +112,7 @@ def to_dataset(
             rest(1.0)
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
-    labelled = labels(mechanism) | marks.labels(mechanism)
+    labelled = labels(mechanism) | mark_labels(mechanism)
     data = {
         **_variables("time", seen, VARIABLES, labelled),
         **_variables("step", steps, STEPS, labelled),
@@ -89,8 +135,8 @@ def to_dataset(
 
 
 def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
-    """The variables of pictures (`marks.picture`) at times [s], as a dataset for figures."""
-    labelled = labels(mechanism) | marks.labels(mechanism)
+    """The variables of pictures (`places.picture`) at times [s], as a dataset for figures."""
+    labelled = labels(mechanism) | mark_labels(mechanism)
     if "penetration" in picture:
         picture = picture | {"contact_state": (picture["penetration"] > 0).astype(int)}
     coords: dict[str, Any] = {name: label for name, label in labelled.items() if label[1]}

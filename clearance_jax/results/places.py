@@ -1,15 +1,29 @@
-"""Positions of a mechanism's bodies, joints, points and springs over time, from a dataset, for pictures."""
+"""Where joints, points and springs are on the bodies of a mechanism, and in a dataset over time, for pictures."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Array, Float
 
+from clearance_jax._basis.types import Scalar
+from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.dynamics.observe import axes_of, observe
 from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import Position
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.spatial import as_array
 
 # Relative to the mechanism's size: two marks of one name that come further apart belong to a spring or a slide.
 APART = 0.02
+# Dataset variables of a picture beside the positions of marks.
+SHOWN = "q", "eccentricity", "penetration", "pin_tilt"
 
 
 class Places(NamedTuple):
@@ -60,6 +74,11 @@ class Outline(NamedTuple):
         return np.concatenate([at[self.sample], *(at[:, mark] for mark in self.places.points.values())])
 
 
+def names_of(dataset: xr.Dataset, label: str) -> list[str]:
+    """The names along a dimension of a dataset; none where it has no such dimension."""
+    return [str(name) for name in dataset[label].values] if label in dataset.coords else []
+
+
 def bounds(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the greatest coordinates of places (..., axes) [m], (axes,)."""
     every = at.reshape(-1, at.shape[-1])
@@ -74,8 +93,7 @@ def places(dataset: xr.Dataset) -> Places:
             "Simulate again."
         )
     names, owners, joined, points, loose = (
-        [str(name) for name in dataset[label].values] if label in dataset.coords else []
-        for label in ("mark", "mark_body", "any_joint", "point", "joint")
+        names_of(dataset, label) for label in ("mark", "mark_body", "any_joint", "point", "joint")
     )
     bodies: dict[str, list[int]] = {}
     for mark, owner in enumerate(owners):
@@ -133,3 +151,48 @@ def _thickness(points: np.ndarray) -> np.ndarray:
     """The thickness of sets of points (n, k, 2): their smaller singular value about the mean."""
     away = points - points.mean(axis=1, keepdims=True)
     return np.linalg.svd(away, compute_uv=False)[:, -1]
+
+
+class Mark(NamedTuple):
+    """A place on a body, called by what is there: a joint or a spring (on two bodies each), a named point, or the
+    body's own centre of mass, which has the body's name.
+    """
+
+    name: str
+    body: str
+    at: Position
+
+
+def marks(mechanism: AbstractMechanism) -> Iterator[Mark]:
+    """The marks of the ground and of every body. A body with one mark has its centre of mass as a second one."""
+    joints, springs = mechanism.all_joints(), mechanism.springs
+    for body in (GROUND, *(b.name for b in mechanism.bodies)):
+        carried = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
+        carried += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
+        carried += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
+        carried += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
+        carried += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
+        if len(carried) == 1:
+            carried += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
+        yield from carried
+
+
+def mark_labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
+    """Dataset mark_labels of the marks: their names and their bodies."""
+    drawn = list(marks(mechanism))
+    return {"mark": ("mark", [m.name for m in drawn]), "mark_body": ("mark", [m.body for m in drawn])}
+
+
+def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "marks axes"]:
+    """World places of all marks [m] at one state."""
+    mechanism = mechanism.at(time)
+    motion = frames(mechanism, time, layout(mechanism).split(y))
+    axes = len(axes_of(mechanism))
+    return jnp.stack([as_array(motion[m.body].point(m.at.vector)[:axes]) for m in marks(mechanism)])
+
+
+def picture(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
+    """The variables of a picture at one state of a prepared mechanism, by their names in a dataset."""
+    seen = observe(time, y[: layout(mechanism).size], mechanism)
+    shown = {name: seen[name] for name in SHOWN if name in seen}
+    return shown | {"mark_position": mark_positions(mechanism, time, y)}

@@ -26,9 +26,8 @@ from clearance_jax.wear.pressure import (
     foundation,
 )
 from clearance_jax.wear.record import to_dataset
-from clearance_jax.wear.sectors import SectorsWarning
 from clearance_jax.wear.service import Failures, ServiceLives, service_lives
-from clearance_jax.wear.worn import Wear, wear, wear_of
+from clearance_jax.wear.worn import SectorsWarning, Wear, wear, wear_of
 
 __all__ = [
     "AbstractAged",

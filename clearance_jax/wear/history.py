@@ -27,7 +27,6 @@ from clearance_jax.runs.journal import Journal
 from clearance_jax.solve.settings import SolveOptions, with_solver
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.criteria import AbstractCriterion, criterion_of, end_slopes
-from clearance_jax.wear.identity import description
 from clearance_jax.wear.model import WearModel
 
 Profile = Float[np.ndarray, "*stack sectors"]
@@ -326,3 +325,12 @@ def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> We
     stack = np.zeros(np.shape(blocks[0].depth))
     stack[... if stack.ndim == 1 else 0] = begin
     return _history([WearBlock(0, 1, stack.tolist(), 0, beyond), *blocks])._replace(until=criterion)
+
+
+def description(model: WearModel, until: AbstractCriterion | None, **rest: Any) -> dict[str, Any]:
+    """A question by the names of its parts, each a number or a short text; `rest`: further arguments."""
+    parts = {"law of wear": model.wear, "pressure": model.pressure, "until": until}
+    question = versions() | numbers(model.mechanism)
+    for what, part in parts.items():
+        question |= {} if part is None else numbers(part, f" ({what})")
+    return question | settings({"joint": model.joint, "cycle": float(model.cycle), **rest})

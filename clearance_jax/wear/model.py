@@ -32,8 +32,7 @@ from clearance_jax.units import format_quantity
 from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, look, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, surely_fine, wear_round
-from clearance_jax.wear.worn import accumulate, wear_of
+from clearance_jax.wear.worn import USUAL, SectorsWarning, accumulate, doubt, fewest, surely_fine, wear_of, wear_round
 
 # Options of a trace that the solve with derivatives does not take.
 OWN = ("save_at", "energy_balance", "derivatives")

@@ -18,9 +18,8 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax.cli.common import check_writable
-from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.main import app, main
-from clearance_jax.cli.pace import Pace, shown_duration
+from clearance_jax.cli.pace import Interruption, Pace, shown_duration
 from clearance_jax.errors import LONGEST, ClearanceError, cut, quote
 from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.io.settings import parse_settings, with_play
@@ -329,7 +328,7 @@ def test_what_is_not_installed_is_said_before_anything_is_solved(tmp_path, monke
         raise AssertionError("work was begun")
 
     monkeypatch.setattr("clearance_jax._basis.extras.importlib.util.find_spec", lambda _: None)
-    monkeypatch.setattr(sys.modules["clearance_jax.cli.sweep"], "Interruption", solve)
+    monkeypatch.setattr(sys.modules["clearance_jax.cli.run"], "Interruption", solve)
     monkeypatch.setattr("clearance_jax.design.search.formulate", solve)
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "sweep.toml").write_text(SWEEP)

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax.cli.main import app, main
-from clearance_jax.cli.posture import HELD, undriven
+from clearance_jax.cli.motion import HELD, undriven
 from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.form import EquationForm

@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from clearance_jax.cli.budget import _point, _with_point
+from clearance_jax.cli.info import _point, _with_point
 from clearance_jax.cli.main import app
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.scene.scene import load_scene

@@ -14,7 +14,7 @@ from clearance_jax.design.static import static_error
 from clearance_jax.dynamics.pose import displaced, ideal_states
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.signals import PositionError
-from clearance_jax.report.budget_figure import budget_figure
+from clearance_jax.report.design_figures import budget_figure
 
 ERROR = metrics.Peak(metrics.PositionError("piston"))
 TURN = 0.012

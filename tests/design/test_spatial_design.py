@@ -16,8 +16,7 @@ from clearance_jax.design.static import _both_ends, static_error
 from clearance_jax.joints import AbstractClearance
 from clearance_jax.report.html import render
 from clearance_jax.results.dataset import picture_dataset
-from clearance_jax.results.marks import picture
-from clearance_jax.results.places import outline, places
+from clearance_jax.results.places import outline, picture, places
 from clearance_jax.results.play import play
 from optimize import tool_changer
 

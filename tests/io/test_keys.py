@@ -32,7 +32,6 @@ READERS = (
     "scene/contact",
     "study/study",
     "study/file",
-    "study/sweep",
     "study/design",
     "study/wear",
     "study/calibrate",

@@ -16,7 +16,7 @@ from clearance_jax.design.budget import error_budget
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, JointOutline
 from clearance_jax.parameters import physical
-from clearance_jax.report import play_figures
+from clearance_jax.report import figures
 from clearance_jax.report.magnified import CrossSection
 from clearance_jax.results.play import station_paths
 
@@ -91,7 +91,7 @@ def test_numbers_make_it():
 
 
 def test_its_paths_are_drawn_at_its_heights_within_its_walls(motion):
-    figure = play_figures.play(motion)
+    figure = figures.play(motion)
     shown = [axis.get_title().split(":")[0] for axis in figure.axes[1:]]
     assert shown == ["z = −20 mm, edge", "z = +0 mm", "z = +20 mm, edge"]
     paths = station_paths(motion, "wrist")

@@ -17,7 +17,7 @@ from clearance_jax._basis.numerics import safe_unit
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.sleeve import Meeting
 from clearance_jax.laws import Material
-from clearance_jax.report.wear_maps import wear_map
+from clearance_jax.report.wear_figures import wear_map
 from clearance_jax.results import play
 from clearance_jax.spatial import Z, add, minus, plus, scale, times
 

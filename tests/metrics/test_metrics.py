@@ -10,8 +10,7 @@ from catalogue import playful_servo
 import clearance_jax as cj
 from clearance_jax import metrics
 from clearance_jax.errors import ClearanceError
-from clearance_jax.metrics.instants import PeakInstants
-from clearance_jax.metrics.joint_work import JointWork
+from clearance_jax.metrics.observed import JointWork, PeakInstants
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.simulate import _in_order
 from experiments.common import slider_crank

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clearance_jax.report.curves import envelope, flights, smooth
+from clearance_jax.report.panels import envelope, flights, smooth
 
 pytestmark = pytest.mark.quick
 

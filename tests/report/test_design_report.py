@@ -22,14 +22,13 @@ from clearance_jax.design.observed import Observed
 from clearance_jax.design.standings import standings
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
-from clearance_jax.metrics.instants import Instants
-from clearance_jax.report import mechanism_figure, words
+from clearance_jax.metrics.observed import Instants
+from clearance_jax.report import design_figures, html
 from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report
 from clearance_jax.report.panels import time_axis
 from clearance_jax.results.dataset import picture_dataset
-from clearance_jax.results.marks import picture
-from clearance_jax.results.places import outline, places
+from clearance_jax.results.places import outline, picture, places
 
 pytestmark = pytest.mark.quick
 
@@ -69,7 +68,7 @@ def test_from_when_and_from_where_is_said():
 
 
 def test_instants_are_in_the_unit_of_the_time_axes():
-    assert [words.instant(t) for t in (None, 0.0, 0.0034, 3.25, 105.0)] == ["", "0 ms", "3.4 ms", "3.25 s", "105 s"]
+    assert [html.instant(t) for t in (None, 0.0, 0.0034, 3.25, 105.0)] == ["", "0 ms", "3.4 ms", "3.25 s", "105 s"]
 
 
 def test_it_is_said_from_when_on_a_limit_counts_and_how_pins_start():
@@ -167,7 +166,7 @@ def test_a_mechanism_is_drawn_where_its_joints_are_apart_and_says_their_names():
     assert found.places.loose == {"wrist"}
     assert set(found.places.slides) == set(found.places.pairs) == {"guide"}
     np.testing.assert_allclose(np.abs(found.places.slides["guide"]), [[1.0, 0.0]] * 50, atol=1e-12)
-    figure = mechanism_figure.mechanism(found)
+    figure = design_figures.mechanism(found)
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
     names = [line for text in figure.axes[0].texts for line in text.get_text().splitlines()]
@@ -285,12 +284,12 @@ def test_an_interrupted_explanation_keeps_what_it_has(monkeypatch, tmp_path):
 
 
 def test_numbers_are_written_as_in_a_workshop():
-    assert words.deviations((-41e-6, -20e-6)) == "−20 / −41 µm"
-    assert words.deviations((0.0, 33e-6)) == "+33 / 0 µm"
-    assert words.quantity(2e-5, "m") == "20 µm"
-    assert words.quantity(None, "m") == ""
-    assert words.pressure(6.1225e6) == "6.122 MPa"
-    assert str(words.breakable("<a>.b_c.d")) == "&lt;a&gt;.b_<wbr>c.<wbr>d"
+    assert html.deviations((-41e-6, -20e-6)) == "−20 / −41 µm"
+    assert html.deviations((0.0, 33e-6)) == "+33 / 0 µm"
+    assert html.quantity(2e-5, "m") == "20 µm"
+    assert html.quantity(None, "m") == ""
+    assert html.pressure(6.1225e6) == "6.122 MPa"
+    assert str(html.breakable("<a>.b_c.d")) == "&lt;a&gt;.b_<wbr>c.<wbr>d"
 
 
 def test_the_places_of_a_state_are_those_of_its_mechanism():

@@ -27,13 +27,12 @@ from clearance_jax.cli.main import main
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Relative
 from clearance_jax.joints.sleeve import lobatto
-from clearance_jax.report import magnified, play_figures
+from clearance_jax.report import figures, magnified
 from clearance_jax.report.figures import overview
 from clearance_jax.report.magnified import CrossSection, Side
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.results.bearing import FACE, spans
 from clearance_jax.results.places import outline, places
-from clearance_jax.results.play import along_sleeve, station_paths
+from clearance_jax.results.play import FACE, along_sleeve, spans, station_paths
 
 RADIAL, AXIAL, RADIUS, LENGTH = 1e-4, 5e-5, 0.01, 0.04
 LAW = laws.HuntCrossley(1e9, 0.5)
@@ -199,9 +198,9 @@ def bars(axis) -> dict:
 
 
 def test_the_timeline_has_a_bar_for_every_span(arm):
-    figure = play_figures.play(arm)
+    figure = figures.play(arm)
     drawn, found = bars(figure.axes[0]), spans(arm, "hip")
-    for code, (words, _) in enumerate(play_figures.PATTERNS):
+    for code, (words, _) in enumerate(figures.PATTERNS):
         chosen = found.pattern % FACE == code
         shown = [box for label, box in drawn.items() if label.startswith(words)]
         if not np.any(chosen):
@@ -217,7 +216,7 @@ def test_the_timeline_has_a_bar_for_every_span(arm):
 
 
 def test_orbits_are_the_pins_places_at_every_station(arm):
-    figure = play_figures.play(arm)
+    figure = figures.play(arm)
     orbits = [axis for axis in figure.axes if axis.get_title().startswith("z = ")]
     found = station_paths(arm, "hip")
     assert len(orbits) == len(found) == 5
@@ -239,7 +238,7 @@ def test_orbits_are_the_pins_places_at_every_station(arm):
     assert "edge" in orbits[0].get_title()
     assert "edge" not in orbits[2].get_title()
     assert "−20 mm" in orbits[0].get_title()
-    only = [axis for axis in play_figures.play(arm, edges=True).axes if axis.get_title().startswith("z = ")]
+    only = [axis for axis in figures.play(arm, edges=True).axes if axis.get_title().startswith("z = ")]
     assert [axis.get_title() for axis in only] == [orbits[0].get_title(), orbits[-1].get_title()]
     # At the middle station the pin's centre is where the dataset says.
     middle = np.isin(found[2].time, arm["time"].values)
@@ -251,7 +250,7 @@ def test_orbits_are_the_pins_places_at_every_station(arm):
 
 def test_joints_of_the_plane_stand_side_by_side(crank):
     """With the share of the time that the episodes last."""
-    figure = play_figures.play(crank)
+    figure = figures.play(crank)
     bars_of, orbit = figure.axes
     lasts = (crank["episode_end"].fillna(crank["time"][-1]) - crank["episode_start"]).values.sum()
     share = lasts / float(crank["time"][-1])
@@ -277,7 +276,7 @@ def many(dataset, count):
 def test_a_figure_of_many_joints_shows_those_that_bear_most(crank, count):
     """One legend of the joints and one of their pins, no two texts over each other, and no word of the layout."""
     dataset, largest = many(crank, count)
-    for figure in (overview(dataset), play_figures.play(dataset)):
+    for figure in (overview(dataset), figures.play(dataset)):
         figure.draw_without_rendering()
         titles = [text for text in figure.findobj(Text) if text.get_visible() and len(text.get_text().strip()) > 4]
         boxes = [(text.get_text(), text.get_window_extent()) for text in {id(text): text for text in titles}.values()]
@@ -295,7 +294,7 @@ def test_a_figure_of_many_joints_shows_those_that_bear_most(crank, count):
 
 def test_what_is_no_play_is_refused(crank, lift):
     with pytest.raises(ClearanceError, match="no joint of this result has clearance"):
-        play_figures.play(lift)
+        figures.play(lift)
     with pytest.raises(ClearanceError, match=r"no clearance joint `wirst`.*Did you mean `wrist`"):
         spans(crank, "wirst")
     with pytest.raises(ClearanceError, match="no pin in a sleeve"):

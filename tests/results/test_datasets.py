@@ -14,7 +14,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import layout
-from clearance_jax.metrics.first_fall import FirstFall
+from clearance_jax.metrics.observed import FirstFall
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import in_blocks
 from clearance_jax.results.first_fall import first_fall_ends, loads, peak_words

@@ -21,7 +21,7 @@ from clearance_jax import laws
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.laws.normal.ratios import exact_ratio
-from clearance_jax.results.works import ContactWarning
+from clearance_jax.results.episodes import ContactWarning
 from clearance_jax.solve.first_state import initial_state
 
 MASS, SPEED, GRAVITY = 0.14, 0.5, 9.81

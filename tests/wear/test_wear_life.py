@@ -15,7 +15,8 @@ from clearance_jax.errors import ClearanceError, WearFailure
 from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry
 from clearance_jax.report import wear_figures
-from clearance_jax.wear import Contacts, sectors
+from clearance_jax.wear import Contacts
+from clearance_jax.wear import worn as sectors
 
 LIFE = sys.modules["clearance_jax.wear.history"]
 

@@ -9,7 +9,7 @@ from clearance_jax.joints.bore import FEWEST
 from clearance_jax.laws import Material
 from clearance_jax.wear.laws import COEFFICIENT, Archard, Graded, Reye, RunningIn, Threshold
 from clearance_jax.wear.pressure import Foundation, HertzLine, Uniform
-from clearance_jax.wear.sectors import MOST
+from clearance_jax.wear.worn import MOST
 
 OF_THE_JOINT = "the joint's own"
 
