@@ -2,12 +2,17 @@
 tests.
 """
 
-from clearance_jax.laws.friction._bristles import SmoothedBristles
-from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic
-from clearance_jax.laws.friction.coulomb import CubicCoulomb, TanhCoulomb
-from clearance_jax.laws.friction.lugre import LuGre
-from clearance_jax.laws.friction.stribeck import BrownMcPhee
-from clearance_jax.laws.friction.velocity import AdamsFriction, Ambrosio, BengisuAkay, Stribeck, Threlfall
+from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic, LuGre, SmoothedBristles
+from clearance_jax.laws.friction.velocity import (
+    AdamsFriction,
+    Ambrosio,
+    BengisuAkay,
+    BrownMcPhee,
+    CubicCoulomb,
+    Stribeck,
+    TanhCoulomb,
+    Threlfall,
+)
 
 FRICTION_LAWS = {
     "cubic": CubicCoulomb,

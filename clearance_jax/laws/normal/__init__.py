@@ -1,8 +1,6 @@
 """Normal laws. Adding one: its class or function, a line here, a catalogue line in the tests."""
 
-from clearance_jax.laws.normal.adams import AdamsImpact
 from clearance_jax.laws.normal.constant_restitution import Anagnostopoulos, Tsuji
-from clearance_jax.laws.normal.hertz import Hertz, HuntCrossley
 from clearance_jax.laws.normal.line import (
     LineContact,
     Winkler,
@@ -15,7 +13,7 @@ from clearance_jax.laws.normal.line import (
     pereira,
     radzimovsky,
 )
-from clearance_jax.laws.normal.linear import LinearKelvinVoigt
+from clearance_jax.laws.normal.power_laws import AdamsImpact, Hertz, HuntCrossley, LinearKelvinVoigt
 from clearance_jax.laws.normal.restitution import (
     RestitutionLaw,
     exact_restitution,
