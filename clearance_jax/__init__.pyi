@@ -14,12 +14,12 @@ from .analysis.trust import gradient_report as gradient_report
 from .calibrate.result import Calibration as Calibration
 from .calibrate.run import calibrate as calibrate
 from .configure import configure as configure
+from .dynamics.closures import Mobility as Mobility
+from .dynamics.closures import mobility as mobility
 from .dynamics.follow import PathDrives as PathDrives
 from .dynamics.follow import follow as follow
 from .dynamics.inverse import Posture as Posture
 from .dynamics.inverse import inverse_kinematics as inverse_kinematics
-from .dynamics.mobility import Mobility as Mobility
-from .dynamics.mobility import mobility as mobility
 from .errors import ClearanceError as ClearanceError
 from .io.scene.scene import load as load
 from .io.study.calibrate import read_data as read_data

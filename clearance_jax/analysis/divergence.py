@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax.analysis.scatter import SamplingPlan
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.quantities import observe
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
 from clearance_jax.solve.observers import TouchCounter, Touches

@@ -8,8 +8,7 @@ from clearance_jax._basis.numerics import safe_sqrt
 from clearance_jax._basis.types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
-from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
-from clearance_jax.joints.outline import JointOutline
+from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import UNIT, Vector, X, Y, Z, across, cross, dot, scale, subtract

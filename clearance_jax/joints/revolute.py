@@ -18,9 +18,8 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore, Modes, finer
 from clearance_jax.joints.checks import GRIPS, warn_of_pin
-from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
+from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate
 from clearance_jax.joints.fitting import Tolerance
-from clearance_jax.joints.outline import JointOutline
 from clearance_jax.joints.pin import AbstractPin, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical

@@ -24,7 +24,7 @@ class PreparedMechanism(AbstractMechanism):
 
     `Mechanism.prepare` makes it, with parts of the same names. All dynamics use it.
 
-    - `chosen`: in a solve, the conditions of its closures that a step asks for (`constraint.choice`).
+    - `chosen`: in a solve, the conditions of its closures that a step asks for (`conditions.choice`).
     - `links`: the table of a large mechanism.
     """
 

@@ -12,7 +12,7 @@ from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.parameters import describe
 
-# A step starts four round-offs past an instant, see `control.past_break`.
+# A step starts four round-offs past an instant, see `solve.control.past_break`.
 _HAIR = 16 * float(np.finfo(np.float64).eps)
 
 

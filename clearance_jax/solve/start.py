@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._basis.types import Flag
-from clearance_jax.dynamics.closures import StartErrors
-from clearance_jax.dynamics.mobility import mobility
+from clearance_jax.dynamics.closures import StartErrors, mobility
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
