@@ -20,10 +20,9 @@ from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.mechanism.body import GROUND, Body, Point
+from clearance_jax.mechanism.body import GROUND, Body, Limits, Point
 from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.driving import drivable, gives_way
-from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts

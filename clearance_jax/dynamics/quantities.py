@@ -15,8 +15,8 @@ from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.shapes import TreeShape, tree_shape
-from clearance_jax.dynamics.energy import BALANCE_TERMS, drive_forces, energies, read_balance
 from clearance_jax.dynamics.equations import Balance, balance
+from clearance_jax.dynamics.field import BALANCE_TERMS, drive_forces, energies, read_balance
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.joints import Action

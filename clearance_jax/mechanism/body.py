@@ -1,6 +1,7 @@
-"""Rigid bodies, points on them, springs between them, and the motion of a joint coordinate."""
+"""Rigid bodies, points on them, springs between them, and the motion of a joint coordinate with its limits."""
 
 import dataclasses
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +12,6 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import AbstractActuator
-from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.placement import ORIGIN, Inertia, Orientation, Position, as_inertia
 from clearance_jax.parameters import describe, flatten, lead, physical
@@ -120,6 +120,19 @@ class Spring(Module):
     )
     at_a: Position = describe("its end in the frame of `body_a`", '["14 mm", "72 mm"]', "the origin", default=ORIGIN)
     at_b: Position = describe("its end in the frame of `body_b`", '["20 mm", "-18 mm"]', "the origin", default=ORIGIN)
+
+
+class Limits(NamedTuple):
+    """Limits of a coordinate, as a data sheet says. `None`: there is no such limit.
+
+    **Arguments:** `lower`, `upper`: least and greatest value [rad or m]; `velocity`: largest rate [rad/s or m/s];
+    `effort`: largest torque [N m] or force [N].
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    velocity: float | None = None
+    effort: float | None = None
 
 
 class Motion(Module):

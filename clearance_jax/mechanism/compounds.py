@@ -11,8 +11,14 @@ from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint
-from clearance_jax.mechanism.joint_keys import TURN_CHILD, TURN_PARENT, axis_key, orientation_key
+from clearance_jax.mechanism.coordinate import (
+    TURN_CHILD,
+    TURN_PARENT,
+    Coordinate,
+    JointConstraint,
+    axis_key,
+    orientation_key,
+)
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, present
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, alignment, along
 from clearance_jax.parameters import Parametrised, describe, flatten, physical

@@ -7,9 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.mechanism._base import AbstractMechanism
+from clearance_jax.mechanism._base import AbstractMechanism, sampling_periods
 from clearance_jax.mechanism.body import Body, Point, Spring
-from clearance_jax.mechanism.breaks import sampling_periods
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.driving import without_sampling
 from clearance_jax.mechanism.links import ONCE, Links, links_of

@@ -19,21 +19,22 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
 from clearance_jax.joints.checks import check_start
 from clearance_jax.mechanism.body import Motion, Motor
-from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint
-from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.joint_keys import (
+from clearance_jax.mechanism.coordinate import (
     AT_CHILD,
     AT_PARENT,
     CHILD,
     PARENT,
     TURN_CHILD,
     TURN_PARENT,
+    Coordinate,
+    JointConstraint,
     angle_key,
     axis_key,
     body_key,
     orientation_key,
     place_key,
 )
+from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation
 from clearance_jax.parameters import Parametrised, describe, flatten, outside
 from clearance_jax.spatial import (

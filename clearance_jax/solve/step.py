@@ -15,9 +15,9 @@ from clearance_jax._compile.lane_axis import component_axis, components, each_la
 from clearance_jax.dynamics.applied import renew
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.conditions import choice
-from clearance_jax.dynamics.energy import hand_over
+from clearance_jax.dynamics.field import hand_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
-from clearance_jax.mechanism.breaks import drive_breaks
+from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.problem import Problem, field, lift, motion, split, with_model
 from clearance_jax.solve.tableau import tableau_of

@@ -12,8 +12,7 @@ from scipy.optimize import brentq
 
 import clearance_jax as cj
 from clearance_jax.dynamics.chain import chain_of
-from clearance_jax.dynamics.energy import energies
-from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.field import energies, slope
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.dynamics.settled import deflect
 from clearance_jax.errors import ClearanceError
