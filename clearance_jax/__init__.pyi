@@ -37,10 +37,13 @@ from .mechanism import controllers as controllers
 from .mechanism import drives as drives
 from .mechanism import paths as paths
 from .mechanism.body import Body as Body
+from .mechanism.body import Force as Force
 from .mechanism.body import Limits as Limits
 from .mechanism.body import Motion as Motion
 from .mechanism.body import Point as Point
 from .mechanism.body import Spring as Spring
+from .mechanism.body import Torque as Torque
+from .mechanism.body import Wrench as Wrench
 from .mechanism.compounds import Ball as Ball
 from .mechanism.compounds import Cylindrical as Cylindrical
 from .mechanism.compounds import Free as Free
@@ -51,9 +54,6 @@ from .mechanism.compounds import Universal as Universal
 from .mechanism.imperfections import Compliance as Compliance
 from .mechanism.imperfections import with_compliance as with_compliance
 from .mechanism.imperfections import with_misalignment as with_misalignment
-from .mechanism.loads import Force as Force
-from .mechanism.loads import Torque as Torque
-from .mechanism.loads import Wrench as Wrench
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.placement import Axis as Axis
 from .mechanism.placement import Gravity as Gravity

@@ -15,9 +15,9 @@ from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, p
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.play import change_each_play
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.variants import change_each_play
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.marks import mark_positions
 from clearance_jax.solve.quasi_static import are_poses

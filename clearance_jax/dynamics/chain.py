@@ -22,11 +22,11 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Point
 from clearance_jax.mechanism.coordinate import Coordinate
-from clearance_jax.mechanism.driving import drivable, gives_way
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts
 from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.variants import drivable, gives_way
 from clearance_jax.spatial import IDENTITY, Term, absent, as_array, length_of, rotation_between
 
 NO_LIMITS = Limits()

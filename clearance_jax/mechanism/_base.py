@@ -12,14 +12,13 @@ from clearance_jax._basis.module import structural_property
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.actuators import instants
-from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.form import EquationForm
-from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
-from clearance_jax.mechanism.play import without_play
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
+from clearance_jax.mechanism.variants import without_play
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
 

@@ -19,10 +19,10 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Body, Motion, Motor
-from clearance_jax.mechanism.driving import motor_of
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
 from clearance_jax.mechanism.tree import AbstractJoint, Fixed, Misalignment, Prismatic, Revolute
+from clearance_jax.mechanism.variants import motor_of
 from clearance_jax.parameters import Parametrised, physical
 
 

@@ -8,13 +8,12 @@ from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism._base import AbstractMechanism, sampling_periods
-from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import without_sampling
 from clearance_jax.mechanism.links import ONCE, Links, links_of
-from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.variants import without_sampling
 
 
 class PreparedMechanism(AbstractMechanism):

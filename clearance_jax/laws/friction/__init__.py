@@ -2,7 +2,8 @@
 tests.
 """
 
-from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic, LuGre, SmoothedBristles
+from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic, LuGre
+from clearance_jax.laws.friction.bristles import SmoothedBristles as SmoothedBristles
 from clearance_jax.laws.friction.velocity import (
     AdamsFriction,
     Ambrosio,
@@ -28,19 +29,3 @@ FRICTION_LAWS = {
     "elasto-plastic": ElastoPlastic,
 }
 """Friction laws by the name a scene file gives them."""
-
-__all__ = [
-    "FRICTION_LAWS",
-    "AdamsFriction",
-    "Ambrosio",
-    "BengisuAkay",
-    "BrownMcPhee",
-    "CubicCoulomb",
-    "Dahl",
-    "ElastoPlastic",
-    "LuGre",
-    "SmoothedBristles",
-    "Stribeck",
-    "TanhCoulomb",
-    "Threlfall",
-]

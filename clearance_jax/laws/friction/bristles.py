@@ -78,11 +78,12 @@ class AbstractBristles(AbstractFrictionLaw):
 class AbstractLuGre(AbstractBristles):
     """T = -N (s0 z + s1 z' + s2 v), with the curve g = mu_k + (mu_s - mu_k) exp(-(v/v_s)^2) of a steady slip."""
 
-    static_coefficient: eqx.AbstractVar[Scalar]
-    kinetic_coefficient: eqx.AbstractVar[Scalar]
-    stribeck_speed: eqx.AbstractVar[Scalar]
-    bristle_damping: eqx.AbstractVar[Scalar]
-    viscous: eqx.AbstractVar[Scalar]
+    static_coefficient: Scalar = physical("", above=0.0, **STATIC)
+    kinetic_coefficient: Scalar = physical("", above=0.0, **KINETIC)
+    stribeck_speed: Scalar = physical("m/s", above=0.0, **STRIBECK)
+    bristle_stiffness: Scalar = physical("1/m", above=0.0, **STIFFNESS)
+    bristle_damping: Scalar = physical("s/m", least=0.0, default=0.0, **DAMPING)
+    viscous: Scalar = physical("s/m", least=0.0, default=0.0, **VISCOUS)
 
     @property
     def largest_coefficient(self):
@@ -153,12 +154,6 @@ class ElastoPlastic(AbstractLuGre):
     **Arguments:** those of `LuGre`; `breakaway_share` b in (0, 1).
     """
 
-    static_coefficient: Scalar = physical("", above=0.0, **STATIC)
-    kinetic_coefficient: Scalar = physical("", above=0.0, **KINETIC)
-    stribeck_speed: Scalar = physical("m/s", above=0.0, **STRIBECK)
-    bristle_stiffness: Scalar = physical("1/m", above=0.0, **STIFFNESS)
-    bristle_damping: Scalar = physical("s/m", least=0.0, default=0.0, **DAMPING)
-    viscous: Scalar = physical("s/m", least=0.0, default=0.0, **VISCOUS)
     breakaway_share: Scalar = physical(
         "", above=0.0, below=1.0, default=0.5, help="share of the deflection that is elastic", example="0.7"
     )
@@ -188,13 +183,6 @@ class LuGre(AbstractLuGre):
     **Arguments:** `static_coefficient`, `kinetic_coefficient`, `stribeck_speed` [m/s], `bristle_stiffness` s0 [1/m],
     `bristle_damping` s1 [s/m], `viscous` s2 [s/m].
     """
-
-    static_coefficient: Scalar = physical("", above=0.0, **STATIC)
-    kinetic_coefficient: Scalar = physical("", above=0.0, **KINETIC)
-    stribeck_speed: Scalar = physical("m/s", above=0.0, **STRIBECK)
-    bristle_stiffness: Scalar = physical("1/m", above=0.0, **STIFFNESS)
-    bristle_damping: Scalar = physical("s/m", least=0.0, default=0.0, **DAMPING)
-    viscous: Scalar = physical("s/m", least=0.0, default=0.0, **VISCOUS)
 
     def release(self, slip, bend, width=None):
         speed = speed_of(slip)
