@@ -56,10 +56,10 @@ class AbstractChain(Module):
     `sought`: the indices of the free velocities that move the point, passive coordinates included.
     """
 
-    mechanism: eqx.AbstractVar[AbstractMechanism]
-    point: eqx.AbstractVar[str]
-    joints: eqx.AbstractVar[tuple[str, ...]]
-    sought: eqx.AbstractVar[tuple[int, ...]]
+    mechanism: AbstractMechanism
+    point: str = eqx.field(static=True)
+    joints: tuple[str, ...] = eqx.field(static=True)
+    sought: tuple[int, ...] = eqx.field(static=True)
 
     @property
     def frame(self) -> Point:
@@ -100,18 +100,12 @@ class PreparedChain(AbstractChain):
     """A chain of a prepared mechanism."""
 
     mechanism: PreparedMechanism
-    point: str = eqx.field(static=True)
-    joints: tuple[str, ...] = eqx.field(static=True)
-    sought: tuple[int, ...] = eqx.field(static=True)
 
 
 class Chain(AbstractChain):
     """A chain of a mechanism that is not prepared."""
 
     mechanism: Mechanism
-    point: str = eqx.field(static=True)
-    joints: tuple[str, ...] = eqx.field(static=True)
-    sought: tuple[int, ...] = eqx.field(static=True)
 
     def prepare(self) -> PreparedChain:
         """The chain with its mechanism prepared. In space the mechanism is a table, however small it is: that program

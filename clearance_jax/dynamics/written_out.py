@@ -142,12 +142,8 @@ class WrittenOut(Module, Frames):
         """By body that a free coordinate moves: it and all that hangs on it, as one."""
         return self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
 
-    def _sums(
-        self, alone: Callable[[Body], Any], barriers: Callable[[Any], Any], every: bool = False
-    ) -> dict[str, Any]:
-        """By body that a free coordinate moves, or by `every` body: what it is `alone`, with that of all that hangs on
-        it, about its pivot.
-        """
+    def _sums(self, alone: Callable, barriers: Callable, every: bool = False) -> dict[str, Any]:
+        """By body that a free coordinate moves, or `every` body: what it is `alone`, with what hangs on it, as one."""
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]

@@ -8,9 +8,8 @@ from clearance_jax.joints.contact import Action, ContactPoint, JointOutline, Pla
 from clearance_jax.joints.elements import AbstractElement, Offset, PlayDamper, PreloadedBearing, ShortBearing
 from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
-from clearance_jax.joints.pin import AbstractPin, Sections
+from clearance_jax.joints.pin import AbstractPin, RevoluteClearance, Sections
 from clearance_jax.joints.presets import guide_clearance, pin_clearance, shaft, socket
-from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 
 __all__ = [

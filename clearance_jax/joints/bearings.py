@@ -18,8 +18,8 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints.checks import check_known, check_sizes
 from clearance_jax.joints.elements import ROLLING_DAMPING, PreloadedBearing
 from clearance_jax.joints.fitting import Tolerance
+from clearance_jax.joints.pin import RevoluteClearance
 from clearance_jax.joints.presets import DAMPING
-from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.laws import AbstractFrictionLaw, HuntCrossley
 

@@ -62,7 +62,7 @@ class LinearKelvinVoigt(AbstractNormalLaw):
 
 
 STIFFNESS = "N/m^n"
-FIRMNESS = {"above": 0.0, "help": "stiffness K", "example": '"2.487e6 N/mm^1.5"'}
+STIFF = {"above": 0.0, "help": "stiffness K", "example": '"2.487e6 N/mm^1.5"'}
 EXPONENT = {"least": 1.0, "default": None, "help": "exponent n of the penetration", "example": "1.5", "absent": "1.5"}
 
 
@@ -106,7 +106,7 @@ def power_energy(stiffness: Scalar, penetration: Scalar, exponent: Scalar | None
 class Hertz(AbstractPowerLaw):
     """F = K d^n, elastic. **Arguments:** `stiffness` K [N/m^n], `exponent` n >= 1 (`None`: 3/2)."""
 
-    stiffness: Any = physical(STIFFNESS, **FIRMNESS)
+    stiffness: Any = physical(STIFFNESS, **STIFF)
     exponent: Scalar | None = physical("", **EXPONENT)
     smoothness: ClassVar[Smoothness] = "C1"
 
@@ -128,7 +128,7 @@ class HuntCrossley(AbstractPowerLaw):
     **Arguments:** `stiffness` K [N/m^n], `damping_factor` lambda [s/m], `exponent` n (`None`: 3/2).
     """
 
-    stiffness: Any = physical(STIFFNESS, **FIRMNESS)
+    stiffness: Any = physical(STIFFNESS, **STIFF)
     damping_factor: Scalar = physical("s/m", least=0.0, help="damping factor lambda", example='"20 s/m"')
     exponent: Scalar | None = physical("", **EXPONENT)
     smoothness: ClassVar[Smoothness] = "C1"
@@ -154,7 +154,7 @@ class AdamsImpact(AbstractPowerLaw):
     is complete, `exponent` n (`None`: 3/2).
     """
 
-    stiffness: Any = physical(STIFFNESS, **FIRMNESS)
+    stiffness: Any = physical(STIFFNESS, **STIFF)
     damping: Scalar = physical("N*s/m", least=0.0, help="damping c_max at full depth", example='"2000 N*s/m"')
     full_damping_depth: Scalar = physical(
         "m", above=0.0, help="penetration d_max from which on the damping is complete", example='"0.01 mm"'

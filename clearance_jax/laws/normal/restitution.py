@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal import ratios
-from clearance_jax.laws.normal.power_laws import EXPONENT, FIRMNESS, STIFFNESS, power, power_energy, stiffness_unit
+from clearance_jax.laws.normal.power_laws import EXPONENT, STIFF, STIFFNESS, power, power_energy, stiffness_unit
 from clearance_jax.parameters import physical
 
 RESTITUTION = "coefficient of restitution e"
@@ -90,7 +90,7 @@ class RestitutionLaw(AbstractImpactLaw):
     without bound for a pin that comes to rest.
     """
 
-    stiffness: Any = physical(STIFFNESS, **FIRMNESS)
+    stiffness: Any = physical(STIFFNESS, **STIFF)
     restitution: Scalar = physical("", above=0.0, below=1.0, help=RESTITUTION, example="0.7")
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     exponent: Scalar | None = physical("", **EXPONENT)
