@@ -15,6 +15,47 @@ from clearance_jax.laws.normal import ratios
 from clearance_jax.laws.normal.ratios import oscillator_ratio, oscillator_restitution
 from clearance_jax.parameters import describe, physical
 
+STIFFNESS = "N/m^n"
+STIFF = {"above": 0.0, "help": "stiffness K", "example": '"2.487e6 N/mm^1.5"'}
+EXPONENT = {"least": 1.0, "default": None, "help": "exponent n of the penetration", "example": "1.5", "absent": "1.5"}
+
+
+def power(penetration: Scalar, exponent: Scalar | None) -> Scalar:
+    """max(d, 0)^n; n = `None` means 3/2, computed as d sqrt(d)."""
+    return power_three_halves(penetration) if exponent is None else positive_power(penetration, exponent)
+
+
+def stiffness_unit(exponent: Scalar | None, absent: float = 1.5) -> dict[str, str]:
+    """The unit of a stiffness of a power law; an exponent `None` stands for `absent`."""
+    # A traced exponent has no value to show.
+    try:
+        n = absent if exponent is None else float(exponent)
+    except TypeError:
+        return {}
+    return {STIFFNESS: f"N/m^{n:g}"}
+
+
+class AbstractPowerLaw(AbstractNormalLaw):
+    """A law whose elastic part is K d^n (n = `None`: 3/2)."""
+
+    stiffness: eqx.AbstractVar[Any]
+    exponent: eqx.AbstractVar[Scalar | None]
+
+    def units(self):
+        return stiffness_unit(self.exponent)
+
+    def constants(self, geometry: Geometry) -> Any:
+        return stiffness_of(self.stiffness, geometry)
+
+    def energy(self, constants, penetration):
+        return power_energy(constants, penetration, self.exponent)
+
+
+def power_energy(stiffness: Scalar, penetration: Scalar, exponent: Scalar | None) -> Scalar:
+    """K d^(n+1) / (n+1) for d > 0."""
+    n = 1.5 if exponent is None else exponent
+    return stiffness * positive_part(penetration) * power(penetration, exponent) / (n + 1)
+
 
 class LinearKelvinVoigt(AbstractNormalLaw):
     """F = max(0, k d + b d'). The force jumps to b v at touch (class C-1: it has no derivative that can be trusted; use
@@ -59,48 +100,6 @@ class LinearKelvinVoigt(AbstractNormalLaw):
     def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
         ratio = oscillator_ratio(jnp.asarray(restitution, float), self.clipped)
         return dataclasses.replace(self, damping=ratio * self._critical(mass, geometry))
-
-
-STIFFNESS = "N/m^n"
-STIFF = {"above": 0.0, "help": "stiffness K", "example": '"2.487e6 N/mm^1.5"'}
-EXPONENT = {"least": 1.0, "default": None, "help": "exponent n of the penetration", "example": "1.5", "absent": "1.5"}
-
-
-def power(penetration: Scalar, exponent: Scalar | None) -> Scalar:
-    """max(d, 0)^n; n = `None` means 3/2, computed as d sqrt(d)."""
-    return power_three_halves(penetration) if exponent is None else positive_power(penetration, exponent)
-
-
-def stiffness_unit(exponent: Scalar | None, absent: float = 1.5) -> dict[str, str]:
-    """The unit of a stiffness of a power law; an exponent `None` stands for `absent`."""
-    # A traced exponent has no value to show.
-    try:
-        n = absent if exponent is None else float(exponent)
-    except TypeError:
-        return {}
-    return {STIFFNESS: f"N/m^{n:g}"}
-
-
-class AbstractPowerLaw(AbstractNormalLaw):
-    """A law whose elastic part is K d^n (n = `None`: 3/2)."""
-
-    stiffness: eqx.AbstractVar[Any]
-    exponent: eqx.AbstractVar[Scalar | None]
-
-    def units(self):
-        return stiffness_unit(self.exponent)
-
-    def constants(self, geometry: Geometry) -> Any:
-        return stiffness_of(self.stiffness, geometry)
-
-    def energy(self, constants, penetration):
-        return power_energy(constants, penetration, self.exponent)
-
-
-def power_energy(stiffness: Scalar, penetration: Scalar, exponent: Scalar | None) -> Scalar:
-    """K d^(n+1) / (n+1) for d > 0."""
-    n = 1.5 if exponent is None else exponent
-    return stiffness * positive_part(penetration) * power(penetration, exponent) / (n + 1)
 
 
 class Hertz(AbstractPowerLaw):
