@@ -5,7 +5,7 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.laws.stiffened import Stiffened
+from clearance_jax.laws.stiffness import Stiffened
 
 K = 6.61e10
 STEEL = 2.07e11, 2.07e11

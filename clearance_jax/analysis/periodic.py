@@ -7,7 +7,7 @@ from jax.core import Tracer
 
 from clearance_jax.analysis.cycle import SEAM, CycleOptions, CycleSearch, PeriodicMotion, find, seams
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.breaks import sampling_periods
+from clearance_jax.mechanism._base import sampling_periods
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.settings import SolveOptions, settings_of

@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
-from clearance_jax.analysis.divergence import divergence
 from clearance_jax.analysis.periodic import periodic_motion
-from clearance_jax.analysis.scatter import MetricSamples, SamplingPlan, Statistics, sample, statistics
+from clearance_jax.analysis.scatter import MetricSamples, SamplingPlan, Statistics, divergence, sample, statistics
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import as_metric

@@ -99,7 +99,7 @@ def _print_terms(mechanism) -> None:
     console.print(f"equations of motion: {mechanism.form}", highlight=False)
     console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
     if mechanism.closures():
-        from clearance_jax.dynamics.mobility import mobility
+        from clearance_jax.dynamics.closures import mobility
 
         console.print(f"free to move: {mobility(mechanism)}")
 

@@ -17,8 +17,8 @@ def is_robot(scene_file: Any) -> bool:
 
 def with_posture(mechanism: Any, names: Any) -> Any:
     """The mechanism with constant drives that hold the named coordinates at their positions."""
-    from clearance_jax.mechanism.driving import drivable
-    from clearance_jax.mechanism.profiles import Constant
+    from clearance_jax.mechanism.drives import Constant
+    from clearance_jax.mechanism.variants import drivable
 
     known = drivable(mechanism.joints)
     return mechanism.with_drives({name: Constant(known[name].motion.position) for name in names})

@@ -13,11 +13,11 @@ from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.laws.stiffened import Stiffened
+from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.play import change_each_play
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.variants import change_each_play
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import mark_positions
 from clearance_jax.solve.quasi_static import are_poses

@@ -14,8 +14,8 @@ import numpy as np
 
 from clearance_jax.design.worn import sets
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.body import Body
-from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.placement import Inertia

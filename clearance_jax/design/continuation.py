@@ -15,7 +15,7 @@ from clearance_jax.design.search import search
 from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.play import change_each_play
+from clearance_jax.mechanism.variants import change_each_play
 
 
 def smoothed(mechanism: Mechanism, width: float) -> Mechanism:

@@ -12,7 +12,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax.design import worn
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.mechanism.breaks import drive_breaks
+from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, as_measure, begin_of
 from clearance_jax.parameters import check_values, parameters, replace, units_of

@@ -9,10 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.dynamics.closures import project
-from clearance_jax.dynamics.mobility import mobility
-from clearance_jax.dynamics.observe import axes_of
-from clearance_jax.dynamics.quantities import evaluate
+from clearance_jax.dynamics.closures import mobility, project
+from clearance_jax.dynamics.quantities import axes_of, evaluate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, AbstractPin, PlayCoordinate
 from clearance_jax.mechanism.mechanism import Mechanism

@@ -12,7 +12,7 @@ from clearance_jax.design.formulation import formulate, unposed
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Limit, Specification
-from clearance_jax.dynamics.mobility import mobility
+from clearance_jax.dynamics.closures import mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.metrics.signals import Acceleration, ContactForce, JointMoment, JointReaction

@@ -1,12 +1,110 @@
-"""Wrenches of springs and of loads from outside on the bodies."""
+"""What acts on a mechanism beside its joints: springs, loads from outside, actuators and controllers.
+
+The latter act by what they measure now or, where they are sampled, have measured last.
+"""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.frames import Frames, Pair
-from clearance_jax.dynamics.kinematics import spring_state
-from clearance_jax.mechanism.body import GROUND
-from clearance_jax.mechanism.loads import Wrench
+from clearance_jax.dynamics.kinematics import frames, spring_state
+from clearance_jax.mechanism.actuators import AbstractActuator, is_instant
+from clearance_jax.mechanism.body import GROUND, Wrench
+from clearance_jax.mechanism.compounds import Ball
+from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.spatial import ZERO, Term, dot, plus, scale, total
+from clearance_jax.mechanism.state import Acting, State, effort_sources, layout, parts
+from clearance_jax.spatial import ZERO, Term, dot, minus, plus, scale, total
+
+Measured = dict[str, tuple[Term, Term]]
+"""Position and velocity by coordinate, balls aside."""
+
+
+def measure(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measured:
+    """Position and velocity of every coordinate that encoders can see."""
+    free = {part.coordinate.name: part for part in parts(mechanism)}
+    out: Measured = {}
+    for c in mechanism.coordinates():
+        if c.motion.drive is not None:
+            position, velocity, _ = c.motion.drive(time)
+            out[c.name] = position, velocity
+        elif not c.is_ball:
+            out[c.name] = state.q[free[c.name].q.start], state.v[free[c.name].v.start]
+    return out
+
+
+def exert(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
+    """Efforts of actuators, controllers and dampers of balls, by free velocity."""
+    efforts: list[Term] = [0.0] * layout(mechanism).free
+    for part in parts(mechanism):
+        motion = part.coordinate.motion
+        if isinstance(motion, Ball) and motion.damping is not None:
+            efforts[part.v] = [-motion.damping * spin for spin in state.v[part.v]]
+    every = effort_sources(mechanism)
+    if not every:
+        return efforts
+    places = {part.coordinate.name: part.v.start for part in parts(mechanism)}
+    seen = measure(mechanism, time, state)
+    for source in every:
+        now = command(source, time, seen) if source.period is None else state.memory[source.name]
+        for name, effort in zip(source.coordinates, now, strict=True):
+            efforts[places[name]] = plus(efforts[places[name]], effort)
+    return efforts
+
+
+def renew(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:
+    """The efforts that sampled sources hold: new ones where the time is a sampling instant or a solve starts."""
+    seen, out = measure(mechanism, time, state), []
+    for source in effort_sources(mechanism):
+        if source.period is None:
+            continue
+        now = [jnp.asarray(effort, float) for effort in command(source, time, seen)]
+        fresh = True if starts else is_instant(source.period, time)
+        out += [jnp.where(fresh, new, old) for new, old in zip(now, state.memory[source.name], strict=True)]
+    return out
+
+
+def command(source: Acting, time: Scalar, seen: Measured) -> Sequence[Term]:
+    """The efforts of an actuator or a controller from a measurement now."""
+    if isinstance(source.part, AbstractActuator):
+        position, velocity = _read(source.part.measures() or source.coordinates, seen)
+        return [source.part(time, jnp.asarray(position, float), jnp.asarray(velocity, float))]
+    return _compute(source.part, time, seen)
+
+
+def _read(encoder: Sequence[str], seen: Measured) -> tuple[Term, Term]:
+    """Position and velocity that an encoder shows: sums over its coordinates."""
+    return total(seen[name][0] for name in encoder), total(seen[name][1] for name in encoder)
+
+
+def _compute(controller: AbstractController, time: Scalar, seen: Measured) -> list[Term]:
+    """Efforts by the inverse dynamics of the controller's model, in the order of its references."""
+    model: PreparedMechanism = controller.model
+    read = {reference.name: _read(_encoder(reference), seen) for reference in controller.references}
+    names = [part.coordinate.name for part in parts(model)]
+    wanted = dict(zip(read, controller.accelerations(time, *zip(*read.values(), strict=True)), strict=True))
+    state = State(
+        tuple(jnp.asarray(read[name][0], float) for name in names),
+        tuple(jnp.asarray(read[name][1], float) for name in names),
+        {},
+    )
+    efforts = dict(zip(names, inverse_dynamics(model, time, state, [wanted[name] for name in names]), strict=True))
+    return [efforts[name] for name in read]
+
+
+def _encoder(reference: Reference) -> tuple[str, ...]:
+    return reference.encoder or (reference.name,)
+
+
+def inverse_dynamics(mechanism: PreparedMechanism, time: Scalar, state: State, acceleration: list[Term]) -> list[Term]:
+    """The efforts that give a tree's free velocities these rates, in addition to those of its own actuators."""
+    mechanism = mechanism.at(time)
+    motion = frames(mechanism, time, state)
+    missing = motion.load(applied_pairs(mechanism, time, motion), acceleration)
+    exerted = exert(mechanism, time, state)
+    return [minus(0.0, plus(load, effort)) for load, effort in zip(missing, exerted, strict=True)]
 
 
 def applied_pairs(mechanism: PreparedMechanism, time: Scalar, motion: Frames) -> list[Pair]:

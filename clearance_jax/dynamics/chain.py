@@ -20,14 +20,13 @@ from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.mechanism.body import GROUND, Body, Point
+from clearance_jax.mechanism.body import GROUND, Body, Limits, Point
 from clearance_jax.mechanism.coordinate import Coordinate
-from clearance_jax.mechanism.driving import drivable, gives_way
-from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts
 from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.variants import drivable, gives_way
 from clearance_jax.spatial import IDENTITY, Term, absent, as_array, length_of, rotation_between
 
 NO_LIMITS = Limits()
@@ -57,10 +56,10 @@ class AbstractChain(Module):
     `sought`: the indices of the free velocities that move the point, passive coordinates included.
     """
 
-    mechanism: eqx.AbstractVar[AbstractMechanism]
-    point: eqx.AbstractVar[str]
-    joints: eqx.AbstractVar[tuple[str, ...]]
-    sought: eqx.AbstractVar[tuple[int, ...]]
+    mechanism: AbstractMechanism
+    point: str = eqx.field(static=True)
+    joints: tuple[str, ...] = eqx.field(static=True)
+    sought: tuple[int, ...] = eqx.field(static=True)
 
     @property
     def frame(self) -> Point:
@@ -101,18 +100,12 @@ class PreparedChain(AbstractChain):
     """A chain of a prepared mechanism."""
 
     mechanism: PreparedMechanism
-    point: str = eqx.field(static=True)
-    joints: tuple[str, ...] = eqx.field(static=True)
-    sought: tuple[int, ...] = eqx.field(static=True)
 
 
 class Chain(AbstractChain):
     """A chain of a mechanism that is not prepared."""
 
     mechanism: Mechanism
-    point: str = eqx.field(static=True)
-    joints: tuple[str, ...] = eqx.field(static=True)
-    sought: tuple[int, ...] = eqx.field(static=True)
 
     def prepare(self) -> PreparedChain:
         """The chain with its mechanism prepared. In space the mechanism is a table, however small it is: that program

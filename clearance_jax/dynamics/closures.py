@@ -1,20 +1,21 @@
-"""Closing of loops: projection of a state, and assembly at the start."""
+"""Closing of loops: projection of a state, assembly at the start, and the mobility that ideal loops leave."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.conditions import conditions, wrong_way
-from clearance_jax.dynamics.constraint import constraint
+from clearance_jax.dynamics.conditions import closure_conditions, conditions, constraint, independent, wrong_way
 from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import frames, sleeve_axes
 from clearance_jax.dynamics.seated import Seated
+from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, move, parts
+from clearance_jax.mechanism.state import initial_values, layout, move, parts
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minus, plus, times
 
@@ -132,3 +133,62 @@ def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
     if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
         return ZERO
     return sleeve_axes(loop, motion).apply(loop.eccentricity.vector)
+
+
+class Mobility(NamedTuple):
+    """How a mechanism can move: the number of its free `velocities`, the number of `conditions` of its ideal loop
+    joints, and how many of these are `independent`.
+    """
+
+    velocities: int
+    conditions: int
+    independent: int
+
+    @property
+    def freedom(self) -> int:
+        """The number of free motions."""
+        return self.velocities - self.independent
+
+    @property
+    def repeated(self) -> int:
+        """The number of conditions that others imply: the degree of over-constraint."""
+        return self.conditions - self.independent
+
+    def __str__(self) -> str:
+        text = f"{self.freedom} of {self.velocities} free velocities, under {self.conditions} conditions"
+        if not self.repeated:
+            return text
+        return (
+            f"{text}, of which {self.repeated} only repeat others (over-constrained): it moves while its lengths and "
+            "angles are exact, and how its joints share the load is not determined"
+        )
+
+
+def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
+    """The mobility of a mechanism as it is assembled at a `time` [s]. At a singular position (a dead centre, for
+    example) fewer conditions may be independent.
+
+    A condition counts as repeated if a solve leaves it out (`conditions.independent`). So rounded lengths do not turn a
+    linkage that moves into a rigid one. The numbers of the `mechanism` must be known: this does not work under jit,
+    vmap or derivatives.
+    """
+    ready, plan = mechanism.prepare(), layout(mechanism)
+    if not ready.closures():
+        return Mobility(plan.free, 0, 0)
+    kept = np.asarray(_independence(ready, jnp.asarray(time, float)))
+    return Mobility(plan.free, kept.size, int(np.sum(kept > 0)))
+
+
+@jax.jit
+def _independence(ready: PreparedMechanism, time: Scalar) -> Array:
+    """By condition of the closures: 1 where it is independent, 0 where others imply it."""
+    plan = layout(ready)
+    y = assemble(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]
+    motion = frames(ready, time, plan.split(y))
+    loop_conditions = closure_conditions(motion)
+    if not loop_conditions or plan.free == 0:
+        return jnp.zeros(len(loop_conditions))
+    inertia = motion.mass_matrix()
+    rows = jnp.stack([now.row.array for now in loop_conditions])
+    spread = jnp.stack([as_array(inertia.solve(list(row))) for row in rows])
+    return independent(rows @ spread.T, loop_conditions, inertia)

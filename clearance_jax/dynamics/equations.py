@@ -11,10 +11,8 @@ from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.alike import numbers_of
 from clearance_jax._compile.barriers import share
-from clearance_jax.dynamics.applied import applied_pairs
-from clearance_jax.dynamics.conditions import Condition, closure_conditions, conditions
-from clearance_jax.dynamics.constraint import closing_pairs, constraint
-from clearance_jax.dynamics.control import exert
+from clearance_jax.dynamics.applied import applied_pairs, exert
+from clearance_jax.dynamics.conditions import Condition, closing_pairs, closure_conditions, conditions, constraint
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError

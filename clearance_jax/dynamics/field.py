@@ -1,20 +1,173 @@
-"""The vector field in rows: scalars in, scalars out.
+"""The vector field in rows, scalars in and scalars out, with the energies and the balance of work and losses along it.
 
 It reads as the physics does: where everything is, what the joints exert, the equations of motion, the rates of the
 laws' memories, the energy balance. The mechanism is an argument, so that no solve traces it again.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Rows, Scalar
-from clearance_jax.dynamics.energy import powers
-from clearance_jax.dynamics.equations import balance
+from clearance_jax._compile.solo import whole
+from clearance_jax.dynamics.applied import load_power
+from clearance_jax.dynamics.equations import Balance, balance
+from clearance_jax.dynamics.frames import Frames, rotors
+from clearance_jax.dynamics.kinematics import frames, plays, spring_state
+from clearance_jax.joints import PreparedClearance
+from clearance_jax.joints._base import each_joint
+from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, position_rates, vector
+from clearance_jax.mechanism.state import State, layout, parts, position_rates, vector
+from clearance_jax.spatial import Term, plus, put, times, total
+
+# Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
+# loss: an integral of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
+BALANCE_TERMS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
+# Part of all energies that counts as exchanged: a million round-offs, so that one round-off is a residual of 1e-6.
+RESTING = 1e6 * float(np.finfo(np.float64).eps)
+# A step starts four round-offs past a break; the step before ended four round-offs before it.
+HAIR = 16 * float(np.finfo(np.float64).eps)
+
+
+def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
+    """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
+    dampers; loss in friction; and the sum of absolute powers (the energy exchanged, against which a residual is
+    judged).
+    """
+    drive = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
+    for effort, speed in zip(now.efforts, state.v, strict=True):
+        drive = plus(drive, times(effort, speed))
+    drive = plus(drive, load_power(mechanism, time, now.motion))
+    absorbed: Term = total(action.absorbed_power for action in now.actions.values())
+    friction: Term = total(action.friction_power for action in now.actions.values())
+    # The joints' losses are part of the efforts, but not work.
+    damped, rubbed = joint_losses(mechanism, state)
+    drive, absorbed, friction = plus(drive, plus(damped, rubbed)), plus(absorbed, damped), plus(friction, rubbed)
+    for spring in mechanism.springs:
+        absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
+    exchanged = jnp.abs(jnp.asarray(drive)) + now.motion.kinetic_exchange(now.acceleration)
+    return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
+
+
+def joint_losses(mechanism: PreparedMechanism, state: State) -> tuple[Term, Term]:
+    """Powers lost in damping and in friction of free coordinates [W]: of lossy actuators and of balls."""
+    damped, rubbed = [], []
+    for part in parts(mechanism):
+        motion = part.coordinate.motion
+        if isinstance(motion, Ball):
+            if motion.damping is not None:
+                damped.append(motion.damping * sum(spin**2 for spin in state.v[part.v]))
+            continue
+        for actuator in motion.actuators:
+            losses = actuator.losses(state.v[part.v.start])
+            damped.append(losses[0])
+            rubbed.append(losses[1])
+    return total(damped), total(rubbed)
+
+
+def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:
+    """Driving force and speed of every prescribed coordinate."""
+    if all(coordinate.motion.is_free for coordinate in mechanism.coordinates()):
+        return []
+    return now.motion.drive_forces([*now.pairs, *now.closing], now.acceleration)
+
+
+class Energies(NamedTuple):
+    """Kinetic energy, potential energy of weight, and elastic energy of springs and contacts [J]."""
+
+    kinetic: Scalar
+    potential: Scalar
+    springs: Scalar
+    contacts: Scalar
+
+    @property
+    def elastic(self) -> Scalar:
+        """Of springs and contacts [J]."""
+        return self.springs + self.contacts
+
+    @property
+    def total(self) -> Scalar:
+        """All together [J]."""
+        return self.kinetic + self.potential + self.elastic
+
+
+@whole
+def energies(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Energies:
+    """The energies of a state."""
+    mechanism = mechanism.at(time)
+    state = layout(mechanism).split(y)
+    motion = frames(mechanism, time, state)
+    kinetic, potential = motion.energies()
+    for i, inertia in rotors(mechanism).items():
+        kinetic = plus(kinetic, 0.5 * inertia * state.v[i] ** 2)
+    springs: Term = 0.0
+    for spring in mechanism.springs:
+        springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)
+    contacts = contact_energy(mechanism, time, motion, state)
+    return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, contacts)))
+
+
+def contact_energy(mechanism: PreparedMechanism, time: Scalar, motion: Frames, state: State) -> Term:
+    """Elastic energy of the contacts [J]."""
+    pins, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
+    stored = [(joint.clearance, pins[joint.name].relative) for joint in joints]
+    return total(each_joint(PreparedClearance.elastic_energy, stored))
+
+
+def balance_at_start(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " terms"]:
+    """The energy balance of a state in which a solve starts."""
+    state = layout(mechanism).split(y)
+    stored = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
+    return jnp.stack([stored if name == "absorbed_work" else jnp.zeros(()) for name in BALANCE_TERMS])
+
+
+def hand_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
+    """A state with the energy balance, where the energy of payloads that came or went just before `time` counts as
+    work.
+    """
+    brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
+    changed = layout(mechanism).size + np.array([BALANCE_TERMS.index(name) for name in ("drive_work", "exchanged")])
+    return put(y, changed, y[changed] + jnp.stack([brought, jnp.abs(brought)]))
+
+
+def just_before(mechanism: PreparedMechanism, time: Scalar) -> PreparedMechanism:
+    """The mechanism with the payloads that it has just before a time."""
+    return mechanism.at(time - HAIR * jnp.abs(time))
+
+
+def read_balance(energy_balance: Float[Array, " terms"], contact: Scalar) -> dict[str, Array]:
+    """Work of the drives, losses and exchanged energy since the start [J]; `contact`: the contacts' elastic energy."""
+    out: dict[str, Array] = dict(zip(BALANCE_TERMS, energy_balance, strict=True))
+    out["damping_loss"] = out.pop("absorbed_work") - contact
+    return out
+
+
+def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -> Scalar:
+    """|energy gained - work of drives + losses| / energy exchanged, between two states with the energy balance.
+
+    A mechanism at rest exchanges nothing, and its round-off must not be divided by that. So the contacts' energy at
+    either end counts as exchanged, and a trace (`RESTING`) of all energies. The springs' energy does not count: beside
+    a preload of a thousand joules a motion could lose all its energy unseen.
+    """
+    y = jnp.stack(states)
+
+    def at(time, y):
+        # A payload that comes or goes just then is handed over by the step that begins there, not by one that ends.
+        now = energies(time, y, just_before(mechanism, time))
+        return now.total, now.contacts, sum(jnp.abs(part) for part in now)
+
+    whole, contacts, present = jax.vmap(at)(jnp.stack(times), y)
+    size = layout(mechanism).size
+    energy_balance = slice(size, size + len(BALANCE_TERMS))
+    moved = read_balance(y[1, energy_balance] - y[0, energy_balance], contacts[1] - contacts[0])
+    lost = moved["damping_loss"] + moved["friction_loss"]
+    exchanged = moved["exchanged"] + jnp.max(contacts) + RESTING * jnp.max(present)
+    return jnp.abs(whole[1] - whole[0] - moved["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)
 
 
 def rate(

@@ -20,10 +20,10 @@ from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChai
 from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, posture_of, shown_length, why_unreached
 from clearance_jax.dynamics.posture import PostureSolution, aim_at, change, find, rates, sought_values
 from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.drives import Quintic
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.minimum_jerk import HERMITE
 from clearance_jax.mechanism.paths import CartesianPath, PreparedPath
-from clearance_jax.mechanism.profiles import Quintic
+from clearance_jax.mechanism.pieces import HERMITE
 
 # Intervals that one call of the program follows; intervals of every smooth part of a path at first.
 BLOCK, FIRST = 32, 4

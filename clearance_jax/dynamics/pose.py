@@ -3,7 +3,7 @@
 In a pose the accelerations of the play coordinates are zero while only the ideal mechanism moves: each joint exerts on
 its pin what the ideal joint would, with all pins where they are. Rounds of "reactions with the pins held, then seats of
 the pins" find it; each round reduces the error by the ratio of clearance to length. Friction of a joint that turns or
-slides shifts the load of a seat (`dynamics/pin_loads`). Newton steps of the whole end the search.
+slides shifts the load of a seat (`dynamics/reactions`). Newton steps of the whole end the search.
 
 A pose has no history. Pins that swing about it, or slide to it slowly, are elsewhere: see `frequency`.
 """
@@ -18,8 +18,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax.dynamics.closures import StartErrors, correct
-from clearance_jax.dynamics.pin_loads import pin_loads
-from clearance_jax.dynamics.reactions import determinate
+from clearance_jax.dynamics.reactions import determinate, pin_loads
 from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, size_of, whole_state
 from clearance_jax.errors import ClearanceError

@@ -17,8 +17,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.small_matrices import small_eigh
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.conditions import closure_conditions
-from clearance_jax.dynamics.constraint import constraint
+from clearance_jax.dynamics.conditions import closure_conditions, constraint
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames, relative_motions
 from clearance_jax.mechanism.prepared import PreparedMechanism

@@ -10,8 +10,8 @@ world's origin. Only free coordinates have rows; `drive_forces` projects the sam
 ones.
 """
 
-from collections.abc import Iterator
-from typing import ClassVar
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -140,16 +140,20 @@ class WrittenOut(Module, Frames):
 
     def composites(self) -> dict[str, Composite]:
         """By body that a free coordinate moves: it and all that hangs on it, as one."""
+        return self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
+
+    def _sums(self, alone: Callable, barriers: Callable, every: bool = False) -> dict[str, Any]:
+        """By body that a free coordinate moves, or `every` body: what it is `alone`, with what hangs on it, as one."""
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]
-            if not frame.free:
+            if not (frame.free or every):
                 continue
-            whole = composite_of(bodies[joint.child], frame)
+            whole = alone(bodies[joint.child])
             for other in self.mechanism.joints:
                 if other.parent == joint.child:
                     whole += out[other.child].move(subtract(self[other.child].pivot, frame.pivot))
-            out[joint.child] = whole if self.mechanism.is_plane else whole.with_barriers()
+            out[joint.child] = whole if self.mechanism.is_plane else barriers(whole)
         return out
 
     def mass_matrix(self, firm=None):
@@ -192,17 +196,7 @@ class WrittenOut(Module, Frames):
 
     def _wrenches(self, extra: TermExtra | None, every: bool = False) -> dict[str, SpatialForce]:
         """`wrenches` of the bodies that a free coordinate moves, or of `every` body."""
-        bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
-        for joint in reversed(self.mechanism.joints):
-            frame = self[joint.child]
-            if not (frame.free or every):
-                continue
-            whole = self._deficit(bodies[joint.child], extra)
-            for other in self.mechanism.joints:
-                if other.parent == joint.child:
-                    whole += out[other.child].move(subtract(self[other.child].pivot, frame.pivot))
-            out[joint.child] = whole if self.mechanism.is_plane else with_barriers(whole)
-        return out
+        return self._sums(lambda body: self._deficit(body, extra), with_barriers, every)
 
     def _deficit(self, body: Body, extra: TermExtra | None) -> SpatialForce:
         """Weight minus inertia forces of a body, about its pivot."""

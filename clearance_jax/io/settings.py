@@ -10,7 +10,7 @@ from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.io.table import naming
 from clearance_jax.joints.presets import Preset
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.play import PRESETS, no_play_reason
+from clearance_jax.mechanism.variants import PRESETS, no_play_reason
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters
 from clearance_jax.units import to_si
 

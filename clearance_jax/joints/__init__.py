@@ -1,20 +1,15 @@
 """Clearance joints: geometry x normal law x friction law."""
 
 from clearance_jax.joints._base import AbstractClearance, PreparedClearance
-from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.ball import SphericalClearance
-from clearance_jax.joints.bearings import rolling_bearing
+from clearance_jax.joints.bearings import angular_contact_pair, crossed_roller, rolling_bearing
 from clearance_jax.joints.bore import Modes
-from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, Relative
-from clearance_jax.joints.elements import PlayDamper, PreloadedBearing
-from clearance_jax.joints.film import ShortBearing
+from clearance_jax.joints.contact import Action, ContactPoint, JointOutline, PlayCoordinate, Relative
+from clearance_jax.joints.elements import AbstractElement, Offset, PlayDamper, PreloadedBearing, ShortBearing
 from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
-from clearance_jax.joints.outline import JointOutline
-from clearance_jax.joints.pin import AbstractPin, Sections
-from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
+from clearance_jax.joints.pin import AbstractPin, RevoluteClearance, Sections
 from clearance_jax.joints.presets import guide_clearance, pin_clearance, shaft, socket
-from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 
 __all__ = [

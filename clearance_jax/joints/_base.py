@@ -23,10 +23,17 @@ from clearance_jax._basis.numerics import safe_unit
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax._compile.barriers import share, with_barriers
-from clearance_jax.joints._element import AbstractElement, Offset
-from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative, carry
-from clearance_jax.joints.depth import depth_of
-from clearance_jax.joints.outline import JointOutline
+from clearance_jax.joints.contact import (
+    Action,
+    ContactPoint,
+    JointOutline,
+    PlayCoordinate,
+    PointAction,
+    Relative,
+    carry,
+    depth_of,
+)
+from clearance_jax.joints.elements import AbstractElement, Offset
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction

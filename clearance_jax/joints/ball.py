@@ -8,8 +8,7 @@ from clearance_jax._basis.numerics import safe_sqrt
 from clearance_jax._basis.types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
-from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
-from clearance_jax.joints.outline import JointOutline
+from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import UNIT, Vector, X, Y, Z, across, cross, dot, scale, subtract
@@ -18,7 +17,7 @@ from clearance_jax.spatial import UNIT, Vector, X, Y, Z, across, cross, dot, sca
 class SphericalClearance(AbstractClearance):
     """The play of a ball in its socket.
 
-    As for a pin in a sleeve (see `revolute`), the contact point lies on the surface of the socket (Flores et al. 2006).
+    As for a pin in a sleeve (see `pin`), the contact point lies on the surface of the socket (Flores et al. 2006).
 
     The bristles of a friction law are a vector in the socket's axes, square to the normal. As the contact moves over
     the socket the plane of contact carries them with it, without turning them about the normal (parallel transport),

@@ -1,6 +1,7 @@
-"""Data of a contact: relative motion, play coordinates, contact points, and their actions."""
+"""Data of a contact: relative motion, play coordinates, contact points, actions, depth, and what pictures show."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -148,3 +149,56 @@ def carry(rates: Memory, memory: Memory, turning: Vector | None) -> Memory:
     vectors = [(memory[i], memory[i + 1], memory[i + 2]) for i in range(0, len(memory), 3)]
     turned = [term for vector in vectors for term in cross(turning, vector)]
     return tuple(rate + term for rate, term in zip(rates, turned, strict=True))
+
+
+class JointOutline(NamedTuple):
+    """The numbers of a joint that its pictures need, in the axes of its sleeve [m]. Datasets keep them.
+
+    - `radius` of the pin or ball, and its `clearance`.
+    - `depth`: how much farther away the wall is (by wear, for example), shape (sectors,) or (heights, sectors): the
+      first sector in the direction of the sleeve's x, the others evenly around it. `None`: the wall is round.
+    - `length` of a pin or a block that tilts, and `heights` along the sleeve at which it may touch; `edges`: whether
+      the joint's `pattern` distinguishes edges, as that of a sleeve.
+    - `through`: whether the sleeve is as long as `length`, or the pin.
+    - `axial`: the play along the sleeve, with the radius `collar` at which faces bear, at `ring` points.
+    - `height` and `width` of a block between flat walls (`width=None`: the walls hold it). Its `radius` is half the
+      height. `height=None`: it is round.
+    - `ball`: whether it is a ball in a socket.
+    """
+
+    radius: Any
+    clearance: Any
+    depth: Any = None
+    length: Any = None
+    heights: Any = (0.0,)
+    edges: bool = False
+    through: bool = True
+    axial: Any = None
+    collar: Any = 0.0
+    ring: int = 0
+    height: Any = None
+    width: Any = None
+    ball: bool = False
+
+
+# Newton iterations for a depth; the longest of them, in powers of e.
+SEARCH, STRIDE = 16, 5.0
+
+
+def depth_of(borne: Callable[[Scalar], Scalar], force: Scalar, start: Scalar) -> Scalar:
+    """The penetration at which a joint bears a force > 0, by Newton's method in logarithms, in which every power law is
+    a straight line.
+
+    It can be differentiated twice, although the slope is hidden from differentiation: at the solution each iteration
+    makes the derivatives of the next order right.
+    """
+
+    def newton(_, logarithm):
+        depth = jnp.exp(logarithm)
+        now, stiffness = borne(depth), jax.lax.stop_gradient(jax.grad(borne)(jax.lax.stop_gradient(depth)))
+        presses = (now > 0) & (stiffness > 0)
+        now, stiffness = jnp.where(presses, now, force), jnp.where(presses, stiffness, 1.0)
+        step = jnp.log(now / force) * jax.lax.stop_gradient(now / (stiffness * depth))
+        return logarithm - jnp.where(presses, jnp.clip(step, -STRIDE, STRIDE), -1.0)
+
+    return jnp.exp(jax.lax.fori_loop(0, SEARCH, newton, jnp.log(start)))

@@ -13,8 +13,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
-from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
-from clearance_jax.joints.outline import JointOutline
+from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate, Relative
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import Vector, X, Y, Z, dot

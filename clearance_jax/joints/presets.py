@@ -12,8 +12,7 @@ from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.checks import check_larger, check_sizes
 from clearance_jax.joints.fitting import BRONZE, STEEL, Fitting
 from clearance_jax.joints.guide import GuideClearance
-from clearance_jax.joints.pin import AbstractPin
-from clearance_jax.joints.revolute import RevoluteClearance
+from clearance_jax.joints.pin import AbstractPin, RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, HuntCrossley, InternalHertz, Material
 

@@ -27,9 +27,8 @@ from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore, finer
 from clearance_jax.joints.checks import GRIPS
-from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
+from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate, Relative
 from clearance_jax.joints.fitting import Tolerance
-from clearance_jax.joints.outline import JointOutline
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, describe, physical

@@ -1,10 +1,10 @@
-"""Contact stiffness from geometry and materials."""
+"""Contact stiffness: from geometry and materials, and larger than it is, to tell the effect of play from elasticity."""
 
 import jax.numpy as jnp
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.laws._base import AbstractStiffness
+from clearance_jax.laws._base import AbstractModifiedLaw, AbstractNormalLaw, AbstractStiffness, Smoothness
 from clearance_jax.laws.geometry import Geometry, Material
 from clearance_jax.parameters import physical
 
@@ -51,3 +51,20 @@ class InternalHertz(AbstractStiffness):
         radius = geometry.pin_radius
         compliance = pin.compliance + sleeve.compliance
         return 4 / (3 * compliance) * jnp.sqrt(radius * (radius + clearance) / clearance)
+
+
+class Stiffened(AbstractModifiedLaw):
+    """`factor` times the force and the energy of a `law`."""
+
+    law: AbstractNormalLaw
+    factor: Scalar = physical("", above=0.0, help="by how much it is stiffer", example="1e6")
+
+    @property
+    def smoothness(self) -> Smoothness:  # type: ignore[override]
+        return self.law.smoothness
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        return self.factor * self.law.formula(constants, penetration, penetration_rate, memory)
+
+    def energy(self, constants, penetration):
+        return self.factor * self.law.energy(constants, penetration)

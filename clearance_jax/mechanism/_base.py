@@ -1,4 +1,4 @@
-"""The base of both kinds of mechanism, the user's and the one prepared for a solve, with their structure."""
+"""The base of both kinds of mechanism, the user's and the one prepared for a solve: structure, and times of breaks."""
 
 import abc
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,15 +9,16 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._basis.module import structural_property
+from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.actuators import instants
+from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.form import EquationForm
-from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
-from clearance_jax.mechanism.play import without_play
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
+from clearance_jax.mechanism.variants import without_play
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
 
@@ -169,3 +170,31 @@ class AbstractMechanism(Parametrised):
     @abc.abstractmethod
     def _with_joints(self: Kind, change: Callable[[AbstractJoint], AbstractJoint]) -> Kind:
         """The same mechanism with every joint changed."""
+
+
+def drive_breaks(mechanism: AbstractMechanism) -> Array:
+    """Times at which a drive, an actuator, a controller's reference or a load has a break, or a payload comes or goes
+    [s]; those of controllers' models included.
+    """
+    motions = [coordinate.motion for coordinate in mechanism.coordinates()]
+    laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
+    laws += [actuator for motion in motions for actuator in motion.actuators]
+    laws += [reference.target for controller in mechanism.controllers for reference in controller.references]
+    handed = [time for body in mechanism.bodies for time in (body.picked_up, body.put_down) if time is not None]
+    handed = [jnp.asarray(time, float)[None] for time in handed]
+    believed = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
+    breaks = [law.breaks() for law in (*laws, *mechanism.wrenches)]
+    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *believed])
+
+
+def sampling_periods(mechanism: AbstractMechanism) -> tuple[float, ...]:
+    """The sampling periods [s]."""
+    periods = [actuator.sampling_period() for c in mechanism.free_coordinates() for actuator in c.motion.actuators]
+    periods += [controller.period for controller in mechanism.controllers]
+    return tuple(sorted({period for period in periods if period is not None}))
+
+
+def breaks_near(mechanism: AbstractMechanism, time: Scalar) -> Array:
+    """`drive_breaks`, and the sampling instants near a time."""
+    sampled = [instants(period, time) for period in sampling_periods(mechanism)]
+    return jnp.concatenate([drive_breaks(mechanism), *sampled])

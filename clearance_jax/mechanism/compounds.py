@@ -11,8 +11,7 @@ from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint
-from clearance_jax.mechanism.joint_keys import TURN_CHILD, TURN_PARENT, axis_key, orientation_key
+from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint, axis_key, child_axes_key, orientation_key
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, present
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, alignment, along
 from clearance_jax.parameters import Parametrised, describe, flatten, physical
@@ -103,8 +102,8 @@ class Spherical(AbstractPlayed):
 
     motion: Ball = flatten(default_factory=Ball)
     """The motion of the ball: always free."""
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
 
@@ -122,8 +121,8 @@ class Universal(AbstractJoint):
 
     turn_1: Turn = turn_key("motion of the turn about x of the joint's frame")
     turn_2: Turn = turn_key("motion of the turn about y, after that")
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
 
     def coordinates(self):
         return (
@@ -142,8 +141,8 @@ class Cylindrical(AbstractPlayed):
 
     slide: Slide = slide_key("motion along the axis")
     turn: Turn = turn_key("motion about the axis")
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
     axis: Axis = axis_key("z")
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
@@ -172,8 +171,8 @@ class Planar(AbstractJoint):
     slide_x: Slide = slide_key("motion along the first axis")
     slide_y: Slide = slide_key("motion along the second axis")
     turn: Turn = turn_key("motion about the axis")
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
     axis: Axis = axis_key("z")
 
     def coordinates(self):
@@ -202,8 +201,8 @@ class Free(AbstractJoint):
     slide_z: Slide = slide_key("motion along the third axis")
     motion: Ball = flatten(default_factory=Ball)
     """The turning of the child: always free."""
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
 
     def coordinates(self):
         slides = zip("xyz", (self.slide_x, self.slide_y, self.slide_z), UNIT, strict=True)

@@ -1,9 +1,13 @@
-"""Elements of joints: elementary coordinates in the tree, conditions in loops."""
+"""What kinds of joints share: elementary coordinates in the tree, conditions in loops, keys of scene files."""
 
 from typing import NamedTuple
 
+import equinox as eqx
+
 from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.placement import Axis, as_axis
+from clearance_jax.parameters import describe
 from clearance_jax.spatial import Vector
 
 
@@ -52,3 +56,25 @@ class JointConstraint(NamedTuple):
     def count(self) -> int:
         """The number of conditions in space."""
         return (3 if self.along is None else len(self.along)) + len(self.square)
+
+
+AXIS = (
+    "what it turns about or slides along, of a planar joint the normal of its plane: an axis of its frame, by its "
+    "letter or by three numbers"
+)
+
+
+def orientation_key(help: str = "roll, pitch and yaw of the joint's frame in the parent's, instead of `angle`"):
+    """The field of the orientation of a joint's frame on its parent."""
+    return describe(help, '["90 deg", "0 deg", "0 deg"]', "not turned", default=None)
+
+
+def child_axes_key():
+    """The field of the orientation of a joint's frame on its child."""
+    return orientation_key("roll, pitch and yaw of the joint's frame in the child's")
+
+
+def axis_key(default: str):
+    """A field that is an axis of the joint's frame."""
+    about = {"help": AXIS, "example": '"z"', "absent": default}
+    return eqx.field(metadata=about, converter=as_axis, default=Axis(default))

@@ -9,12 +9,9 @@ import equinox as eqx
 from clearance_jax.joints import AbstractClearance
 from clearance_jax.joints.presets import PlayNumbers
 from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import check_drives, check_freed, with_drives, without_drives
-from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity
-from clearance_jax.mechanism.play import with_play
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.structure import (
     check_attached,
@@ -27,6 +24,7 @@ from clearance_jax.mechanism.structure import (
     check_tree,
 )
 from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
+from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play, without_drives
 
 NO_GRAVITY = Gravity()
 

@@ -13,9 +13,9 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
 from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.drives import Quintic, Trapezoid
 from clearance_jax.mechanism.motion_laws import Values
 from clearance_jax.mechanism.pieces import Pieces
-from clearance_jax.mechanism.profiles import Quintic, Trapezoid
 from clearance_jax.mechanism.segments import AbstractSegment, Arc, Corner, Curve, Line, Pose, Quadruple, Stretch, Triple
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import as_array, hamilton, of_quaternion

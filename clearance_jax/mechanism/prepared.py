@@ -7,15 +7,13 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.mechanism.body import Body, Point, Spring
-from clearance_jax.mechanism.breaks import sampling_periods
+from clearance_jax.mechanism._base import AbstractMechanism, sampling_periods
+from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import without_sampling
 from clearance_jax.mechanism.links import ONCE, Links, links_of
-from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.variants import without_sampling
 
 
 class PreparedMechanism(AbstractMechanism):
@@ -24,7 +22,7 @@ class PreparedMechanism(AbstractMechanism):
 
     `Mechanism.prepare` makes it, with parts of the same names. All dynamics use it.
 
-    - `chosen`: in a solve, the conditions of its closures that a step asks for (`constraint.choice`).
+    - `chosen`: in a solve, the conditions of its closures that a step asks for (`conditions.choice`).
     - `links`: the table of a large mechanism.
     """
 

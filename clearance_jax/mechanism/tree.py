@@ -19,23 +19,10 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
 from clearance_jax.joints.checks import check_start
 from clearance_jax.mechanism.body import Motion, Motor
-from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint
+from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint, axis_key, child_axes_key, orientation_key
 from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.joint_keys import (
-    AT_CHILD,
-    AT_PARENT,
-    CHILD,
-    PARENT,
-    TURN_CHILD,
-    TURN_PARENT,
-    angle_key,
-    axis_key,
-    body_key,
-    orientation_key,
-    place_key,
-)
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation
-from clearance_jax.parameters import Parametrised, describe, flatten, outside
+from clearance_jax.parameters import Parametrised, describe, flatten, outside, physical
 from clearance_jax.spatial import (
     IDENTITY,
     UNIT,
@@ -56,6 +43,8 @@ from clearance_jax.spatial import (
 
 TURNING = {"coordinate": "rad", "effort": "N*m"}
 SLIDING = {"coordinate": "m", "effort": "N"}
+PLACE = {"example": '["50 mm", "0 mm"]', "absent": "the frame's origin", "default": ORIGIN}
+ANGLE = "angle of the joint's frame in the parent's, about z: a slide moves along its x axis; the child turns too"
 
 
 class AbstractJoint(Parametrised):
@@ -63,11 +52,11 @@ class AbstractJoint(Parametrised):
 
     name: str = eqx.field(static=True)
     """The joint's name."""
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
+    parent: str = describe("the body that the joint is on (its sleeve), or `ground`", '"ground"', static=True)
+    child: str = describe("the body that the joint carries (its pin)", '"crank"', static=True)
+    at_parent: Position = describe("place of the joint in the parent's frame", **PLACE)
+    at_child: Position = describe("place of the joint in the child's frame", **PLACE)
+    angle: Scalar | None = physical("rad", default=None, help=ANGLE, example='"90 deg"', absent="0 deg")
     orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]  # pyright: ignore[reportGeneralTypeIssues]
     child_orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]  # pyright: ignore[reportGeneralTypeIssues]
 
@@ -226,8 +215,8 @@ class Revolute(AbstractPlayed):
         "the sleeve's centre",
         default=ORIGIN,
     )
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
     axis: Axis = axis_key("z")
     motor: Motor | None = None
     """The motor of an elastic drive: the joint turns by the sum of the motor's angle and the spring's, `motion`."""
@@ -271,8 +260,8 @@ class Prismatic(AbstractPlayed):
 
     motion: Motion = flatten(default_factory=Motion)
     """How its slide moves: by a drive, or freely."""
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
     axis: Axis = axis_key("x")
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
@@ -302,8 +291,8 @@ class Prismatic(AbstractPlayed):
 class Fixed(AbstractJoint):
     """A rigid connection of two bodies."""
 
-    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
-    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    orientation: Orientation | PreparedOrientation | None = orientation_key()
+    child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
 
     def coordinates(self):
         return ()

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.mechanism.breaks import drive_breaks
+from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import signal_at, since_field

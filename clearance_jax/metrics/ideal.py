@@ -6,8 +6,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.closures import project
-from clearance_jax.dynamics.mobility import mobility
+from clearance_jax.dynamics.closures import mobility, project
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism

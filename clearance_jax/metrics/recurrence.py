@@ -19,7 +19,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.breaks import sampling_periods
+from clearance_jax.mechanism._base import sampling_periods
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, MetricForm, Request

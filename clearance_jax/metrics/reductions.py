@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.energy import BALANCE_TERMS, energies, read_balance
+from clearance_jax.dynamics.field import BALANCE_TERMS, energies, read_balance
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout

@@ -17,7 +17,7 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.kept import kept_jit
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.quantities import observe
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout

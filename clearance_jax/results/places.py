@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.observe import axes_of, observe
+from clearance_jax.dynamics.quantities import axes_of, observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND

@@ -15,7 +15,7 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Each, EachFlag, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import component_axis, each_lane, sum_components
-from clearance_jax.mechanism.breaks import breaks_near
+from clearance_jax.mechanism._base import breaks_near
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.events import curves, first_event
 from clearance_jax.solve.problem import Problem, motion

@@ -5,9 +5,9 @@ from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
+from clearance_jax.dynamics.applied import renew
 from clearance_jax.dynamics.closures import StartErrors, assemble
-from clearance_jax.dynamics.control import renew
-from clearance_jax.dynamics.energy import balance_at_start
+from clearance_jax.dynamics.field import balance_at_start
 from clearance_jax.dynamics.settled import settle_start
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout

@@ -18,9 +18,9 @@ from clearance_jax._compile.lane_axis import from_lanes, to_lanes
 from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors, project
-from clearance_jax.dynamics.energy import energy_residual
+from clearance_jax.dynamics.field import energy_residual
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.breaks import drive_breaks
+from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve import lanes
 from clearance_jax.solve.attempt import Options, Outcome, SolveTask

@@ -18,7 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax.dynamics.energy import BALANCE_TERMS
+from clearance_jax.dynamics.field import BALANCE_TERMS
 from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout

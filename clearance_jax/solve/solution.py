@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._basis.module import Module
 from clearance_jax._compile.solo import solo_jit
-from clearance_jax.dynamics.energy import BALANCE_TERMS
+from clearance_jax.dynamics.field import BALANCE_TERMS
 from clearance_jax.dynamics.quantities import QuantityEntry, evaluate, quantities
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError, suggest

@@ -10,9 +10,8 @@ from jaxtyping import Array
 
 from clearance_jax._basis.types import Code, Each, EachFlag, Flag, Scalar
 from clearance_jax._compile.lane_axis import each_lane
-from clearance_jax.dynamics.closures import StartErrors
+from clearance_jax.dynamics.closures import StartErrors, mobility
 from clearance_jax.dynamics.kinematics import relative_motions
-from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism

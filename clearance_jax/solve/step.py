@@ -12,12 +12,12 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Each, EachFlag, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import component_axis, components, each_lane, sharing_lanes
+from clearance_jax.dynamics.applied import renew
 from clearance_jax.dynamics.closures import project
-from clearance_jax.dynamics.constraint import choice
-from clearance_jax.dynamics.control import renew
-from clearance_jax.dynamics.energy import hand_over
+from clearance_jax.dynamics.conditions import choice
+from clearance_jax.dynamics.field import hand_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
-from clearance_jax.mechanism.breaks import drive_breaks
+from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.problem import Problem, field, lift, motion, split, with_model
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Each, Flag, Scalar
-from clearance_jax.dynamics.energy import BALANCE_TERMS
+from clearance_jax.dynamics.field import BALANCE_TERMS
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.prepared import PreparedMechanism

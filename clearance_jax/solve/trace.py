@@ -17,7 +17,7 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._compile.kept import kept_jit
 from clearance_jax._compile.one_function import one_function
-from clearance_jax.dynamics.energy import energy_residual
+from clearance_jax.dynamics.field import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result, words

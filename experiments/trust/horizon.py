@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.analysis.divergence import horizon_of, neighbours
+from clearance_jax.analysis.scatter import horizon_of, neighbours
 from clearance_jax.analysis.trust import THRESHOLDS
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run

@@ -6,8 +6,7 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.analysis import scatter
-from clearance_jax.analysis.divergence import horizon_of
-from clearance_jax.analysis.scatter import regression
+from clearance_jax.analysis.scatter import horizon_of, regression
 from clearance_jax.analysis.trust import UntrustedGradient
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.settings import Settings

@@ -12,10 +12,9 @@ from places import SCENES
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics import equations
-from clearance_jax.dynamics.energy import energies
-from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.field import energies, slope
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.quantities import observe
 from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.solve.first_state import closed_start
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.cli.main import app
-from clearance_jax.mechanism.play import with_play
+from clearance_jax.mechanism.variants import with_play
 from clearance_jax.parameters import bounds_hold, check_values
 
 pytestmark = pytest.mark.quick

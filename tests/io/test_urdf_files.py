@@ -9,7 +9,7 @@ from clearance_jax.io.urdf.bodies import mass_matrix, merge
 from clearance_jax.io.urdf.elements import read_xml
 from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.io.urdf.robot import rotation_of, rpy_of
-from clearance_jax.mechanism.limits import Limits
+from clearance_jax.mechanism.body import Limits
 from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO, hinge, link, robot
 from tests.urdf_reference import homogeneous, poses, pseudo_inertia, tree
 

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax.cli.main import app
-from clearance_jax.dynamics.energy import energies
-from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.field import energies, slope
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.scene.scene import load_scene

@@ -7,7 +7,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.quantities import observe
 
 pytestmark = pytest.mark.quick
 

@@ -10,8 +10,7 @@ import scipy.optimize
 
 from clearance_jax import laws
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints._element import Offset
-from clearance_jax.joints.film import ShortBearing
+from clearance_jax.joints.elements import Offset, ShortBearing
 
 VISCOSITY, CLEARANCE, RADIUS, LENGTH = 0.05, 1e-4, 0.02, 0.015
 GEOMETRY = laws.Geometry(*(jnp.asarray(x) for x in (RADIUS, RADIUS + CLEARANCE, CLEARANCE, LENGTH)))

@@ -12,10 +12,9 @@ from scipy.optimize import brentq
 
 import clearance_jax as cj
 from clearance_jax.dynamics.chain import chain_of
-from clearance_jax.dynamics.deflected import deflect
-from clearance_jax.dynamics.energy import energies
-from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.field import energies, slope
 from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax.dynamics.settled import deflect
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.state import initial_values, layout
 
@@ -48,7 +47,7 @@ def test_a_motor_and_its_link_swing_against_each_other():
 
 def test_a_rotor_in_space_is_that_in_the_plane_in_every_form():
     """Unrolled and as arrays: a chain whose motors have rotors, against the same joint by joint."""
-    from clearance_jax.dynamics.control import inverse_dynamics
+    from clearance_jax.dynamics.applied import inverse_dynamics
 
     robot = cj.load("experiments/scenes/six_axes.urdf").without_drives([f"axis_{i}" for i in range(1, 7)])
     turns = [joint for joint in robot.joints if isinstance(joint, cj.Revolute)]

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import metrics
 from clearance_jax.cli.main import app
-from clearance_jax.dynamics.observe import observe
-from clearance_jax.mechanism.breaks import breaks_near, sampling_periods
+from clearance_jax.dynamics.quantities import observe
+from clearance_jax.mechanism._base import breaks_near, sampling_periods
 
 # Two carts on a line: a motor, and a link on it behind a spring.
 MOTOR, LINK, SPRING, DAMPING = 2.0, 1.0, 400.0, 3.0

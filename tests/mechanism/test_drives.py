@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 
 import clearance_jax as cj
 from clearance_jax._basis.types import Scalar
+from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.actuators import AbstractActuator
-from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.motion_laws import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.parameters import physical

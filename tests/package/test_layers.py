@@ -44,7 +44,7 @@ COMPILER = f"{PACKAGE}._compile"
 PHYSICS = {"laws", "joints", "mechanism", "metrics", "wear", "design"}
 KNOW_THE_COMPILER = {
     *("laws._friction", "joints._base", "joints.bore", "joints.guide", "joints.sleeve", "mechanism.form"),
-    *("mechanism.motion_laws", "mechanism.paths", "mechanism.pieces", "mechanism.profiles"),
+    *("mechanism.motion_laws", "mechanism.paths", "mechanism.pieces", "mechanism.drives"),
     *("metrics.signals", "design.budget"),
 }
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.

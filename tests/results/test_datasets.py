@@ -12,7 +12,7 @@ import xarray as xr
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.quantities import observe
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.observed import FirstFall
 from clearance_jax.results import blocks, episodes

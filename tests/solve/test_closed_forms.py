@@ -19,7 +19,7 @@ from scipy.special import gamma
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.quantities import observe
 from clearance_jax.laws.normal.ratios import exact_ratio
 from clearance_jax.results.episodes import ContactWarning
 from clearance_jax.solve.first_state import initial_state

@@ -12,7 +12,7 @@ from places import REFERENCE, SCENES
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.dynamics.energy import energy_residual
+from clearance_jax.dynamics.field import energy_residual
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.solve.trace import BLOCK
 

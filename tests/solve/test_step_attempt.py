@@ -15,7 +15,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax._compile.barriers import BARRIER
 from clearance_jax.dynamics.kinematics import relative_motions
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.quantities import observe
 from clearance_jax.joints import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import ImplausibleWarning
 from clearance_jax.mechanism.state import layout

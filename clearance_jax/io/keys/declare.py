@@ -21,8 +21,8 @@ from clearance_jax.io.keys.kinds import (
     Whole,
     Word,
 )
+from clearance_jax.mechanism.body import Force, Torque
 from clearance_jax.mechanism.compounds import Slide, Spin, Turn
-from clearance_jax.mechanism.loads import Force, Torque
 from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})

@@ -18,12 +18,10 @@ from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
 from clearance_jax.joints import AbstractClearance
 from clearance_jax.joints.checks import ImplausibleWarning, above_pin
-from clearance_jax.mechanism.body import Body, Point, Spring
-from clearance_jax.mechanism.compliance import Compliance, with_compliance
+from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
-from clearance_jax.mechanism.loads import Wrench
+from clearance_jax.mechanism.imperfections import Compliance, with_compliance, with_misalignment
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.misalignment import with_misalignment
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.structure import check_model
 from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic

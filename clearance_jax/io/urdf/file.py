@@ -40,7 +40,7 @@ from clearance_jax.io.urdf.robot import (
     robot_of,
     rotation_of,
 )
-from clearance_jax.mechanism.limits import Limits
+from clearance_jax.mechanism.body import Limits
 
 # Elements without effect on the motion: looks, shapes for collisions, calibration, soft limits.
 PASSED = {"visual", "collision", "collision_checking", "contact", "material", "calibration", "safety_controller"}

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.mechanism.limits import Limits
+from clearance_jax.mechanism.body import Limits
 
 Triple = tuple[float, float, float]
 Vector3 = Float[np.ndarray, "3"]

@@ -2,12 +2,18 @@
 tests.
 """
 
-from clearance_jax.laws.friction._bristles import SmoothedBristles
-from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic
-from clearance_jax.laws.friction.coulomb import CubicCoulomb, TanhCoulomb
-from clearance_jax.laws.friction.lugre import LuGre
-from clearance_jax.laws.friction.stribeck import BrownMcPhee
-from clearance_jax.laws.friction.velocity import AdamsFriction, Ambrosio, BengisuAkay, Stribeck, Threlfall
+from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic, LuGre
+from clearance_jax.laws.friction.bristles import SmoothedBristles as SmoothedBristles
+from clearance_jax.laws.friction.velocity import (
+    AdamsFriction,
+    Ambrosio,
+    BengisuAkay,
+    BrownMcPhee,
+    CubicCoulomb,
+    Stribeck,
+    TanhCoulomb,
+    Threlfall,
+)
 
 FRICTION_LAWS = {
     "cubic": CubicCoulomb,
@@ -23,19 +29,3 @@ FRICTION_LAWS = {
     "elasto-plastic": ElastoPlastic,
 }
 """Friction laws by the name a scene file gives them."""
-
-__all__ = [
-    "FRICTION_LAWS",
-    "AdamsFriction",
-    "Ambrosio",
-    "BengisuAkay",
-    "BrownMcPhee",
-    "CubicCoulomb",
-    "Dahl",
-    "ElastoPlastic",
-    "LuGre",
-    "SmoothedBristles",
-    "Stribeck",
-    "TanhCoulomb",
-    "Threlfall",
-]

@@ -1,4 +1,4 @@
-"""Friction laws of the slip alone, from the literature: T = -mu(|v|) N v/|v|. Each of them creeps under load.
+"""Friction laws of the slip alone: T = -mu(|v|) N v/|v|, steep at zero or with a peak. They creep under load.
 
 Their formulas are those of the size v of the slip.
 """
@@ -23,6 +23,50 @@ def _magnitude(v: Scalar) -> tuple[Scalar, Scalar]:
     """|v| and the sign of v; its slope at zero is that of v > 0."""
     sign = jnp.where(v < 0, -1.0, 1.0)
     return sign * v, sign
+
+
+class CubicCoulomb(AbstractFrictionLaw):
+    """T = -mu N (3 x - x^3)/2 with x = min(1, v/v_c): Coulomb friction from v_c on. A pin creeps under load.
+
+    Source: Qian et al. 2022, Eq. 8 (doi 10.3390/app122111041), whose first branch must read -mu.
+
+    **Arguments:** `coefficient` mu; `transition_speed` v_c [m/s] (the paper does not give it).
+    """
+
+    coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
+    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    smoothness: ClassVar[Smoothness] = "C1"
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            x = jnp.clip(v * (1.0 / self.transition_speed), -1.0, 1.0)
+            return -0.5 * self.coefficient * normal_force * x * (3 - x * x)
+
+        return along_slip(profile, slip)
+
+    def kinks(self):
+        mu, fast = self.coefficient, self.transition_speed
+        return (Kink(fast, mu, 0.0, 3 * mu / fast**2),)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return (outside(slip, self.transition_speed),)
+
+
+class TanhCoulomb(AbstractFrictionLaw):
+    """T = -mu N tanh(v/v_t). **Arguments:** `coefficient` mu, `transition_speed` v_t [m/s]."""
+
+    coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
+    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    smoothness: ClassVar[Smoothness] = "C2"
+
+    def traction(self, constants, slip, normal_force, memory):
+        return along_slip(
+            lambda v: -self.coefficient * normal_force * jnp.tanh(v * (1.0 / self.transition_speed)), slip
+        )
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        # A step across the whole layer may sample it so that its error estimate cancels by accident: an edge cuts it.
+        return (outside(slip, 2 * self.transition_speed),)
 
 
 class AdamsFriction(AbstractFrictionLaw):
@@ -200,3 +244,28 @@ class Stribeck(AbstractFrictionLaw):
     def event_functions(self, constants, slip, normal_force, memory):
         # As of `TanhCoulomb`.
         return (outside(slip, 2 * self.transition_speed),)
+
+
+class BrownMcPhee(AbstractFrictionLaw):
+    """T = -N (mu_d tanh(4 x) + (mu_s - mu_d) x / (x^2/4 + 3/4)^2), x = v/v_t (Brown and McPhee 2016,
+    doi 10.1007/s11044-015-9471-9). Smooth, with a peak near mu_s at v_t.
+
+    **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d, `transition_speed` v_t [m/s].
+    """
+
+    static_coefficient: Scalar = physical("", least=0.0, **STATIC)
+    dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
+    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
+    smoothness: ClassVar[Smoothness] = "C2"
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            x = v * (1.0 / self.transition_speed)
+            bump = x / (0.25 * x * x + 0.75) ** 2
+            stribeck = (self.static_coefficient - self.dynamic_coefficient) * bump
+            return -normal_force * (self.dynamic_coefficient * jnp.tanh(4 * x) + stribeck)
+
+        return along_slip(profile, slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return (outside(slip, self.transition_speed),)

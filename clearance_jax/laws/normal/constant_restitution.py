@@ -16,8 +16,8 @@ from jax.core import Tracer
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
-from clearance_jax.laws.normal._power import power, power_energy
-from clearance_jax.laws.normal.oscillator import oscillator_ratio, oscillator_restitution
+from clearance_jax.laws.normal.power_laws import power, power_energy
+from clearance_jax.laws.normal.ratios import oscillator_ratio, oscillator_restitution
 from clearance_jax.laws.normal.restitution import Damped
 from clearance_jax.parameters import describe, physical
 

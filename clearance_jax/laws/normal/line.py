@@ -12,8 +12,8 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws.geometry import Geometry, Material
 from clearance_jax.laws.normal import ratios, relations
-from clearance_jax.laws.normal._impact import RESTITUTION, SLOWEST, AbstractImpactLaw
 from clearance_jax.laws.normal.relations import ContactLine, Relation
+from clearance_jax.laws.normal.restitution import RESTITUTION, SLOWEST, AbstractImpactLaw
 from clearance_jax.parameters import physical
 
 

@@ -4,17 +4,75 @@ v0 is the approach speed at the last touch, an event state: it is latched when c
 the damping ratio a(e) for a coefficient of restitution e; a member is a function and a catalogue line.
 """
 
+import abc
+import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.laws._base import Smoothness, stiffness_of
+from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal import ratios
-from clearance_jax.laws.normal._impact import RESTITUTION, SLOWEST, AbstractImpactLaw
-from clearance_jax.laws.normal._power import STIFFNESS, power, power_energy, stiffness_unit
+from clearance_jax.laws.normal.power_laws import EXPONENT, STIFF, STIFFNESS, power, power_energy, stiffness_unit
 from clearance_jax.parameters import physical
+
+RESTITUTION = "coefficient of restitution e"
+SLOWEST = "the least impact speed that it reckons with"
+
+
+class AbstractImpactLaw(AbstractNormalLaw):
+    """A law with an elastic force F_e, and a damping that remembers the speed v0 of the last impact; without
+    `restitution` it is elastic. Its constants have a `damping_ratio`.
+    """
+
+    restitution: eqx.AbstractVar[Scalar | None]
+    ratio: eqx.AbstractVar[Callable]
+    minimum_impact_speed: eqx.AbstractVar[Scalar]
+
+    @property
+    def remembers(self):  # type: ignore[override]
+        return () if self.restitution is None else ("impact_speed",)
+
+    @property
+    def clips(self):
+        return self.restitution is not None
+
+    @property
+    def damping_ratio(self) -> Scalar | None:
+        """a(e); `None`: elastic."""
+        return None if self.restitution is None else self.ratio(self.restitution)
+
+    def delivered_restitution(self, speed=None, mass=None, geometry=None):
+        """The restitution that a free impact really has: without `speed`, of one faster than `minimum_impact_speed`."""
+        ratio = self.damping_ratio
+        if ratio is None:
+            return jnp.ones(())
+        slow = 1.0 if speed is None else jnp.minimum(1.0, speed / self.minimum_impact_speed)
+        return ratios.delivered_restitution(ratio * slow)
+
+    def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
+        """The law with the `restitution` as its own, and the ratio a(e) that delivers it."""
+        numbers = {"restitution": jnp.asarray(restitution, float), "ratio": ratios.exact_ratio}
+        return dataclasses.replace(self, **numbers)
+
+    @abc.abstractmethod
+    def elastic(self, constants: Any, penetration: Scalar) -> Scalar:
+        """The elastic force F_e [N]."""
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        elastic = self.elastic(constants, penetration)
+        if constants.damping_ratio is None:
+            return elastic
+        speed = jnp.maximum(memory[0], self.minimum_impact_speed)
+        return elastic * (1 + constants.damping_ratio * penetration_rate / speed)
+
+    def latch(self, constants, memory, touch):
+        if not memory:
+            return memory
+        speed = jnp.where(touch.began, jnp.maximum(touch.penetration_rate, self.minimum_impact_speed), memory[0])
+        return (jnp.where(touch.ended, 0.0, speed),)
 
 
 class Damped(NamedTuple):
@@ -32,12 +90,10 @@ class RestitutionLaw(AbstractImpactLaw):
     without bound for a pin that comes to rest.
     """
 
-    stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
+    stiffness: Any = physical(STIFFNESS, **STIFF)
     restitution: Scalar = physical("", above=0.0, below=1.0, help=RESTITUTION, example="0.7")
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
-    exponent: Scalar | None = physical(
-        "", least=1.0, default=None, help="exponent n of the penetration", example="1.5", absent="1.5"
-    )
+    exponent: Scalar | None = physical("", **EXPONENT)
     minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
     smoothness: ClassVar[Smoothness] = "C1"
 

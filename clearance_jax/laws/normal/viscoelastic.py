@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from clearance_jax._basis.numerics import positive_part
 from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
-from clearance_jax.laws.normal._power import STIFFNESS, power, power_energy, stiffness_unit
+from clearance_jax.laws.normal.power_laws import STIFFNESS, power, power_energy, stiffness_unit
 from clearance_jax.parameters import physical
 
 # A usual penetration for the error control, over the clearance.

@@ -1,0 +1,118 @@
+"""Mechanisms with elastic drives, and with joints that are off their places and directions.
+
+In an elastic drive a motor turns its link through gears and shafts, modelled as a spring and a damper. The joint then
+has two coordinates about its axis. `NAME_motor` is that of the motor, which moves as the joint's drive or actuators
+say; `NAME` is the deflection of the spring, by which the link is ahead of it. The sleeve is on the parent, and the pin
+turns in it with the link, by the sum of both. A motor moved by actuators has the inertia of its rotor as seen through
+its gears, `Motion.rotor_inertia`. (The flexible joint of Spong, Modeling and control of elastic joint robots, ASME
+Journal of Dynamic Systems, Measurement, and Control 109, 1987.)
+
+A misaligned joint has errors of link lengths, axes and zeros of coordinates. It gets two frames without mass:
+`NAME_frame` is where it is meant to be, the joint `NAME_misalignment` places `NAME_axis` on it, and the joint itself is
+on `NAME_axis`. The ideal mechanism has no misalignment, so errors of position and orientation include its effect.
+"""
+
+import dataclasses
+from collections.abc import Iterable
+
+from clearance_jax._basis.types import Scalar
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism.actuators import DriveSpring
+from clearance_jax.mechanism.body import Body, Motion, Motor
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
+from clearance_jax.mechanism.tree import AbstractJoint, Fixed, Misalignment, Prismatic, Revolute
+from clearance_jax.mechanism.variants import motor_of
+from clearance_jax.parameters import Parametrised, physical
+
+
+class Compliance(Parametrised):
+    """The elasticity between a motor and its link.
+
+    **Arguments:**
+
+    - `stiffness` [N m/rad] and `damping` [N m s/rad], seen from the link; of a slide [N/m] and [N s/m].
+    - `rotor_inertia` [kg m^2], or [kg]: of a motor that actuators move: the inertia of the rotor times the square of
+      the gear ratio.
+    """
+
+    stiffness: Scalar = physical("effort/coordinate", above=0.0, help="stiffness", example='"50 kN*m/rad"')
+    damping: Scalar = physical("effort*s/coordinate", least=0.0, default=0.0, help="damping", example='"20 N*m*s/rad"')
+    rotor_inertia: Scalar | None = physical(
+        "effort*s^2/coordinate",
+        above=0.0,
+        default=None,
+        help="inertia of the motor's rotor, seen through the gears",
+        example='"1.5 kg*m^2"',
+        absent="a drive that is followed exactly",
+    )
+
+
+def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> Mechanism:
+    """The same mechanism with an elastic drive in the joint `name`. Its drive or its actuators then belong to the
+    coordinate `NAME_motor`.
+
+    **Arguments:** `mechanism`; `name`: of a revolute or prismatic joint of the tree; `compliance`: spring and damper.
+
+    **Raises:** `ClearanceError` for a joint of another kind, for a joint that nothing drives, for a rotor's inertia
+    under a drive (which prescribes the rotor's motion), for its lack under actuators, and where the drive gives way
+    already.
+    """
+    joint = mechanism.joint(name)
+    if not isinstance(joint, Revolute | Prismatic) or joint not in mechanism.joints:
+        raise ClearanceError(f"The drive of joint `{name}` cannot give way: only those of pins and slides of the tree.")
+    if joint.motor is not None:
+        raise ClearanceError(f"The drive of joint `{name}` gives way already.")
+    if joint.motion.is_free and not joint.motion.actuators:
+        raise ClearanceError(f"Nothing drives joint `{name}`: give it a drive or an actuator before it gives way.")
+    if joint.motion.is_free and compliance.rotor_inertia is None:
+        raise ClearanceError(f"The motor of joint `{name}` is moved by actuators: give its `rotor_inertia`.")
+    if not joint.motion.is_free and compliance.rotor_inertia is not None:
+        raise ClearanceError(
+            f"`rotor_inertia` has no effect in joint `{name}`: its drive is followed exactly, whatever its motor is."
+        )
+    inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
+    spring = Motion(actuators=(DriveSpring(compliance.stiffness, compliance.damping, name="compliance"),))
+    return mechanism.with_joint(dataclasses.replace(joint, motor=Motor(**vars(joint.motion) | inertia), motion=spring))
+
+
+def with_misalignment(mechanism: Mechanism, names: Iterable[str] | None = None) -> Mechanism:
+    """The same mechanism whose joints can be off the places and the directions that they are meant to have. All that
+    they are off by is zero at first: scatter it by its names, of the joint `hip`
+
+    - `hip_misalignment.at_parent.x`, `.y`, `.z` [m]: the place of its frame, along the frame's own axes;
+    - `hip_misalignment.orientation.roll`, `.pitch`, `.yaw` [rad]: turns of its frame about its own axes. The one about
+      the joint's axis (`yaw` for z) is the error of the coordinate's zero, which a calibration leaves.
+
+    In the plane these are `x`, `y` and `yaw`.
+
+    **Arguments:** `mechanism`; `names`: of joints of the tree; `None`: all that move.
+
+    **Raises:** `ClearanceError` for an unknown joint, one that closes a loop, and one that is misaligned already.
+    """
+    known = [joint.name for joint in mechanism.joints]
+    moving = [joint.name for joint in mechanism.joints if joint.own_coordinates()]
+    wanted = moving if names is None else list(names)
+    for name in wanted:
+        if name not in known:
+            raise ClearanceError(f"There is no joint `{name}` of the tree to be misaligned. " + suggest(name, known))
+        if f"{name}_misalignment" in known:
+            raise ClearanceError(f"Joint `{name}` has a misalignment already. Name it once.")
+    plane, bodies, joints = mechanism.is_plane, list(mechanism.bodies), []
+    for joint in mechanism.joints:
+        if joint.name in wanted:
+            bodies += [Body(f"{joint.name}_frame"), Body(f"{joint.name}_axis")]
+            joints += _misaligned(joint, plane)
+        else:
+            joints.append(joint)
+    return dataclasses.replace(mechanism, bodies=tuple(bodies), joints=tuple(joints))
+
+
+def _misaligned(joint: AbstractJoint, plane: bool) -> list[AbstractJoint]:
+    """The joint's nominal frame, its misalignment, and the joint on it."""
+    meant, axis, name = f"{joint.name}_frame", f"{joint.name}_axis", f"{joint.name}_misalignment"
+    place = Fixed(f"{joint.name}_place", joint.parent, meant, joint.at_parent, ORIGIN, joint.angle, joint.orientation)
+    none = None if plane else 0.0
+    off = Misalignment(name, meant, axis, Position(0.0, 0.0, none), ORIGIN, None, Orientation(none, none, 0.0))
+    changed = {"parent": axis, "at_parent": ORIGIN, "angle": None, "orientation": None}
+    return [place, off, dataclasses.replace(joint, **changed)]  # pyright: ignore[reportArgumentType]
