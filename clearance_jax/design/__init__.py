@@ -7,7 +7,6 @@ from clearance_jax.design.classes import ChosenClasses, ToleranceClass, fit_cost
 from clearance_jax.design.conditions import Payload, condition_product
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.drawing import JointDrawing
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings
 from clearance_jax.design.formulation import formulate
@@ -16,7 +15,7 @@ from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned, Band, Part, Yield
 from clearance_jax.design.methods import METHODS, Method
 from clearance_jax.design.problem import ToleranceProblem
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.run import run
 from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.specification import Limit, Specification

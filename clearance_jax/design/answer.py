@@ -9,9 +9,8 @@ from clearance_jax.ask.place import SolvePlace, place_of
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.methods import Method
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.verify import certify, judge_of, moved_inside
 from clearance_jax.design.yields import YieldEstimate

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.design.evaluation import SLACK, Evaluation
-from clearance_jax.design.program import BudgetSpent, Program
+from clearance_jax.design.program import SLACK, BudgetSpent, Evaluation, Program
 from clearance_jax.design.run import INTERRUPTED, SPENT
 
 # A node is not split where it can save no more than this part of the cost.

@@ -11,10 +11,9 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.branch_and_bound import BoundedOptimum, BranchAndBound
 from clearance_jax.design.classes import ChosenClasses, ToleranceClass, least_ends
 from clearance_jax.design.evaluate import FEW, simulations_of
-from clearance_jax.design.evaluation import SLACK, Evaluation
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import SLACK, Evaluation, Program
 from clearance_jax.design.run import run
-from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import scenarios_of
 
 
 def choose_classes(

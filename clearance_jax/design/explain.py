@@ -10,11 +10,10 @@ import numpy as np
 from clearance_jax.ask.place import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import simulations_of
-from clearance_jax.design.evaluation import SLACK, Evaluation
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import SLACK, Evaluation, Program
 from clearance_jax.design.run import INTERRUPTED, run
-from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import scenarios_of
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.solve.settings import QUASI_STATIC
 from clearance_jax.units import format_quantity

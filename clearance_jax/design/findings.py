@@ -16,7 +16,7 @@ from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.loads import JointLoad, joint_loads
 from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.observed import Observed, observe, sample_times
-from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.specification import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, chosen_fits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of

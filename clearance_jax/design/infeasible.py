@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from clearance_jax.design.evaluation import SLACK, Evaluation
 from clearance_jax.design.formulation import formulate, unposed
-from clearance_jax.design.program import Program
-from clearance_jax.design.scenarios import scenarios_of
-from clearance_jax.design.specification import Specification
+from clearance_jax.design.program import SLACK, Evaluation, Program
+from clearance_jax.design.specification import Specification, scenarios_of
 from clearance_jax.design.unreachable import CARRIED, CLEARANCE, carried_words, unreachable_words
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism

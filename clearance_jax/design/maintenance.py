@@ -6,8 +6,7 @@ import numpy as np
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import Simulations
-from clearance_jax.design.scenarios import Scenario, scenarios_of
-from clearance_jax.design.specification import Limit
+from clearance_jax.design.specification import Limit, Scenario, scenarios_of
 from clearance_jax.design.worn import without_wear
 from clearance_jax.wear import AbstractAged
 

@@ -14,8 +14,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Scalar
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.question import Question
-from clearance_jax.design.scenarios import Scenario
-from clearance_jax.design.specification import Specification
+from clearance_jax.design.specification import Scenario, Specification
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout

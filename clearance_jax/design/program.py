@@ -1,4 +1,4 @@
-"""A design problem as a nonlinear program, with a memory of every evaluated point.
+"""A design problem as a nonlinear program, with a memory and a record of every evaluated point.
 
 Variables are positive lengths of very different size, so solvers work in their logarithms. A limit is (value / bound -
 1), and holds if it is not positive.
@@ -7,15 +7,64 @@ Variables are positive lengths of very different size, so solvers work in their 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.record import evaluation_of, record_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.runs.journal import Journal
 from clearance_jax.solve.settings import DYNAMICS
+
+# A limit counts as held if it is violated by at most this share of its bound, as solvers end on the limit itself.
+SLACK = 1e-9
+
+
+class Evaluation(NamedTuple):
+    """An evaluated design.
+
+    - `x` (n,): the variables; `objective`; `limits` (m,): value over bound, minus 1, of each limit.
+    - `gradient` (n,) of the objective and `jacobian` (m, n) of the limits by x; `None`: not asked for.
+    - `fidelity`: the model of the motion by which it was evaluated.
+    """
+
+    x: np.ndarray
+    objective: float
+    limits: np.ndarray
+    gradient: np.ndarray | None = None
+    jacobian: np.ndarray | None = None
+    fidelity: str = DYNAMICS
+
+    @property
+    def worst(self) -> float:
+        """The most violated limit; minus infinity without limits, infinite if a number is not finite."""
+        if not math.isfinite(self.objective) or not np.all(np.isfinite(self.limits)):
+            return math.inf
+        return float(np.max(self.limits, initial=-math.inf))
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is held."""
+        return self.worst <= SLACK
+
+
+def record_of(point: Evaluation) -> dict[str, Any]:
+    """A design as a record."""
+    return {k: _plain(v.tolist() if isinstance(v, np.ndarray) else v) for k, v in point._asdict().items()}
+
+
+def _plain(value: Any) -> Any:
+    """A value for JSON: numbers that are not finite as text."""
+    if isinstance(value, list):
+        return [_plain(v) for v in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def evaluation_of(record: Mapping[str, Any]) -> Evaluation:
+    """The design of a record."""
+    arrays = ("x", "limits", "gradient", "jacobian")
+    values = {k: None if record[k] is None else np.asarray(record[k], float) for k in arrays}
+    return Evaluation(objective=float(record["objective"]), fidelity=record["fidelity"], **values)
+
 
 # Points whose variables differ by less than this, relative, are the same.
 ROUND_OFF = 1e-14

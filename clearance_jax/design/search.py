@@ -15,17 +15,15 @@ from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.class_search import choose_classes, without_classes
 from clearance_jax.design.classes import NONE_CHOSEN, Candidates, classes_of, priced
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate, objective_of, unposed
 from clearance_jax.design.infeasible import why_infeasible
 from clearance_jax.design.manufacture import Neighbours
 from clearance_jax.design.methods import AUTO, METHODS, Method, method_of
 from clearance_jax.design.model_management import MATCHED, MATCHED_VALUES
-from clearance_jax.design.program import BudgetSpent, Program
-from clearance_jax.design.run import INTERRUPTED, SPENT, USELESS, run
+from clearance_jax.design.program import BudgetSpent, Evaluation, Program
+from clearance_jax.design.run import INTERRUPTED, SPENT, USELESS, run, trade
 from clearance_jax.design.specification import AUTO as BOTH
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.trades import trade
 from clearance_jax.design.unreachable import unreachable
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace

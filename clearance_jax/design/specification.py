@@ -1,11 +1,13 @@
-"""The specification of a tolerance problem, checked: variables, limits, conditions, costs, options."""
+"""The specification of a tolerance problem, checked: variables, limits, conditions, costs, options; its scenarios."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.module import Module
@@ -279,3 +281,30 @@ class Specification:
     def nominal(self) -> "Specification":
         """The same for parts exactly as designed."""
         return dataclasses.replace(self, manufacture=AsDesigned())
+
+
+class Scenario(NamedTuple):
+    """One simulation of a design: its `title`, `values` of numbers by name, `factors` (n,) on the variables; for a part
+    as made, `designed` are the values as designed (`None`: it is the design itself).
+    """
+
+    title: str
+    values: Mapping[str, jax.Array]
+    factors: np.ndarray
+    designed: Mapping[str, jax.Array] | None = None
+
+
+def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
+    """The scenarios of a problem, condition by condition; `fresh` > 0: with so many new samples, by `seed`."""
+    names, manufacture, scenarios = tuple(specification.variables), specification.manufacture, []
+    parts = manufacture.parts(names, fresh, seed)
+    for condition, values in specification.conditions.items():
+        given = {name: jnp.asarray(value, float) for name, value in values.items()}
+        worth = {n: np.asarray(specification.worth(n, values)) for n in manufacture.scattered if n not in names}
+        for part in parts:
+            moved = {n: jnp.asarray(worth[n] * factor, float) for n, factor in part.others.items()}
+            moved |= {n: jnp.asarray(value, float) for n, value in part.values.items()}
+            title = specification.suffix(condition) + part.title
+            designed = None if part.is_design else given
+            scenarios.append(Scenario(title, {**given, **moved}, part.factors, designed))
+    return scenarios

@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.observed import Observed
-from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.specification import Scenario, scenarios_of
 from clearance_jax.metrics.instants import Instants
 
 # The number of limits that are shown, the nearest to their bounds.

@@ -7,11 +7,9 @@ import numpy as np
 
 from clearance_jax.design.budget import CLOSED, RIGID
 from clearance_jax.design.evaluate import Simulations, simulations_of
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate, unposed
-from clearance_jax.design.program import Program
-from clearance_jax.design.scenarios import Scenario, scenarios_of
-from clearance_jax.design.specification import Limit, Specification
+from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.specification import Limit, Scenario, Specification, scenarios_of
 from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism

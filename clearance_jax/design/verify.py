@@ -8,15 +8,12 @@ import scipy.optimize
 from clearance_jax.ask.place import HERE, SolvePlace
 from clearance_jax.design.certificate import HELD, Certificate
 from clearance_jax.design.evaluate import FEW, fresh_yield, simulations_of
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.methods import Method
-from clearance_jax.design.optimality import optimality
-from clearance_jax.design.program import BudgetSpent, Program
-from clearance_jax.design.repair import feasible_neighbour
+from clearance_jax.design.program import BudgetSpent, Evaluation, Program
 from clearance_jax.design.run import INTERRUPTED, run
-from clearance_jax.design.scenarios import scenarios_of
-from clearance_jax.design.specification import Specification
+from clearance_jax.design.scaling import feasible_neighbour, optimality
+from clearance_jax.design.specification import Specification, scenarios_of
 from clearance_jax.design.static import static_error, static_weights
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.reductions import Peak

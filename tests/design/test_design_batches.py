@@ -15,7 +15,7 @@ import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.ask.place import SolvePlace
 from clearance_jax.design import evaluate, formulation
-from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import scenarios_of
 from clearance_jax.metrics import Peak, PositionError
 
 SCENE = SCENES / "slider_crank.toml"

@@ -21,7 +21,7 @@ from clearance_jax.design import yields
 from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.evaluate import Simulations
 from clearance_jax.design.findings import known_findings
-from clearance_jax.design.scenarios import Scenario
+from clearance_jax.design.specification import Scenario
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.html import render
 
