@@ -9,13 +9,12 @@ from clearance_jax._basis.patterns import expand
 from clearance_jax.ask.place import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import Candidates
-from clearance_jax.design.continuation import continued
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.held import with_held_ends
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Evaluation
-from clearance_jax.design.search import search
+from clearance_jax.design.search import continued, search
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.yields import YieldWarning
 from clearance_jax.errors import ClearanceError

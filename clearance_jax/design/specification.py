@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.module import Module
-from clearance_jax.design import worn
+from clearance_jax.design.conditions import replace_values, sets, values_for, worth
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.breaks import drive_breaks
@@ -49,6 +49,11 @@ class Limit(Module):
             raise ClearanceError(f"The bound of a limit must be a positive number, but it is {self.bound}.")
 
     @property
+    def signal(self) -> Any:
+        """The signal that is bounded; `None`: the metric has none."""
+        return getattr(self.metric.base_metric, "signal", None)
+
+    @property
     def title(self) -> str:
         """The given name, or the metric's."""
         aged = self._aged
@@ -62,8 +67,7 @@ class Limit(Module):
     @property
     def signal_label(self) -> str:
         """The signal of the metric in words, of the new mechanism; the label if there is no signal."""
-        signal = getattr(self.metric.base_metric, "signal", None)
-        of = self.label if signal is None else self._label(signal.label)
+        of = self.label if self.signal is None else self._label(self.signal.label)
         return of + " as new" * bool(self.ages)
 
     @property
@@ -161,12 +165,12 @@ class Specification:
                 check_values(replace(now, {name: ends[end] for name, ends in self.variables.items()}))
             metrics = [limit.metric for limit in self.limits]
             for metric in metrics:
-                check_values(replace(metric.model(now), worn.values_for(metric, now, metrics, values)))
+                check_values(replace(metric.model(now), values_for(metric, now, metrics, values)))
             for scattered in self.manufacture.scattered:
                 self.worth(scattered)
                 if scattered not in self.variables:
-                    sets = worn.sets(values, scattered)
-                    self.manufacture.check_worth(scattered, self.worth(scattered, values), sets)
+                    worth_here = self.worth(scattered, values)
+                    self.manufacture.check_worth(scattered, worth_here, sets(values, scattered))
             known = parameters(now)
             if any(given.startswith("drive.") for given in values):
                 self._check_end(now)
@@ -193,11 +197,11 @@ class Specification:
 
         **Raises:** `ClearanceError` for an unknown one.
         """
-        return worn.worth(self.mechanism, [limit.metric for limit in self.limits], name, given)
+        return worth(self.mechanism, [limit.metric for limit in self.limits], name, given)
 
     def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         """The mechanism with the values of a condition or scenario, of which those of wear are ignored."""
-        return worn.replace_values(mechanism, [limit.metric for limit in self.limits], values)
+        return replace_values(mechanism, [limit.metric for limit in self.limits], values)
 
     def settings(self, **changes: Any) -> Settings:
         """The settings of the solves, with some options changed."""

@@ -18,9 +18,9 @@ import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.ask.place import SolvePlace
 from clearance_jax.design import yields
-from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.evaluate import Simulations
 from clearance_jax.design.findings import known_findings
+from clearance_jax.design.observed import joint_drawings
 from clearance_jax.design.specification import Scenario
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.html import render
