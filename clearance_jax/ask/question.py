@@ -13,12 +13,33 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._compile.shapes import TreeShape, tree_shape
-from clearance_jax.ask.ending import ENDING, Ending
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.measure import AbstractMetric, Reply, measure_settings
+from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measure_settings
 from clearance_jax.parameters import replace, values_of
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.settings import Settings
+
+# The name under which it stands beside the metrics; no metric of a user can have it.
+ENDING = " ending"
+
+
+class Ending(AbstractMetric):
+    """How the solve ended: result code, steps, rejected steps; the residual of an energy balance; the `Validity.level`
+    of quasi-static poses.
+    """
+
+    def static_bound(self):
+        return self
+
+    def request(self, mechanism, t1, options):
+        return Request()
+
+    def value(self, reply: Reply):
+        solution = reply.solution
+        ending = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
+        ending |= {"energy_residual": solution.energy_residual} if solution.energy_balance else {}
+        return ending | ({} if solution.validity is None else {"validity": solution.validity.level})
+
 
 # Numbers that a point may have beside the model's, with their units.
 OPTIONS = {"t1": "s", "rtol": ""}

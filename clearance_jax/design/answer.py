@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.place import SolvePlace, place_of
+from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.ask.place import SolvePlace
+from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import ChosenClasses, ToleranceClass, least_ends
 from clearance_jax.design.evaluate import FEW, simulations_of

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.ask.place import SolvePlace, place_of
+from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.conditions import without_wear
 from clearance_jax.design.evaluate import Simulations, simulations_of

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.ask.place import HERE, SolvePlace
+from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.manufacture import AsDesigned
 from clearance_jax.design.program import INSIDE, Evaluation, Program

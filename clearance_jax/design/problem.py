@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from clearance_jax._basis.patterns import expand
-from clearance_jax.ask.place import place_of
+from clearance_jax.ask.answers import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import Candidates
 from clearance_jax.design.costs import AbstractCost

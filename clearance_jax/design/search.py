@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
-from clearance_jax.ask.place import HERE, SolvePlace
+from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.class_search import choose_classes, without_classes
 from clearance_jax.design.classes import NONE_CHOSEN, Candidates, classes_of, priced

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.ask.place import SolvePlace, place_of
+from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of

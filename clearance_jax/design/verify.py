@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.optimize
 
-from clearance_jax.ask.place import HERE, SolvePlace
+from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.certificate import HELD, Certificate
 from clearance_jax.design.evaluate import FEW, fresh_yield, simulations_of
 from clearance_jax.design.formulation import formulate

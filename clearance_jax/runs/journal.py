@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.runs.disk import refuse_in_words
+from clearance_jax.runs.disk import Lock, refuse_in_words
 from clearance_jax.runs.identity import as_in_file, differences, fingerprint, refusal
-from clearance_jax.runs.lock import Lock
 
 BEGIN = b'{"check":"'
 # Length of a line up to the end of its checksum of eight digits.

@@ -7,18 +7,16 @@ from typing import Any, Unpack
 
 import xarray as xr
 
-from clearance_jax.ask.place import client_of
+from clearance_jax.ask.answers import client_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.batch import usual_cores
 from clearance_jax.solve.lanes import LANES, chunk_on
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.answers import InMemory
-from clearance_jax.sweep.cluster import again_on, run_on
-from clearance_jax.sweep.here import run_again, run_here
-from clearance_jax.sweep.layout import LEAST
-from clearance_jax.sweep.pace import Tell
-from clearance_jax.sweep.plan import SweepPlan, check_memory, check_room
+from clearance_jax.sweep.grid import LEAST
+from clearance_jax.sweep.here import again_on, run_again, run_here, run_on
+from clearance_jax.sweep.plan import SweepPlan, Tell, check_memory, check_room
 from clearance_jax.sweep.question import grid_of
 from clearance_jax.sweep.widen import open_store
 

@@ -16,7 +16,7 @@ from places import ROOT, SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.ask.place import SolvePlace
+from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design import yields
 from clearance_jax.design.evaluate import Simulations
 from clearance_jax.design.findings import known_findings
