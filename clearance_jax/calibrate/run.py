@@ -6,15 +6,11 @@ from typing import Any, Unpack
 import numpy as np
 import xarray as xr
 
-from clearance_jax.calibrate.confidence import Confidence, confidence
-from clearance_jax.calibrate.doubts import doubts
-from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend
-from clearance_jax.calibrate.measurement import Measurement, read_measurement
+from clearance_jax.calibrate.confidence import Confidence, confidence, profile
+from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend, residuals_of
+from clearance_jax.calibrate.measurement import FitPoint, Instruments, Measurement, read_measurement
 from clearance_jax.calibrate.options import FitOptions, fit_options
-from clearance_jax.calibrate.profile import profile
-from clearance_jax.calibrate.readings import FitPoint, Instruments
-from clearance_jax.calibrate.residuals import residuals_of
-from clearance_jax.calibrate.result import Calibration, result_of
+from clearance_jax.calibrate.result import Calibration, doubts, result_of
 from clearance_jax.calibrate.search import refine, search
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.mechanism import Mechanism

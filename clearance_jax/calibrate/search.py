@@ -5,11 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import qmc
 
-from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend
-from clearance_jax.calibrate.measurement import Series
+from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend, residuals_of
+from clearance_jax.calibrate.measurement import FitPoint, Series
 from clearance_jax.calibrate.options import FitOptions
-from clearance_jax.calibrate.readings import FitPoint
-from clearance_jax.calibrate.residuals import residuals_of
 from clearance_jax.errors import ClearanceError
 
 # Ratio of bounds above which the starts of a positive number are scattered in its logarithm.
