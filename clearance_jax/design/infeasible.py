@@ -242,14 +242,19 @@ def _unfinished(specification: Specification, values: Mapping[str, float]) -> tu
     words; `None`: all do.
     """
     for scenario in scenarios_of(specification):
-        moved = replace(specification.move(specification.mechanism, scenario.values), values)
-        try:
-            solution = simulate(moved, specification.t1, throw=False, **specification.solving)
-        except ClearanceError as error:
-            return scenario.title, f"a solve says: {error}"
-        if not bool(solution.succeeded) and solution.message:
-            return scenario.title, solution.message
+        why = _ending(specification, replace(specification.move(specification.mechanism, scenario.values), values))
+        if why:
+            return scenario.title, why
     return None
+
+
+def _ending(specification: Specification, mechanism: Mechanism) -> str:
+    """Why a motion does not reach its end, in words; empty if it does."""
+    try:
+        solution = simulate(mechanism, specification.t1, throw=False, **specification.solving)
+    except ClearanceError as error:
+        return f"a solve says: {error}"
+    return "" if bool(solution.succeeded) else solution.message
 
 
 def _at_least(specification: Specification, program: Program, title: str) -> str:
