@@ -152,14 +152,14 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
     pickled = cloudpickle.dumps(question)
     tasks = client.map(_answers, parts, question=pickled, cores=cores, pure=False)
     try:
-        answers = client.gather(tasks)
+        gathered = client.gather(tasks)
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
         raise ClearanceError(f"Lanes failed on the cluster: {quote(str(error))}.") from error
     finally:
         client.cancel(tasks, force=True)
-    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *answers)
+    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *gathered)
 
 
 # On a worker ---------------------------------------------------------------------------------------------------------
@@ -172,6 +172,11 @@ def _answers(points: dict[str, np.ndarray], question: bytes, cores: int) -> Answ
 @functools.lru_cache(maxsize=8)
 def _load(question: bytes) -> Question:
     """The question of pickled bytes, read once by each worker."""
+    return unpickled(question)
+
+
+def unpickled(content: bytes) -> Any:
+    """What was sent to this worker, which from then on keeps compiled programs on disk."""
     import cloudpickle
 
     from clearance_jax.configure import configure
@@ -179,4 +184,4 @@ def _load(question: bytes) -> Question:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the worker may have used JAX already
         configure(cache=True)
-    return cloudpickle.loads(question)
+    return cloudpickle.loads(content)

@@ -73,16 +73,6 @@ def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:
     }
 
 
-def dataset_of(grid: Grid, values: Mapping[str, np.ndarray], provenance: Mapping[str, Any]) -> xr.Dataset:
-    """The dataset of answers in memory."""
-    names = tuple(dimension.name for dimension in grid.dims)
-    data = {name: ((*names, *kind.dims), values[name], kind.attributes) for name, kind in grid.kinds.items()}
-    coords = {name: (dim, given, attrs) for name, dim, given, attrs in coordinates(grid)}
-    return xr.Dataset(
-        data, coords, {**attributes(grid), **counts([ending_counts(values["code"])], grid.count), **provenance}
-    )
-
-
 Values = dict[str, np.ndarray]
 """Every variable by its name, shape (lanes, ...)."""
 
@@ -90,6 +80,7 @@ Values = dict[str, np.ndarray]
 class AbstractAnswers(abc.ABC):
     """The answers so far, by regions of a `partition`."""
 
+    grid: Grid
     partition: Partition
     on_disk: ClassVar[bool]
 
@@ -160,6 +151,12 @@ class InMemory(AbstractAnswers):
         return [0] if np.any(ran_in_vain(self.read(0)["code"])) else []
 
     def dataset(self):
-        shape = self.grid.shape
-        values = {name: column.reshape(*shape, *column.shape[1:]) for name, column in self.read(0).items()}
-        return dataset_of(self.grid, values, self.provenance)
+        grid, values = self.grid, self.read(0)
+        names = tuple(dimension.name for dimension in grid.dims)
+        data = {
+            name: ((*names, *kind.dims), values[name].reshape(*grid.shape, *values[name].shape[1:]), kind.attributes)
+            for name, kind in grid.kinds.items()
+        }
+        coords = {name: (dim, given, attrs) for name, dim, given, attrs in coordinates(grid)}
+        total = counts([ending_counts(values["code"])], grid.count)
+        return xr.Dataset(data, coords, {**attributes(grid), **total, **self.provenance})

@@ -8,7 +8,6 @@ same chunks. Workers read the question from a file in the store.
 import dataclasses
 import functools
 import uuid
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.answers import workers_of
+from clearance_jax.ask.answers import unpickled, workers_of
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.solve.lanes import LANES
 from clearance_jax.solve.settings import settings_of
@@ -28,9 +27,9 @@ from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, partial_answer
 from clearance_jax.sweep.widen import before_of
 
 
-def plan_of(grid: Grid, answers: AbstractAnswers, place: str) -> SweepPlan:
+def plan_of(answers: AbstractAnswers, place: str) -> SweepPlan:
     """The plan of a sweep, without the expected time."""
-    cut, missing = answers.partition, answers.open_regions()
+    grid, cut, missing = answers.grid, answers.partition, answers.open_regions()
     new = sum(cut.size(region) for region in missing) - sum(answers.partial_counts().values())
     memory = min(grid.count, int(np.prod(cut.chunk))) * grid.bytes_a_lane
     disk = grid.count * grid.bytes_a_lane if answers.on_disk else 0
@@ -44,21 +43,23 @@ def with_time(todo: SweepPlan, seconds: float | None) -> SweepPlan:
 
 
 def run_here(
-    grid: Grid,
     answers: AbstractAnswers,
     cores: int,
     plan: Callable[[SweepPlan], Any] | None,
     progress: Tell,
+    again: Mapping[str, Any] | None,
 ) -> None:
-    """Answer the missing regions. If there is a `plan` callback, a few lanes are timed first."""
-    todo, missing = plan_of(grid, answers, f"{cores} cores"), answers.open_regions()
+    """Answer the missing regions, and then solve failed lanes once more with the options `again`. If there is a `plan`
+    callback, a few lanes are timed first.
+    """
+    todo, missing = plan_of(answers, f"{cores} cores"), answers.open_regions()
     if plan is not None:
-        plan(with_time(todo, pilot_time(grid, answers, missing, cores)))
-    pace = SweepPace(grid, answers, progress)
+        plan(with_time(todo, pilot_time(answers, missing, cores)))
+    pace = SweepPace(answers, progress)
     for region in missing:
         lanes, values = answers.partition.lanes(region), answers.partial_answers(region)
         left = int(np.sum(values["code"] == NOT_RUN))
-        new = grid.complete(
+        new = answers.grid.complete(
             lanes,
             values,
             lambda places, some, region=region: answers.keep(region, places, some),
@@ -67,14 +68,11 @@ def run_here(
         )
         answers.write(region, values)
         pace.end_region(region, new, int(ran_in_vain(values["code"]).sum()))
-
-
-def run_again(grid: Grid, answers: AbstractAnswers, options: Mapping[str, Any], cores: int) -> None:
-    """Solve failed lanes once more with other options."""
-    grid, words = with_options(grid, options)
-    for region in answers.regions_to_repeat(words):
-        values = rerun(grid, answers.partition.lanes(region), answers.read(region), cores)
-        answers.write(region, values, again=words)
+    if again is not None:
+        grid, words = with_options(answers.grid, again)
+        for region in answers.regions_to_repeat(words):
+            values = rerun(grid, answers.partition.lanes(region), answers.read(region), cores)
+            answers.write(region, values, again=words)
 
 
 def rerun(grid: Grid, lanes: Lanes, values: Values, cores: int) -> Values:
@@ -106,30 +104,34 @@ AHEAD = 3
 LIVES = 5
 
 
-def run_on(client: Any, store: Store, cores: int, plan: Callable[[SweepPlan], Any] | None, progress: Tell) -> None:
-    """Answer the missing regions on the workers of a cluster, with `cores` cores for each region. If there is a `plan`
-    callback, a few lanes are timed first, on some of the workers.
+def run_on(
+    client: Any,
+    store: Store,
+    cores: int,
+    plan: Callable[[SweepPlan], Any] | None,
+    progress: Tell,
+    again: Mapping[str, Any] | None,
+) -> None:
+    """As `run_here`, on the workers of a cluster, with `cores` cores for each region; some of the workers time a few
+    lanes.
     """
     missing, workers = store.open_regions(), len(workers_of(client))
-    todo = plan_of(store.grid, store, f"{workers} workers ({client.dashboard_link})")
+    todo = plan_of(store, f"{workers} workers ({client.dashboard_link})")
     if missing and not workers:
         raise ClearanceError("The cluster has no workers. Start some, and go on with `resume`.")
-    with _hand_out(store, store.grid) as grid:
+    with _hand_out(store, store.grid) as name:
         if plan is not None:
-            plan(with_time(todo, _time_lanes(client, store, grid, missing, cores)))
-        pace = SweepPace(store.grid, store, progress)
-        for region, (digest, endings, new) in _each(client, store, missing, _answer, grid, cores):
+            plan(with_time(todo, _time_lanes(client, store, name, missing, cores)))
+        pace = SweepPace(store, progress)
+        for region, (digest, endings, new) in _each(client, store, missing, _answer, name, cores):
             store.confirm(region, digest, endings)
             pace.end_region(region, new, sum(endings.values()) - endings.get("0", 0))
-
-
-def again_on(client: Any, store: Store, options: Mapping[str, Any], cores: int) -> None:
-    """Solve failed lanes once more with other options, as `run_on`."""
-    grid, words = with_options(store.grid, options)
-    regions = store.regions_to_repeat(words)
-    with _hand_out(store, grid) as name:
-        for region, (digest, endings, _) in _each(client, store, regions, _answer_again, name, cores):
-            store.confirm(region, digest, endings, again=words)
+    if again is not None:
+        grid, words = with_options(store.grid, again)
+        regions = store.regions_to_repeat(words)
+        with _hand_out(store, grid) as name:
+            for region, (digest, endings, _) in _each(client, store, regions, _answer_again, name, cores):
+                store.confirm(region, digest, endings, again=words)
 
 
 def _each(
@@ -235,12 +237,5 @@ def _try(path: str, name: str, lanes: Lanes, cores: int) -> float:
 @functools.lru_cache(maxsize=4)
 def _open(path: str, name: str) -> tuple[Any, Regions, Any]:
     """The question, its store and the narrower store, read once by each worker."""
-    import cloudpickle
-
-    from clearance_jax.configure import configure
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the worker may have used JAX already
-        configure(cache=True)
-    grid = cloudpickle.loads((Path(path) / name).read_bytes())
+    grid = unpickled((Path(path) / name).read_bytes())
     return grid, Regions(Path(path)), before_of(Path(path), grid)

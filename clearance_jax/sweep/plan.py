@@ -128,14 +128,14 @@ def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
     return np.unique(np.asarray(lanes)[np.linspace(0, len(lanes) - 1, count).astype(int)])
 
 
-def pilot_time(grid: Grid, answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
+def pilot_time(answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
     """The time of a lane with all cores running [s], measured with a few lanes whose answers are kept; `None`: not
     known.
     """
     lanes = choose(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
         return None
-    seconds, values = time_lanes(grid, lanes, cores)
+    seconds, values = time_lanes(answers.grid, lanes, cores)
     keep(answers.partition, answers.keep, lanes, values)
     return seconds / len(lanes)
 
@@ -163,8 +163,8 @@ class SweepPace:
     so that compiling does not count.
     """
 
-    def __init__(self, grid: Grid, answers: AbstractAnswers, tell: Tell):
-        self._lanes, self._tell, self._sizes = grid.count, tell, answers.partition.size
+    def __init__(self, answers: AbstractAnswers, tell: Tell):
+        self._lanes, self._tell, self._sizes = answers.grid.count, tell, answers.partition.size
         self._kept = answers.partial_counts()  # counted at the start, and not again when their region ends
         self._done = self._lanes - sum(map(self._sizes, answers.open_regions())) + sum(self._kept.values())
         self._new, self._failed = 0.0, 0
