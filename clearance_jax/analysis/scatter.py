@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.ask.lanes import lanes
-from clearance_jax.ask.question import Question
+from clearance_jax.ask.question import Question, lanes
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.reductions import Peak
 from clearance_jax.solve.settings import Settings

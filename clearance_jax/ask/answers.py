@@ -18,8 +18,7 @@ import jax
 import numpy as np
 
 from clearance_jax._basis.extras import missing_extra
-from clearance_jax.ask.lanes import Columns, answer, lanes
-from clearance_jax.ask.question import Answer, Question
+from clearance_jax.ask.question import Answer, Columns, Question, answer, lanes
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.solve.batch import cores_here, side_by_side, usual_cores
 from clearance_jax.solve.lanes import LANES

@@ -12,8 +12,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array
 
-from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.question import Question
+from clearance_jax.ask.question import Question, answer
 from clearance_jax.dynamics.quantities import OBSERVED, OF_COORDINATES, quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.mechanism import Mechanism

@@ -123,10 +123,9 @@ class Design:
             point, tightened = moved_inside(self.program, self.method, self.evaluation, fresh)
             parts = ", ".join(f"{name} by {part:.1e} of its bound" for name, part in tightened.items())
             moved = f"moved inside, as another solver judges: {parts}" * bool(parts)
-            note = "; ".join(text for text in (self.note, moved) if text)
             # A limit that was tightened still counts as active.
             method = self.method._replace(slack=self.method.slack + max(tightened.values(), default=0.0))
-            design = dataclasses.replace(self, evaluation=point, note=note, method=method)
+            design = self.with_note(moved, evaluation=point, method=method)
             return design, design._certificate(place, fresh=fresh, **options)
 
     def _certificate(self, place: SolvePlace, **options: Any) -> Certificate:
@@ -163,6 +162,10 @@ class Design:
             lines += [f"  {text}" for text in self.classes.sentences]
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]
         return "\n".join(lines)
+
+    def with_note(self, note: str, **changes: Any) -> "Design":
+        """The design with a further note, unless that is empty, and other changed fields."""
+        return dataclasses.replace(self, note="; ".join(text for text in (self.note, note) if text), **changes)
 
     def _class_words(self, name: str) -> str:
         chosen = {} if self.classes is None else self.classes.chosen

@@ -289,15 +289,13 @@ def _design(design: Design, result: ChosenClasses, outcome: BoundedOptimum, list
     for i, values in lists.items():
         x[i] = values[0]
     tightest = design.program.at(x, design.method.gradients)
-    note = f"{design.note}; " * bool(design.note) + _refusal(design, tightest, lists, outcome.doubts)
-    return dataclasses.replace(design, evaluation=tightest, **{**stopped, "note": note})
+    return design.with_note(_refusal(design, tightest, lists, outcome.doubts), evaluation=tightest, **stopped)
 
 
 def without_classes(design: Design, result: ChosenClasses, stop_reason: str) -> Design:
     """The continuous design, if the search was stopped before it had found a feasible combination."""
     note = "stopped before any class was chosen: the clearances are those of a continuous design"
-    note = "; ".join(text for text in (design.note, note) if text)
-    return dataclasses.replace(design, stop_reason=design.stop_reason or stop_reason, classes=result, note=note)
+    return design.with_note(note, stop_reason=design.stop_reason or stop_reason, classes=result)
 
 
 def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray], doubts: tuple[str, ...]) -> str:

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.ask.answers import HERE, SolvePlace, answers, as_lanes
-from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.question import Question, shapes_of
+from clearance_jax.ask.question import Question, answer, shapes_of
 from clearance_jax.design.conditions import values_for, without_wear
 from clearance_jax.design.specification import Scenario, Specification, scenarios_of
 from clearance_jax.design.yields import YieldEstimate, estimate_yield, samples_to_judge

@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.question import Question
+from clearance_jax.ask.question import Question, answer
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import CLEARANCE
 from clearance_jax.design.specification import Scenario, Specification

@@ -236,12 +236,8 @@ class Program:
             return point._replace(limits=limits, jacobian=jacobian)
 
         shrink = np.where([name == group for name in self.groups], 1 / factor, 1.0)
-        names = self.names, self.lower, self.upper, self.limit_names, self.groups
-        known = [shift(point) for point in self.history]
-        fresh = None if self._fresh is None else lambda x, samples, seed: shift(self.fresh(x, samples, seed))
         cheap = None if self.cheap is None else self.cheap.with_bound(group, factor)
-        models: dict = {"fidelity": self.fidelity, "cheap": cheap, "leaders": self.leaders, "inside": self.inside}
-        return Program(lambda x, gradient: shift(self.at(x, gradient)), *names, known=known, fresh=fresh, **models)
+        return self._seen_through(shift, lambda x: x, self.history, (self.names, self.lower, self.upper), cheap)
 
     def within(self, lower: np.ndarray, upper: np.ndarray) -> "Program":
         """The same program in a box, without the variables that the box fixes; it evaluates through this one.
@@ -261,20 +257,30 @@ class Program:
             return point._replace(x=point.x[free], gradient=gradient, jacobian=jacobian)
 
         hair = ROUND_OFF * lower
-        known = [part(p) for p in self.history if np.all(p.x >= lower - hair) and np.all(p.x <= upper + hair)]
+        inside = [p for p in self.history if np.all(p.x >= lower - hair) and np.all(p.x <= upper + hair)]
         names = [name for name, is_free in zip(self.names, free, strict=True) if is_free]
-        fresh = None if self._fresh is None else lambda x, samples, seed: part(self.fresh(whole(x), samples, seed))
+        cheap = None if self.cheap is None else self.cheap.within(lower, upper)
+        return self._seen_through(part, whole, inside, (names, lower[free], upper[free]), cheap)
+
+    def _seen_through(
+        self,
+        shown: Callable[[Evaluation], Evaluation],
+        whole: Callable[[np.ndarray], np.ndarray],
+        known: Sequence[Evaluation],
+        variables: tuple[Sequence[str], np.ndarray, np.ndarray],
+        cheap: "Program | None",
+    ) -> "Program":
+        """A program of `variables` that evaluates through this one, at `whole` points, and `shown` otherwise."""
+        fresh = None if self._fresh is None else lambda x, samples, seed: shown(self.fresh(whole(x), samples, seed))
         return Program(
-            lambda x, gradient: part(self.at(whole(x), gradient)),
-            names,
-            lower[free],
-            upper[free],
+            lambda x, gradient: shown(self.at(whole(x), gradient)),
+            *variables,
             self.limit_names,
             self.groups,
-            known=known,
+            known=[shown(point) for point in known],
             fresh=fresh,
             fidelity=self.fidelity,
-            cheap=None if self.cheap is None else self.cheap.within(lower, upper),
+            cheap=cheap,
             leaders=self.leaders,
             inside=self.inside,
         )

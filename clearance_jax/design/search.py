@@ -127,8 +127,7 @@ def _explained(design: Design) -> Design:
         return design
     # The explanation may have evaluated the smallest clearances for the first time.
     point = design.program.best or design.program.nearest or design.evaluation
-    note = "; ".join(text for text in (design.note, "" if point.feasible else why) if text)
-    return dataclasses.replace(design, evaluation=point, note=note)
+    return design.with_note("" if point.feasible else why, evaluation=point)
 
 
 def _runs(program: Program, method: Method, x: np.ndarray, starts: int, seed: int, **options: Any) -> str:
@@ -255,8 +254,7 @@ def continued(
         design = search(asked, start=start, starts=starts, record=_record_of(record, width), **options)
         if design.stop_reason == INTERRUPTED:
             note = f"this is a design of laws that are smoothed over {width:g} m, not of the laws themselves"
-            note = "; ".join(text for text in (design.note, note) if text)
-            return dataclasses.replace(design, note=note, before=tuple(before))
+            return design.with_note(note, before=tuple(before))
         before.append((width, design))
         start, starts = design.clearances, 1
     design = search(specification, start=start, starts=starts, record=record, **options)

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.question import Question
+from clearance_jax.ask.question import Question, answer
 from clearance_jax.design.answer import Design
 from clearance_jax.design.observed import Observed, sample_times
 from clearance_jax.design.specification import Scenario, Specification, scenarios_of

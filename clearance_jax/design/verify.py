@@ -203,16 +203,10 @@ def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
     step = 1e-5
     good, bad = (1.0, None) if at.worst <= 0 else (None, 1.0)
     while good is None or bad is None:
-        if bad is None:
-            s = min(1 + step, high)
-            good, bad = (s, None) if worst(s) <= 0 else (good, s)
-            if s == high and bad is None:
-                return np.nan
-        else:
-            s = max(1 - step, low)
-            good, bad = (s, bad) if worst(s) <= 0 else (None, s)
-            if s == low and good is None:
-                return np.nan
+        s = min(1 + step, high) if bad is None else max(1 - step, low)
+        good, bad = (s, bad) if worst(s) <= 0 else (good, s)
+        if s in (low, high) and (good is None or bad is None):
+            return np.nan
         step *= 4
     return float(scipy.optimize.brentq(worst, good, bad, xtol=1e-12, rtol=1e-10)) if worst(good) < 0 else float(good)
 

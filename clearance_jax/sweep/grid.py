@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from clearance_jax.ask.lanes import lanes as answered
 from clearance_jax.ask.question import OPTIONS, Answer, Question
+from clearance_jax.ask.question import lanes as answered
 from clearance_jax.parameters import replace
 from clearance_jax.runs.identity import digest, numbers, versions
 from clearance_jax.runs.identity import settings as settings_in_words

@@ -17,8 +17,7 @@ import numpy as np
 from clearance_jax._basis.extras import missing_extra
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.store import open_sweep
-from clearance_jax.runs.disk import Lock, refuse_in_words
-from clearance_jax.runs.journal import Journal, RunWarning
+from clearance_jax.runs.journal import Journal, Lock, RunWarning, refuse_in_words
 from clearance_jax.runs.partial import PartialResults
 from clearance_jax.solve.codes import Result
 from clearance_jax.sweep.answers import AbstractAnswers, Values, attributes, coordinates, counts, ending_counts

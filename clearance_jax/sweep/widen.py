@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.runs.disk import Lock, refuse_in_words
 from clearance_jax.runs.identity import VERSIONS, refusal
+from clearance_jax.runs.journal import Lock, refuse_in_words
 from clearance_jax.sweep.answers import coordinates
 from clearance_jax.sweep.grid import AXIS, LEAST, Grid, Lanes, description, labels
 from clearance_jax.sweep.store import HANDED_OUT, LOCK, OWN_FILES, Regions, Store, create, remade

@@ -19,14 +19,13 @@ from clearance_jax.calibrate.fit import FitTask, Variables, _memory, _roughness
 from clearance_jax.calibrate.measurement import FitPoint, Instruments, Measurement, Series, read_measurement
 from clearance_jax.calibrate.options import LOSSES, FitOptions
 from clearance_jax.calibrate.result import Minimum, doubts
-from clearance_jax.calibrate.run import settle
-from clearance_jax.calibrate.search import search, starts_of
+from clearance_jax.calibrate.run import search, settle, starts_of
 from clearance_jax.cli.main import app
 from clearance_jax.io.keys import study as calibrate_keys
 from clearance_jax.io.keys.reference import example
 from clearance_jax.solve.settings import settings_of
 
-search_module = importlib.import_module("clearance_jax.calibrate.search")
+search_module = importlib.import_module("clearance_jax.calibrate.run")
 profile_module = importlib.import_module("clearance_jax.calibrate.confidence")
 SCENES = ROOT / "experiments" / "scenes"
 HEIGHT, GRAVITY, RTOL = 5e-3, 9.81, 1e-8
