@@ -54,12 +54,10 @@ def search(
     diameters: Mapping[str, float] | None = None,
 ) -> Design:
     """Search for the best design; `place`: where many simulations are solved; others as `ToleranceProblem.solve`'s."""
-    if classes is None:
-        return _continuous(specification, method, start, starts, seed, record, most, progress, place)
-    listed = classes_of(specification, classes, diameters)
-    specification = priced(specification, listed)
+    listed = None if classes is None else classes_of(specification, classes, diameters)
+    specification = specification if listed is None else priced(specification, listed)
     design = _continuous(specification, method, start, starts, seed, record, most, progress, place)
-    if not design.feasible:
+    if listed is None or not design.feasible:
         return design
     if design.stop_reason in (INTERRUPTED, SPENT):
         return without_classes(design, NONE_CHOSEN, design.stop_reason)
