@@ -88,5 +88,5 @@ from .sweep.axes import Choice as Choice
 from .sweep.axes import Sampled as Sampled
 from .sweep.axes import Zipped as Zipped
 from .sweep.run import sweep as sweep
-from .sweep.saltelli import sobol_samples as sobol_samples
 from .sweep.scatter import scatter as scatter
+from .sweep.scatter import sobol_samples as sobol_samples

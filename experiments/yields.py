@@ -16,7 +16,7 @@ import clearance_jax as cj
 from clearance_jax.design import Evaluation, Limit, Program, Reciprocal, ToleranceProblem, Yield
 from clearance_jax.design import run as search
 from clearance_jax.design.evaluate import simulations_of
-from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import scenarios_of
 from clearance_jax.design.yields import samples_to_search, worst_parts
 from clearance_jax.metrics import Peak, PositionError
 from experiments.common import SCENES, output, table

@@ -16,8 +16,7 @@ import numpy as np
 
 from clearance_jax.design import Design, Evaluation, ToleranceProblem
 from clearance_jax.design.evaluate import simulations_of
-from clearance_jax.design.scenarios import scenarios_of
-from clearance_jax.design.specification import Limit
+from clearance_jax.design.specification import Limit, scenarios_of
 from clearance_jax.io.study.study import Study, load_study
 from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC
 from experiments.common import output, table

@@ -10,7 +10,7 @@ import xarray as xr
 from catalogue import slider_crank
 
 from clearance_jax import design, metrics
-from clearance_jax.design.drawing import joint_drawings
+from clearance_jax.design.observed import joint_drawings
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.joints import fits
 from clearance_jax.results.dataset import picture_dataset

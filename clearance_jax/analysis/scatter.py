@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax.ask.lanes import lanes
-from clearance_jax.ask.question import Question
+from clearance_jax.ask.question import Question, lanes
 from clearance_jax.dynamics.quantities import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism

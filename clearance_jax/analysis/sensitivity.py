@@ -18,8 +18,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
 from clearance_jax._compile.solo import solo_jit
-from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.question import Question
+from clearance_jax.ask.question import Question, answer
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import drive_breaks, sampling_periods
 from clearance_jax.mechanism.mechanism import Mechanism

@@ -1,15 +1,91 @@
-"""Answers to a question at points: few one by one in threads, many as lanes, on this machine or on a cluster."""
+"""Answers to a question at points: one, few in threads, or many as lanes, on this machine or on a dask cluster.
 
+On a cluster a task is a few chunks of lanes, and the answers come back to this process. If a worker is lost, another
+repeats its tasks. Questions are sent pickled, and a worker keeps the question of bytes that it has seen, with its
+compiled programs.
+"""
+
+import functools
+import logging
+import math
+import warnings
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from clearance_jax.ask.cluster import lanes_on
-from clearance_jax.ask.lanes import Columns, answer, lanes
-from clearance_jax.ask.place import HERE, SolvePlace
-from clearance_jax.ask.question import Answer, Question
-from clearance_jax.solve.batch import side_by_side, usual_cores
+from clearance_jax._basis.extras import missing_extra
+from clearance_jax.ask.question import Answer, Columns, Question, answer, lanes
+from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.solve.batch import cores_here, side_by_side, usual_cores
+from clearance_jax.solve.lanes import LANES
+
+# The name of a trial cluster: workers on this machine.
+LOCAL = "local"
+# Timeout of the connection to a scheduler.
+PATIENCE = "10s"
+
+
+class SolvePlace(NamedTuple):
+    """Where lanes are solved: on a dask `client` (`None`: this machine), with `cores` cores (`None`: all of this
+    machine, or one of each worker).
+    """
+
+    client: Any = None
+    cores: int | None = None
+
+
+HERE = SolvePlace()
+
+
+@contextmanager
+def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
+    """A dask client of a `cluster`: a client, the address of a scheduler, or `LOCAL` (workers on this machine with
+    `cores` cores each). What is created here is closed at the end. **Raises** `ClearanceError` if no scheduler answers.
+    """
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise missing_extra("A sweep on a cluster", "dask", "sweep") from None
+    if isinstance(cluster, Client):
+        yield cluster
+        return
+    if not isinstance(cluster, str):
+        raise ClearanceError(f"`cluster` must be an address or a dask client, but it is {quote(cluster)}.")
+    with ExitStack() as made:
+        if cluster == LOCAL:
+            workers = max(1, cores_here() // cores)
+            # Warnings about workers that end slowly do not concern the user.
+            how = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.ERROR}
+            cluster = made.enter_context(LocalCluster(workers, **how))
+        try:
+            client = made.enter_context(Client(cluster, timeout=PATIENCE))
+        except (OSError, TimeoutError, ValueError) as error:
+            reason = str(error).split("\n")[0]
+            raise ClearanceError(
+                f"No scheduler answers at `{cluster}`: {reason}. Start it, or mend the address (`{LOCAL}`: workers on "
+                "this machine)."
+            ) from None
+        yield client
+
+
+@contextmanager
+def place_of(cluster: Any, cores: int | None = None) -> Iterator[SolvePlace]:
+    """The place of a cluster: a dask client, the address of a scheduler, or "local"; `None`: this machine."""
+    if cluster is None:
+        yield SolvePlace(None, cores)
+        return
+    with client_of(cluster, cores or 1) as client:
+        yield SolvePlace(client, cores)
+
+
+def workers_of(client: Any) -> dict[str, Any]:
+    """The workers of a client by their addresses."""
+    return client.scheduler_info(n_workers=-1)["workers"]
+
 
 # Up to so many points are answered one by one: their program compiles sooner than that of lanes. The 299 samples that
 # prove a yield of 99 % are among them.
@@ -50,3 +126,61 @@ def _side_by_side(question: Question, points: Columns, count: int, cores: int) -
 def as_lanes(count: int, place: SolvePlace) -> bool:
     """Whether `count` points are answered as lanes."""
     return count > (FEW if place.client is None else 1)
+
+
+# Tasks for each worker, if there are enough lanes: so that workers end at about the same time.
+TASKS = 8
+
+
+def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -> Answer:
+    """The answers at points as `lanes` gives them, solved by the workers of a dask client on `cores` cores each.
+
+    **Raises:** `ClearanceError` if the cluster has no workers, or if workers are killed again and again.
+    """
+    import cloudpickle
+
+    workers = len(workers_of(client))
+    if not workers:
+        raise ClearanceError("The cluster has no workers. Start some.")
+    count, unit = len(next(iter(points.values()))), LANES * cores
+    size = unit * max(1, math.ceil(count / (unit * workers * TASKS)))
+    # Fill the last chunk with copies of the last lane: a chunk of another width would be another program.
+    whole = count if count <= LANES else LANES * math.ceil(count / LANES)
+    places = np.minimum(np.arange(whole), count - 1)
+    parts = [{name: column[places[at : at + size]] for name, column in points.items()} for at in range(0, whole, size)]
+    pickled = cloudpickle.dumps(question)
+    tasks = client.map(_answers, parts, question=pickled, cores=cores, pure=False)
+    try:
+        gathered = client.gather(tasks)
+    except Exception as error:
+        if type(error).__name__ != "KilledWorker":
+            raise
+        raise ClearanceError(f"Lanes failed on the cluster: {quote(str(error))}.") from error
+    finally:
+        client.cancel(tasks, force=True)
+    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *gathered)
+
+
+# On a worker ---------------------------------------------------------------------------------------------------------
+
+
+def _answers(points: dict[str, np.ndarray], question: bytes, cores: int) -> Answer:
+    return lanes(_load(question), points, cores=cores)
+
+
+@functools.lru_cache(maxsize=8)
+def _load(question: bytes) -> Question:
+    """The question of pickled bytes, read once by each worker."""
+    return unpickled(question)
+
+
+def unpickled(content: bytes) -> Any:
+    """What was sent to this worker, which from then on keeps compiled programs on disk."""
+    import cloudpickle
+
+    from clearance_jax.configure import configure
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the worker may have used JAX already
+        configure(cache=True)
+    return cloudpickle.loads(content)

@@ -1,24 +1,48 @@
-"""A question: metrics of a mechanism's motion and their derivatives, as a function of some of its numbers."""
+"""A question, metrics of a motion and their derivatives as a function of some numbers, and its answers at points."""
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
+from clearance_jax._compile.kept import kept_jit
 from clearance_jax._compile.shapes import TreeShape, tree_shape
-from clearance_jax.ask.ending import ENDING, Ending
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.measure import AbstractMetric, Reply, measure_settings
+from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measure_settings
 from clearance_jax.parameters import replace, values_of
+from clearance_jax.solve.batch import BatchReport, batch
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.settings import Settings
+
+# The name under which it stands beside the metrics; no metric of a user can have it.
+ENDING = " ending"
+
+
+class Ending(AbstractMetric):
+    """How the solve ended: result code, steps, rejected steps; the residual of an energy balance; the `Validity.level`
+    of quasi-static poses.
+    """
+
+    def static_bound(self):
+        return self
+
+    def request(self, mechanism, t1, options):
+        return Request()
+
+    def value(self, reply: Reply):
+        solution = reply.solution
+        ending = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
+        ending |= {"energy_residual": solution.energy_residual} if solution.energy_balance else {}
+        return ending | ({} if solution.validity is None else {"validity": solution.validity.level})
+
 
 # Numbers that a point may have beside the model's, with their units.
 OPTIONS = {"t1": "s", "rtol": ""}
@@ -132,3 +156,44 @@ def _shapes(frame: TreeShape, names: tuple[str, ...]) -> Answer:
         return frame.fill(arrays)(numbers)
 
     return jax.eval_shape(answer, frame.shapes, {name: jax.ShapeDtypeStruct((), float) for name in names})
+
+
+Columns = Mapping[str, np.ndarray]
+"""The numbers of points by name, shape (points,) each."""
+
+
+def answer(question: Question, numbers: Mapping[str, Any] | None = None) -> Answer:
+    """The answer at one point. Other names of `numbers` compile another program; with `Question.at` they share one."""
+    return _program(question, {name: jnp.asarray(value, float) for name, value in (numbers or {}).items()})
+
+
+@kept_jit
+def _program(question: Question, numbers: dict[str, Any]) -> Answer:
+    return question(numbers)
+
+
+def lanes(
+    question: Question,
+    points: Columns,
+    *,
+    width: int = 1,
+    cores: int | None = None,
+    progress: Callable[[float], Any] | None = None,
+    ready: Callable[[np.ndarray, Answer], Any] | None = None,
+    report: Callable[[BatchReport], Any] | None = None,
+) -> Answer:
+    """The answers at points, as lanes of a batch, on every core.
+
+    **Arguments:** `width`: solve at least so many lanes, by copies of the last one (a chunk of another width is another
+    program, with other last digits); the others as `batch`'s.
+    """
+    count = len(next(iter(points.values())))
+    filled = {name: np.pad(column, (0, max(0, width - count)), mode="edge") for name, column in points.items()}
+
+    def chunk(places: np.ndarray, part: Answer) -> None:
+        wanted = places < count
+        if ready is not None:
+            ready(places[wanted], jax.tree.map(lambda x: x[wanted], part))
+
+    whole = batch(question, filled, cores=cores, progress=progress, ready=chunk, report=report)
+    return jax.tree.map(lambda x: x[:count], whole)

@@ -25,7 +25,7 @@ def run_design(
     **search: Any,
 ) -> None:
     """Run the design of a study, verify it and report it. Ctrl-C keeps the best design so far."""
-    from clearance_jax.ask.place import place_of
+    from clearance_jax.ask.answers import place_of
     from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.design.yields import YieldWarning
     from clearance_jax.report.html import write_report

@@ -6,24 +6,20 @@ from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, ToleranceClass, fit_costs
 from clearance_jax.design.conditions import Payload, condition_product
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
-from clearance_jax.design.drawing import JointDrawing
-from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
+from clearance_jax.design.explain import Maintenance, Response, Tradeoff, maintenances, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.loads import JointLoad
-from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned, Band, Part, Yield
 from clearance_jax.design.methods import METHODS, Method
+from clearance_jax.design.observed import JointDrawing, JointLoad
 from clearance_jax.design.problem import ToleranceProblem
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.run import run
 from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.standard import StandardFits, chosen_fits, nearest_fits
-from clearance_jax.design.standings import Standing
+from clearance_jax.design.standings import Standing, TimeHistory, time_histories
 from clearance_jax.design.static import static_weights
-from clearance_jax.design.time_histories import TimeHistory, time_histories
 from clearance_jax.design.yields import YieldEstimate, YieldWarning
 
 __all__ = [

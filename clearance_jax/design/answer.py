@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.place import SolvePlace, place_of
+from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.methods import Method
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.verify import certify, judge_of, moved_inside
 from clearance_jax.design.yields import YieldEstimate
@@ -124,10 +123,9 @@ class Design:
             point, tightened = moved_inside(self.program, self.method, self.evaluation, fresh)
             parts = ", ".join(f"{name} by {part:.1e} of its bound" for name, part in tightened.items())
             moved = f"moved inside, as another solver judges: {parts}" * bool(parts)
-            note = "; ".join(text for text in (self.note, moved) if text)
             # A limit that was tightened still counts as active.
             method = self.method._replace(slack=self.method.slack + max(tightened.values(), default=0.0))
-            design = dataclasses.replace(self, evaluation=point, note=note, method=method)
+            design = self.with_note(moved, evaluation=point, method=method)
             return design, design._certificate(place, fresh=fresh, **options)
 
     def _certificate(self, place: SolvePlace, **options: Any) -> Certificate:
@@ -164,6 +162,10 @@ class Design:
             lines += [f"  {text}" for text in self.classes.sentences]
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]
         return "\n".join(lines)
+
+    def with_note(self, note: str, **changes: Any) -> "Design":
+        """The design with a further note, unless that is empty, and other changed fields."""
+        return dataclasses.replace(self, note="; ".join(text for text in (self.note, note) if text), **changes)
 
     def _class_words(self, name: str) -> str:
         chosen = {} if self.classes is None else self.classes.chosen

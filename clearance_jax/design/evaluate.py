@@ -12,13 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.answers import answers, as_lanes
-from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.place import HERE, SolvePlace
-from clearance_jax.ask.question import Question, shapes_of
-from clearance_jax.design.scenarios import Scenario, scenarios_of
-from clearance_jax.design.specification import Specification
-from clearance_jax.design.worn import values_for, without_wear
+from clearance_jax.ask.answers import HERE, SolvePlace, answers, as_lanes
+from clearance_jax.ask.question import Question, answer, shapes_of
+from clearance_jax.design.conditions import values_for, without_wear
+from clearance_jax.design.specification import Scenario, Specification, scenarios_of
 from clearance_jax.design.yields import YieldEstimate, estimate_yield, samples_to_judge
 from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism

@@ -11,15 +11,19 @@ import xarray as xr
 from clearance_jax._version import __version__
 from clearance_jax.design.answer import Design
 from clearance_jax.design.certificate import Certificate
-from clearance_jax.design.drawing import JointDrawing, joint_drawings
-from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
-from clearance_jax.design.loads import JointLoad, joint_loads
-from clearance_jax.design.maintenance import Maintenance, maintenances
-from clearance_jax.design.observed import Observed, observe, sample_times
-from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.explain import Maintenance, Response, Tradeoff, maintenances, responses, tradeoff
+from clearance_jax.design.observed import (
+    JointDrawing,
+    JointLoad,
+    Observed,
+    joint_drawings,
+    joint_loads,
+    observe,
+    sample_times,
+)
+from clearance_jax.design.specification import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, chosen_fits, nearest_fits
-from clearance_jax.design.standings import Standing, standings
-from clearance_jax.design.time_histories import TimeHistory, histories_of
+from clearance_jax.design.standings import Standing, TimeHistory, histories_of, standings
 from clearance_jax.design.yields import samples_needed
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.dataset import picture_dataset

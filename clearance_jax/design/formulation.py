@@ -7,13 +7,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.ask.place import HERE, SolvePlace
+from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import AsDesigned
-from clearance_jax.design.program import INSIDE, Program
-from clearance_jax.design.scenarios import Scenario, scenarios_of
-from clearance_jax.design.specification import AUTO, Specification
+from clearance_jax.design.program import INSIDE, Evaluation, Program
+from clearance_jax.design.specification import AUTO, Scenario, Specification, scenarios_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.reductions import Peak
 from clearance_jax.runs.identity import numbers, short, versions

@@ -260,8 +260,7 @@ class Yield(AbstractManufacture):
         if fresh or not self.scatter:
             normal = np.random.default_rng(seed).standard_normal((count, len(self.scatter)))
         else:
-            sequence = scipy.stats.qmc.Sobol(len(self.scatter), rng=seed).random_base2(int(np.ceil(np.log2(count))))
-            normal = scipy.stats.norm.ppf(sequence[:count])
+            normal = _normal_scores(len(self.scatter), count, seed)
         draws = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
             if not isinstance(deviation, int | float):
@@ -315,8 +314,7 @@ class Neighbours(AbstractManufacture):
         return f", largest of {self.samples} neighbours"
 
     def parts(self, names, fresh=0, seed=None):
-        sequence = scipy.stats.qmc.Sobol(len(names), rng=self.seed).random_base2(int(np.ceil(np.log2(self.samples))))
-        rows = 1 + self.scatter * scipy.stats.norm.ppf(sequence[: self.samples])
+        rows = 1 + self.scatter * _normal_scores(len(names), self.samples, self.seed)
         rows[0] = 1.0
         return [Part(f", neighbour {i}" if i else "", row, is_design=not i) for i, row in enumerate(rows)]
 
@@ -329,6 +327,12 @@ class Neighbours(AbstractManufacture):
         return (
             f"as designed; of each limit the largest counts among {self.samples} neighbours within {self.scatter:.0%}"
         )
+
+
+def _normal_scores(width: int, count: int, seed: int) -> np.ndarray:
+    """The normal scores (count, width) of a scrambled Sobol sequence."""
+    sequence = scipy.stats.qmc.Sobol(width, rng=seed).random_base2(int(np.ceil(np.log2(count))))
+    return scipy.stats.norm.ppf(sequence[:count])
 
 
 MANUFACTURE: Mapping[str, type[AbstractManufacture]] = {"band": Band, "yield": Yield}

@@ -15,13 +15,17 @@ from typing import NamedTuple
 import numpy as np
 import scipy.optimize
 
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.methods import Method, slsqp
-from clearance_jax.design.optimality import optimality
-from clearance_jax.design.program import Program
-from clearance_jax.design.repair import feasible_neighbour, nearly_best
-from clearance_jax.design.scaling import ScaledProgram, StandsStill
-from clearance_jax.design.slopes import UselessSlopes, followed
+from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.scaling import (
+    ScaledProgram,
+    StandsStill,
+    UselessSlopes,
+    feasible_neighbour,
+    followed,
+    nearly_best,
+    optimality,
+)
 
 # The first trust region in logarithms, and the one below which the models do not agree at all.
 RADIUS, LEAST_RADIUS = 0.7, 1e-7

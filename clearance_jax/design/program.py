@@ -1,4 +1,4 @@
-"""A design problem as a nonlinear program, with a memory of every evaluated point.
+"""A design problem as a nonlinear program, with a memory and a record of every evaluated point.
 
 Variables are positive lengths of very different size, so solvers work in their logarithms. A limit is (value / bound -
 1), and holds if it is not positive.
@@ -7,15 +7,64 @@ Variables are positive lengths of very different size, so solvers work in their 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.record import evaluation_of, record_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.runs.journal import Journal
 from clearance_jax.solve.settings import DYNAMICS
+
+# A limit counts as held if it is violated by at most this share of its bound, as solvers end on the limit itself.
+SLACK = 1e-9
+
+
+class Evaluation(NamedTuple):
+    """An evaluated design.
+
+    - `x` (n,): the variables; `objective`; `limits` (m,): value over bound, minus 1, of each limit.
+    - `gradient` (n,) of the objective and `jacobian` (m, n) of the limits by x; `None`: not asked for.
+    - `fidelity`: the model of the motion by which it was evaluated.
+    """
+
+    x: np.ndarray
+    objective: float
+    limits: np.ndarray
+    gradient: np.ndarray | None = None
+    jacobian: np.ndarray | None = None
+    fidelity: str = DYNAMICS
+
+    @property
+    def worst(self) -> float:
+        """The most violated limit; minus infinity without limits, infinite if a number is not finite."""
+        if not math.isfinite(self.objective) or not np.all(np.isfinite(self.limits)):
+            return math.inf
+        return float(np.max(self.limits, initial=-math.inf))
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is held."""
+        return self.worst <= SLACK
+
+
+def record_of(point: Evaluation) -> dict[str, Any]:
+    """A design as a record."""
+    return {k: _plain(v.tolist() if isinstance(v, np.ndarray) else v) for k, v in point._asdict().items()}
+
+
+def _plain(value: Any) -> Any:
+    """A value for JSON: numbers that are not finite as text."""
+    if isinstance(value, list):
+        return [_plain(v) for v in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def evaluation_of(record: Mapping[str, Any]) -> Evaluation:
+    """The design of a record."""
+    arrays = ("x", "limits", "gradient", "jacobian")
+    values = {k: None if record[k] is None else np.asarray(record[k], float) for k in arrays}
+    return Evaluation(objective=float(record["objective"]), fidelity=record["fidelity"], **values)
+
 
 # Points whose variables differ by less than this, relative, are the same.
 ROUND_OFF = 1e-14
@@ -187,12 +236,8 @@ class Program:
             return point._replace(limits=limits, jacobian=jacobian)
 
         shrink = np.where([name == group for name in self.groups], 1 / factor, 1.0)
-        names = self.names, self.lower, self.upper, self.limit_names, self.groups
-        known = [shift(point) for point in self.history]
-        fresh = None if self._fresh is None else lambda x, samples, seed: shift(self.fresh(x, samples, seed))
         cheap = None if self.cheap is None else self.cheap.with_bound(group, factor)
-        models: dict = {"fidelity": self.fidelity, "cheap": cheap, "leaders": self.leaders, "inside": self.inside}
-        return Program(lambda x, gradient: shift(self.at(x, gradient)), *names, known=known, fresh=fresh, **models)
+        return self._seen_through(shift, lambda x: x, self.history, (self.names, self.lower, self.upper), cheap)
 
     def within(self, lower: np.ndarray, upper: np.ndarray) -> "Program":
         """The same program in a box, without the variables that the box fixes; it evaluates through this one.
@@ -212,20 +257,30 @@ class Program:
             return point._replace(x=point.x[free], gradient=gradient, jacobian=jacobian)
 
         hair = ROUND_OFF * lower
-        known = [part(p) for p in self.history if np.all(p.x >= lower - hair) and np.all(p.x <= upper + hair)]
+        inside = [p for p in self.history if np.all(p.x >= lower - hair) and np.all(p.x <= upper + hair)]
         names = [name for name, is_free in zip(self.names, free, strict=True) if is_free]
-        fresh = None if self._fresh is None else lambda x, samples, seed: part(self.fresh(whole(x), samples, seed))
+        cheap = None if self.cheap is None else self.cheap.within(lower, upper)
+        return self._seen_through(part, whole, inside, (names, lower[free], upper[free]), cheap)
+
+    def _seen_through(
+        self,
+        shown: Callable[[Evaluation], Evaluation],
+        whole: Callable[[np.ndarray], np.ndarray],
+        known: Sequence[Evaluation],
+        variables: tuple[Sequence[str], np.ndarray, np.ndarray],
+        cheap: "Program | None",
+    ) -> "Program":
+        """A program of `variables` that evaluates through this one, at `whole` points, and `shown` otherwise."""
+        fresh = None if self._fresh is None else lambda x, samples, seed: shown(self.fresh(whole(x), samples, seed))
         return Program(
-            lambda x, gradient: part(self.at(whole(x), gradient)),
-            names,
-            lower[free],
-            upper[free],
+            lambda x, gradient: shown(self.at(whole(x), gradient)),
+            *variables,
             self.limit_names,
             self.groups,
-            known=known,
+            known=[shown(point) for point in known],
             fresh=fresh,
             fidelity=self.fidelity,
-            cheap=None if self.cheap is None else self.cheap.within(lower, upper),
+            cheap=cheap,
             leaders=self.leaders,
             inside=self.inside,
         )

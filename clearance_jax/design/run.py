@@ -1,13 +1,32 @@
-"""One run of a method, with a repair of its start and of its result."""
+"""One run of a method, with a repair of its start and its end, and what follows it by values alone.
+
+Where slopes were useless or misleading, a search by values first goes along a line from the best feasible design to
+where a limit is met, by false position, or by bisection where that is slow. With several variables it continues by
+quadratic models of values about that point, and then along the line again.
+
+A limit with impacts has ripples, so a search that follows slopes may end in a small part of the designs that hold,
+while a better part is a little further along the limit. So there is also a look beside the end of a search, at cheaper
+designs that trade one variable against others.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
+import scipy.optimize
 
-from clearance_jax.design.by_values import by_values, is_settled
-from clearance_jax.design.methods import Method, method_of
-from clearance_jax.design.program import BudgetSpent, Program
-from clearance_jax.design.repair import NEARLY, feasible_neighbour, nearly_best
-from clearance_jax.design.scaling import StandsStill
-from clearance_jax.design.slopes import UselessSlopes
+from clearance_jax.design.methods import Method, cobyqa, method_of
+from clearance_jax.design.program import BudgetSpent, Evaluation, Program
+from clearance_jax.design.scaling import (
+    FLOOR,
+    NEARLY,
+    ROUND_OFF,
+    StandsStill,
+    UselessSlopes,
+    feasible_neighbour,
+    nearly_best,
+    optimality,
+)
 
 INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
 STILL = "stopped: the search stands still"
@@ -59,3 +78,144 @@ def _standing(program: Program) -> str:
     """The stop reason of a search that stands still: empty if a limit is active."""
     best = program.best
     return "" if best is None or np.any(best.limits > -NEARLY) else STILL
+
+
+# The residual of the conditions of optimality below which a design counts as an optimum.
+SETTLED = 0.05
+# A line search ends if a limit is so near to its bound, or the interval so short, in logarithms.
+MET, SHORT = 1e-5, 1e-4
+# The first step along a line, and the factor of the next ones.
+STEP, LONGER = 0.01, 2.0
+# Radius of the first and the last quadratic model, in logarithms; evaluations for each variable.
+RADIUS, LEAST_RADIUS, EACH = 0.1, 1e-3, 15
+
+
+def is_settled(program: Program, method: Method) -> bool:
+    """Whether the best design is at active limits or at the bounds of its variables; if the method uses gradients, also
+    whether it satisfies the conditions of optimality.
+    """
+    best = program.found
+    if best is None or np.all(_room(program, best, _gaining(program, best)) <= 0):
+        return True
+    met = best.worst > -method.slack
+    if not method.gradients or best.gradient is None:
+        return met
+    return met and optimality(program, best, method.slack)[0] <= SETTLED
+
+
+def by_values(program: Program, method: Method) -> bool:
+    """Continue from the best feasible design by values alone, unless it is settled; returns whether it did.
+
+    A program with a `cheap` model has expensive evaluations, and is searched along a line only.
+    """
+    if is_settled(program, method):
+        return False
+    _outwards(program, method.gradients)
+    if len(program.names) > 1 and program.cheap is None and not is_settled(program, method):
+        with suppress(StandsStill):
+            cobyqa(program, _best(program).x, LEAST_RADIUS, radius=RADIUS, most=EACH * len(program.names))
+        _outwards(program, method.gradients)
+    return True
+
+
+def _best(program: Program) -> Evaluation:
+    best = program.found
+    assert best is not None
+    return best
+
+
+def _outwards(program: Program, gradient: bool) -> None:
+    """Change all variables by the same factor towards a lower objective, until a limit is met or all are at bounds."""
+    best = _best(program)
+    z, way = np.log(best.x), _gaining(program, best)
+    end = float(_room(program, best, way).max())
+    low, high, step, narrow = (0.0, _excess(program, best)), None, STEP, np.inf
+    while low[0] < end and (high is None or (low[1] < -MET and high[0] - low[0] > SHORT)):
+        if high is None:
+            # Errors are about proportional to clearances.
+            s, step = min(low[0] + max(step, -1.01 * low[1]), end), LONGER * step
+        else:
+            s, narrow = _between(low, high, narrow), high[0] - low[0]
+        value = _excess(program, program.at(np.exp(z + s * way), gradient))
+        low, high = ((s, value), high) if value <= 0 else (low, (s, value))
+
+
+def _between(low: tuple[float, float], high: tuple[float, float], before: float) -> float:
+    """The next place in a bracket: by false position, or its middle if the last step hardly narrowed it."""
+    width = high[0] - low[0]
+    if not np.isfinite(high[1]) or width > 0.5 * before:
+        return low[0] + 0.5 * width
+    share = -low[1] / (high[1] - low[1])
+    # Not near the ends: one of them would be approached again and again.
+    return low[0] + width * float(np.clip(share, 0.02, 0.98))
+
+
+def _excess(program: Program, point: Evaluation) -> float:
+    """The logarithm of the most violated limit (value over bound), which is nearly linear in those of clearances."""
+    return float(np.log(max(1 + point.worst, FLOOR))) + program.inside
+
+
+def _room(program: Program, best: Evaluation, way: np.ndarray) -> np.ndarray:
+    """How far each variable (n,) is from its bound in a direction, in logarithms."""
+    room = np.where(way > 0, np.log(program.upper / best.x), np.log(best.x / program.lower))
+    return np.where((way == 0) | (room < ROUND_OFF), 0.0, room)
+
+
+def _gaining(program: Program, best: Evaluation) -> np.ndarray:
+    """The sign of the change of each variable (n,) that lowers the objective."""
+    if best.gradient is not None:
+        return -np.sign(best.gradient)
+    logs = np.log([point.x for point in program.asked])
+    values = np.array([point.objective for point in program.asked])
+    return -np.sign(np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=None)[0])
+
+
+# How far away, in logarithms of the variables; by which share the objective there is lower; how often a search goes on.
+AWAY, GAIN, ROUNDS = (0.03, 0.1, 0.3), 0.01, 4
+# By how much all variables change together at most, in logarithms.
+FURTHEST = 0.7
+
+
+def trade(program: Program, method: Method, objective: Callable[[np.ndarray], float], reason: str, **options) -> str:
+    """Go on from a better design beside the best one, as long as there is one.
+
+    **Arguments:** `objective` of variables (n,); `reason`: why the search stopped early, or empty; `options`: the
+    method's.
+
+    **Returns:** the reason, or why this stopped early.
+    """
+    try:
+        for _ in range(ROUNDS):
+            best = program.found
+            if best is None or len(best.x) < 2 or reason in (INTERRUPTED, SPENT):
+                return reason
+            places = _beside(program, best.x, objective)
+            better = next((x for x in places if program.at(x, method.gradients).feasible), None)
+            if better is None:
+                return reason
+            reason = run(program, method, better, **options)
+    except BudgetSpent:
+        return SPENT
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return reason
+
+
+def _beside(program: Program, x: np.ndarray, objective: Callable[[np.ndarray], float]) -> Iterator[np.ndarray]:
+    """Designs of a lower objective on both sides of one, further and further away."""
+    z, low, high = np.log(x), np.log(program.lower), np.log(program.upper)
+    wanted, rng = objective(x) - GAIN * abs(objective(x)), np.random.default_rng(0)
+    for away in AWAY:
+        # Along the diagonal nothing is traded: the search has looked there.
+        way = rng.normal(size=len(z)) if len(z) > 2 else np.array([1.0, -1.0])
+        way -= way.mean()
+        for side in (away, -away):
+
+            def place(all_by: float, step: np.ndarray = side * way / np.abs(way).max()) -> np.ndarray:
+                return np.exp(np.clip(z + step + all_by, low, high))
+
+            def lack(all_by: float, place=place) -> float:
+                return objective(place(all_by)) - wanted
+
+            if lack(-FURTHEST) * lack(FURTHEST) < 0:
+                yield place(scipy.optimize.brentq(lack, -FURTHEST, FURTHEST, xtol=1e-6))

@@ -1,8 +1,14 @@
-"""The search for a design: choice of method, starts, classes, and explanations of failure."""
+"""The search for a design: choice of method, starts, classes, explanations of failure.
+
+Continuation: searches with contact laws smoothed over smaller and smaller widths, and at last with the laws themselves,
+each from the design of the one before.
+"""
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +17,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
-from clearance_jax.ask.place import HERE, SolvePlace
+from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.class_search import choose_classes, without_classes
 from clearance_jax.design.classes import NONE_CHOSEN, Candidates, classes_of, priced
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate, objective_of, unposed
-from clearance_jax.design.infeasible import why_infeasible
+from clearance_jax.design.infeasible import unreachable, why_infeasible
 from clearance_jax.design.manufacture import Neighbours
 from clearance_jax.design.methods import AUTO, METHODS, Method, method_of
 from clearance_jax.design.model_management import MATCHED, MATCHED_VALUES
-from clearance_jax.design.program import BudgetSpent, Program
-from clearance_jax.design.run import INTERRUPTED, SPENT, USELESS, run
+from clearance_jax.design.program import BudgetSpent, Evaluation, Program
+from clearance_jax.design.run import INTERRUPTED, SPENT, USELESS, run, trade
 from clearance_jax.design.specification import AUTO as BOTH
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.trades import trade
-from clearance_jax.design.unreachable import unreachable
 from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.variants import change_each_play
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
 
@@ -49,12 +54,10 @@ def search(
     diameters: Mapping[str, float] | None = None,
 ) -> Design:
     """Search for the best design; `place`: where many simulations are solved; others as `ToleranceProblem.solve`'s."""
-    if classes is None:
-        return _continuous(specification, method, start, starts, seed, record, most, progress, place)
-    listed = classes_of(specification, classes, diameters)
-    specification = priced(specification, listed)
+    listed = None if classes is None else classes_of(specification, classes, diameters)
+    specification = specification if listed is None else priced(specification, listed)
     design = _continuous(specification, method, start, starts, seed, record, most, progress, place)
-    if not design.feasible:
+    if listed is None or not design.feasible:
         return design
     if design.stop_reason in (INTERRUPTED, SPENT):
         return without_classes(design, NONE_CHOSEN, design.stop_reason)
@@ -122,8 +125,7 @@ def _explained(design: Design) -> Design:
         return design
     # The explanation may have evaluated the smallest clearances for the first time.
     point = design.program.best or design.program.nearest or design.evaluation
-    note = "; ".join(text for text in (design.note, "" if point.feasible else why) if text)
-    return dataclasses.replace(design, evaluation=point, note=note)
+    return design.with_note("" if point.feasible else why, evaluation=point)
 
 
 def _runs(program: Program, method: Method, x: np.ndarray, starts: int, seed: int, **options: Any) -> str:
@@ -221,3 +223,57 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
             if not report.trusted:
                 return f"Gradients are not to be trusted ({name}, {limit.title}): {report.reasons[0]}"
     return ""
+
+
+def smoothed(mechanism: Mechanism, width: float) -> Mechanism:
+    """The mechanism with a smooth onset of every normal law over a width [m]."""
+    return change_each_play(mechanism, lambda play: dataclasses.replace(play, normal=play.normal.smoothed(width)))
+
+
+def continued(
+    specification: Specification,
+    widths: Sequence[float],
+    start: Mapping[str, float] | None,
+    starts: int,
+    record: str | Path | None,
+    **options: Any,
+) -> Design:
+    """The best design of the laws themselves, from designs of laws smoothed over `widths` [m], the last of which is 0.
+
+    Only the first width has further `starts`. Every width has its own record beside the `record`. Other arguments as
+    those of `search`.
+
+    **Raises:** `ClearanceError` for widths that do not fall to 0, and for classes.
+    """
+    _check(widths, options.get("classes"))
+    before: list[tuple[float, Design]] = []
+    for width in widths[:-1]:
+        asked = dataclasses.replace(specification, mechanism=smoothed(specification.mechanism, width))
+        design = search(asked, start=start, starts=starts, record=_record_of(record, width), **options)
+        if design.stop_reason == INTERRUPTED:
+            note = f"this is a design of laws that are smoothed over {width:g} m, not of the laws themselves"
+            return design.with_note(note, before=tuple(before))
+        before.append((width, design))
+        start, starts = design.clearances, 1
+    design = search(specification, start=start, starts=starts, record=record, **options)
+    return dataclasses.replace(design, before=tuple(before))
+
+
+def _check(widths: Sequence[float], classes: Any) -> None:
+    falls = all(high > low for high, low in itertools.pairwise(widths))
+    if not (falls and widths and all(0 <= width < math.inf for width in widths) and widths[-1] == 0):
+        raise ClearanceError(
+            "`smoothing` must be widths [m] that become smaller, and the last one must be 0, which is the law itself: "
+            f"such as (1e-6, 1e-7, 0). But it is {tuple(widths)}."
+        )
+    if classes is not None:
+        raise ClearanceError(
+            "`smoothing` is for variables that take any values: leave `classes` out, and then choose the classes with "
+            "`start` at the answer."
+        )
+
+
+def _record_of(record: str | Path | None, width: float) -> Path | None:
+    """The record of a width: a file beside that of the laws themselves."""
+    path = None if record is None else Path(record)
+    return path and path.with_name(f"{path.stem}.smoothed-{width:g}{path.suffix}")

@@ -1,15 +1,17 @@
-"""The specification of a tolerance problem, checked: variables, limits, conditions, costs, options."""
+"""The specification of a tolerance problem, checked: variables, limits, conditions, costs, options; its scenarios."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.module import Module
-from clearance_jax.design import worn
+from clearance_jax.design.conditions import replace_values, sets, values_for, worth
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism._base import drive_breaks
@@ -47,6 +49,11 @@ class Limit(Module):
             raise ClearanceError(f"The bound of a limit must be a positive number, but it is {self.bound}.")
 
     @property
+    def signal(self) -> Any:
+        """The signal that is bounded; `None`: the metric has none."""
+        return getattr(self.metric.base_metric, "signal", None)
+
+    @property
     def title(self) -> str:
         """The given name, or the metric's."""
         aged = self._aged
@@ -60,8 +67,7 @@ class Limit(Module):
     @property
     def signal_label(self) -> str:
         """The signal of the metric in words, of the new mechanism; the label if there is no signal."""
-        signal = getattr(self.metric.base_metric, "signal", None)
-        of = self.label if signal is None else self._label(signal.label)
+        of = self.label if self.signal is None else self._label(self.signal.label)
         return of + " as new" * bool(self.ages)
 
     @property
@@ -159,12 +165,12 @@ class Specification:
                 check_values(replace(now, {name: ends[end] for name, ends in self.variables.items()}))
             metrics = [limit.metric for limit in self.limits]
             for metric in metrics:
-                check_values(replace(metric.model(now), worn.values_for(metric, now, metrics, values)))
+                check_values(replace(metric.model(now), values_for(metric, now, metrics, values)))
             for scattered in self.manufacture.scattered:
                 self.worth(scattered)
                 if scattered not in self.variables:
-                    sets = worn.sets(values, scattered)
-                    self.manufacture.check_worth(scattered, self.worth(scattered, values), sets)
+                    worth_here = self.worth(scattered, values)
+                    self.manufacture.check_worth(scattered, worth_here, sets(values, scattered))
             known = parameters(now)
             if any(given.startswith("drive.") for given in values):
                 self._check_end(now)
@@ -191,11 +197,11 @@ class Specification:
 
         **Raises:** `ClearanceError` for an unknown one.
         """
-        return worn.worth(self.mechanism, [limit.metric for limit in self.limits], name, given)
+        return worth(self.mechanism, [limit.metric for limit in self.limits], name, given)
 
     def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         """The mechanism with the values of a condition or scenario, of which those of wear are ignored."""
-        return worn.replace_values(mechanism, [limit.metric for limit in self.limits], values)
+        return replace_values(mechanism, [limit.metric for limit in self.limits], values)
 
     def settings(self, **changes: Any) -> Settings:
         """The settings of the solves, with some options changed."""
@@ -279,3 +285,30 @@ class Specification:
     def nominal(self) -> "Specification":
         """The same for parts exactly as designed."""
         return dataclasses.replace(self, manufacture=AsDesigned())
+
+
+class Scenario(NamedTuple):
+    """One simulation of a design: its `title`, `values` of numbers by name, `factors` (n,) on the variables; for a part
+    as made, `designed` are the values as designed (`None`: it is the design itself).
+    """
+
+    title: str
+    values: Mapping[str, jax.Array]
+    factors: np.ndarray
+    designed: Mapping[str, jax.Array] | None = None
+
+
+def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
+    """The scenarios of a problem, condition by condition; `fresh` > 0: with so many new samples, by `seed`."""
+    names, manufacture, scenarios = tuple(specification.variables), specification.manufacture, []
+    parts = manufacture.parts(names, fresh, seed)
+    for condition, values in specification.conditions.items():
+        given = {name: jnp.asarray(value, float) for name, value in values.items()}
+        worth = {n: np.asarray(specification.worth(n, values)) for n in manufacture.scattered if n not in names}
+        for part in parts:
+            moved = {n: jnp.asarray(worth[n] * factor, float) for n, factor in part.others.items()}
+            moved |= {n: jnp.asarray(value, float) for n, value in part.values.items()}
+            title = specification.suffix(condition) + part.title
+            designed = None if part.is_design else given
+            scenarios.append(Scenario(title, {**given, **moved}, part.factors, designed))
+    return scenarios

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.ask.place import SolvePlace, place_of
+from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
-from clearance_jax.design.evaluation import SLACK
-from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.program import SLACK
+from clearance_jax.design.specification import Scenario, scenarios_of
 from clearance_jax.design.yields import USUAL, YieldEstimate, samples_needed, samples_to_judge
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits

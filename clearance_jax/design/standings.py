@@ -1,14 +1,18 @@
-"""The standings of a design: the value of each limit, its bound, and the instant of its peak."""
+"""How a design stands with its limits: values, bounds and instants of peaks, and signals over time."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from clearance_jax.ask.question import Question, answer
 from clearance_jax.design.answer import Design
-from clearance_jax.design.observed import Observed
-from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.observed import Observed, sample_times
+from clearance_jax.design.specification import Scenario, Specification, scenarios_of
+from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.observed import Instants
+from clearance_jax.metrics.reductions import At
+from clearance_jax.solve.settings import settings_of
 
 # The number of limits that are shown, the nearest to their bounds.
 SHOWN = 12
@@ -73,3 +77,65 @@ def _rows(design: Design, scenarios: int) -> list[tuple[int, int]]:
 def _instant(seen: Observed | None, limit: int, place: int) -> float | None:
     instants = None if seen is None else seen.limits[limit]
     return float(instants.times[place]) if isinstance(instants, Instants) else None
+
+
+class TimeHistory(NamedTuple):
+    """The `signal` of a `limit` over time.
+
+    - `times` (times,) [s]; `values` (times,) in `unit`, by condition (with one condition only, under an empty name);
+      `bound`.
+    - `reduction`: the reduction of the signal that is bounded, in words (empty: every value); `since`: from when on
+      [s] (`None`: the start).
+    """
+
+    limit: str
+    signal: str
+    unit: str
+    reduction: str
+    since: float | None
+    bound: float
+    times: np.ndarray
+    values: dict[str, np.ndarray]
+
+
+def time_histories(design: Design) -> tuple[TimeHistory, ...]:
+    """The signal of each limit over time, at the design, without conditions that cannot be simulated.
+
+    **Arguments:** `design`: the answer of a problem.
+    """
+    specification = design.specification
+    times, signals, by_condition = sample_times(specification), _signals(specification), {}
+    asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
+    for name, given in specification.conditions.items():
+        moved = specification.move(design.mechanism, given)
+        try:
+            settings = settings_of(moved, specification.t1, specification.solving)
+            seen = answer(Question(moved, asked, specification.t1, settings)).values
+        except (ClearanceError, RuntimeError):
+            continue  # a design that could not be simulated is reported as such elsewhere
+        by_condition[specification.label(name)] = [seen.get(str(i)) for i in range(len(signals))]
+    return histories_of(specification, times, by_condition)
+
+
+def histories_of(
+    specification: Specification, times: np.ndarray, by_condition: Mapping[str, Sequence[Any]]
+) -> tuple[TimeHistory, ...]:
+    """The time histories of all limits with a signal, from lists of signals by condition."""
+    return tuple(
+        TimeHistory(
+            limit.label,
+            limit.signal_label,
+            signal.unit,
+            limit.reduction,
+            limit.since,
+            limit.bound,
+            times,
+            {name: np.asarray(signals[i]) for name, signals in by_condition.items()},
+        )
+        for i, (limit, signal) in enumerate(zip(specification.limits, _signals(specification), strict=True))
+        if signal is not None
+    )
+
+
+def _signals(specification: Specification) -> list[Any]:
+    return [limit.signal for limit in specification.limits]

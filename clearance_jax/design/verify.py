@@ -5,18 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import scipy.optimize
 
-from clearance_jax.ask.place import HERE, SolvePlace
+from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.certificate import HELD, Certificate
 from clearance_jax.design.evaluate import FEW, fresh_yield, simulations_of
-from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.methods import Method
-from clearance_jax.design.optimality import optimality
-from clearance_jax.design.program import BudgetSpent, Program
-from clearance_jax.design.repair import feasible_neighbour
+from clearance_jax.design.program import BudgetSpent, Evaluation, Program
 from clearance_jax.design.run import INTERRUPTED, run
-from clearance_jax.design.scenarios import scenarios_of
-from clearance_jax.design.specification import Specification
+from clearance_jax.design.scaling import feasible_neighbour, optimality
+from clearance_jax.design.specification import Specification, scenarios_of
 from clearance_jax.design.static import static_error, static_weights
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.reductions import Peak
@@ -206,16 +203,10 @@ def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
     step = 1e-5
     good, bad = (1.0, None) if at.worst <= 0 else (None, 1.0)
     while good is None or bad is None:
-        if bad is None:
-            s = min(1 + step, high)
-            good, bad = (s, None) if worst(s) <= 0 else (good, s)
-            if s == high and bad is None:
-                return np.nan
-        else:
-            s = max(1 - step, low)
-            good, bad = (s, bad) if worst(s) <= 0 else (None, s)
-            if s == low and good is None:
-                return np.nan
+        s = min(1 + step, high) if bad is None else max(1 - step, low)
+        good, bad = (s, bad) if worst(s) <= 0 else (good, s)
+        if s in (low, high) and (good is None or bad is None):
+            return np.nan
         step *= 4
     return float(scipy.optimize.brentq(worst, good, bad, xtol=1e-12, rtol=1e-10)) if worst(good) < 0 else float(good)
 

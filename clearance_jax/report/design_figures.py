@@ -16,9 +16,8 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.budget import ErrorBudget
-from clearance_jax.design.explain import Response, Tradeoff
-from clearance_jax.design.maintenance import Maintenance
-from clearance_jax.design.time_histories import TimeHistory
+from clearance_jax.design.explain import Maintenance, Response, Tradeoff
+from clearance_jax.design.standings import TimeHistory
 from clearance_jax.report.figures import draw_path
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.skeleton import Skeleton

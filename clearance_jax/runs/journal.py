@@ -1,22 +1,76 @@
 """The journal of a run: a text file with the question in the first line and a record of finished work in each other.
 
 A line is a JSON object with a checksum and the fingerprint of its question. A line counts if it is complete and its
-checksum is right. A kill damages at most the last line, so a killed run can be continued.
+checksum is right. A kill damages at most the last line, so a killed run can be continued. One process writes at a time,
+and errors of writing become messages that say what to do.
 """
 
 import errno
 import json
 import os
+import platform
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from errno import EDQUOT, EFBIG, ENOSPC
 from pathlib import Path
 from typing import Any
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.runs.disk import refuse_in_words
 from clearance_jax.runs.identity import as_in_file, differences, fingerprint, refusal
-from clearance_jax.runs.lock import Lock
+
+
+@contextmanager
+def refuse_in_words(what: str, *, begun: bool = False) -> Iterator[None]:
+    """Turn an `OSError` of writing `what` into a `ClearanceError` that says why and what to do. `begun`: a part of it
+    has been written before.
+    """
+    try:
+        yield
+    except OSError as error:
+        mend = "make room" if error.errno in (ENOSPC, EDQUOT, EFBIG) else "see to that"
+        fix = f"What was written before is kept: {mend}, and go on" if begun else "Choose another path"
+        raise ClearanceError(f"Cannot write {what}: {error.strerror or error}. {fix}.") from error
+
+
+try:
+    import fcntl
+except ImportError:  # Windows has no such locks: two writers are not noticed there
+    fcntl = None
+
+
+class Lock:
+    """A lock, held from its creation until `release`.
+
+    **Arguments:** `path`: a lock file in the folder that is locked, which says who holds it; or, with `itself`, the
+    file to be locked. `wait`: wait until it is free.
+
+    **Raises:** `ClearanceError` if another process holds it; `OSError` if the file cannot be written.
+    """
+
+    def __init__(self, path: Path, *, itself: bool = False, wait: bool = False):
+        named = path if itself else path.parent
+        self.place = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        if fcntl is None:
+            return
+        try:
+            fcntl.flock(self.place, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError:
+            content = b"" if itself else os.read(self.place, 200)
+            holder = content.decode(errors="replace") or "another process"
+            os.close(self.place)
+            raise ClearanceError(
+                f"`{named}` is being written by {holder}. Wait until that has ended, or stop it."
+            ) from None
+        if not itself:
+            os.ftruncate(self.place, 0)
+            os.write(self.place, f"process {os.getpid()} on {platform.node()}".encode())
+
+    def release(self) -> None:
+        """Another process may write."""
+        os.close(self.place)
+
 
 BEGIN = b'{"check":"'
 # Length of a line up to the end of its checksum of eight digits.

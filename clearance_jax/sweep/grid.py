@@ -1,20 +1,92 @@
-"""The grid of a sweep: its dimensions, its questions, and the solves of any of its lanes (points)."""
+"""The grid of a sweep: dimensions, questions and their description, regions of lanes (points), and solves of lanes."""
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
-from clearance_jax.ask.lanes import lanes as answered
-from clearance_jax.ask.question import Answer, Question
+from clearance_jax.ask.question import OPTIONS, Answer, Question
+from clearance_jax.ask.question import lanes as answered
+from clearance_jax.parameters import replace
+from clearance_jax.runs.identity import digest, numbers, versions
+from clearance_jax.runs.identity import settings as settings_in_words
 from clearance_jax.solve.batch import BatchReport
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.lanes import chunk_on
+from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.validity import WORDS as LEVELS
 from clearance_jax.sweep.axes import Dimension
+
+# Least number of lanes of a region: smaller regions would make too many files of a large sweep.
+LEAST = 4096
+
+
+class Partition(NamedTuple):
+    """The regions of a grid of `shape`: blocks of the shape `chunk` (smaller at the far ends), numbered in C order."""
+
+    shape: tuple[int, ...]
+    chunk: tuple[int, ...]
+
+    @property
+    def grid(self) -> tuple[int, ...]:
+        """The number of regions along each dimension."""
+        return tuple(-(-size // step) for size, step in zip(self.shape, self.chunk, strict=True))
+
+    @property
+    def count(self) -> int:
+        """The number of regions."""
+        return math.prod(self.grid)
+
+    def slices(self, region: int) -> tuple[slice, ...]:
+        """The slices of a region in the grid."""
+        places = np.unravel_index(region, self.grid)
+        ends = zip(places, self.chunk, self.shape, strict=True)
+        return tuple(slice(int(p) * step, min((int(p) + 1) * step, size)) for p, step, size in ends)
+
+    def extent(self, region: int) -> tuple[int, ...]:
+        """The number of lanes of a region along each dimension."""
+        return tuple(part.stop - part.start for part in self.slices(region))
+
+    def size(self, region: int) -> int:
+        """The number of lanes of a region."""
+        return math.prod(self.extent(region))
+
+    def lane(self, region: int, place: int) -> int:
+        """The lane at a place of a region."""
+        inside = np.unravel_index(place, self.extent(region))
+        where = [part.start + int(at) for part, at in zip(self.slices(region), inside, strict=True)]
+        return int(np.ravel_multi_index(where, self.shape))
+
+    def lanes(self, region: int) -> Int[np.ndarray, " lanes"]:
+        """The lanes of a region by their index in the whole grid, in C order within the region."""
+        ranges = [np.arange(part.start, part.stop) for part in self.slices(region)]
+        return np.ravel_multi_index(np.meshgrid(*ranges, indexing="ij"), self.shape).ravel()
+
+    def of(self, lanes: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """The regions of lanes, and the places of lanes within their regions."""
+        places = np.unravel_index(lanes, self.shape)
+        inside = [p % step for p, step in zip(places, self.chunk, strict=True)]
+        regions = np.ravel_multi_index([p // step for p, step in zip(places, self.chunk, strict=True)], self.grid)
+        here = np.zeros(len(lanes), int)
+        for place, step, size, at in zip(inside, self.chunk, self.shape, places, strict=True):
+            begin = at - place
+            here = here * np.minimum(step, size - begin) + place
+        return regions, here
+
+
+def partition(shape: Sequence[int], apart: Sequence[bool], least: int = LEAST) -> Partition:
+    """Even regions of at least `least` lanes (or all). Dimensions that stay `apart` (models) are cut everywhere."""
+    chunk, so_far = [1] * len(shape), 1
+    for i in reversed(range(len(shape))):
+        if not apart[i]:
+            pieces = max(1, shape[i] // -(-least // so_far))
+            chunk[i] = -(-shape[i] // pieces)
+            so_far *= chunk[i]
+    return Partition(tuple(shape), tuple(chunk))
+
 
 Lanes = Int[np.ndarray, " _"]
 # The result code of a lane that has not been solved.
@@ -186,3 +258,48 @@ def slope_name(name: str) -> str:
 def ran_in_vain(codes: np.ndarray) -> np.ndarray:
     """Whether lanes have failed, by their result codes."""
     return (codes != int(Result.REACHED_END)) & (codes != NOT_RUN)
+
+
+AXIS = "axis "
+
+
+def description(grid: Grid) -> dict[str, Any]:
+    """The description of a question: numbers and short texts by name."""
+    described: dict[str, Any] = versions()
+    for dimension in grid.dims:
+        described[f"{AXIS}{dimension.name}"] = _axis(dimension)
+    varied = {name: np.nan for dimension in grid.dims for name in dimension.columns}
+    for label, question in zip(labels(grid), grid.questions, strict=True):
+        model = replace(question.model, {k: v for k, v in varied.items() if k not in OPTIONS})
+        described |= numbers(model, label)
+    question = grid.questions[0]
+    for name, metric in question.metrics.items():
+        described |= {f"{what} (output {name})": value for what, value in numbers(metric).items()}
+    described["wrt"] = list(question.by)
+    described["derivatives_of"] = list(question.differentiated)
+    if "t1" not in varied:
+        described["t1"] = float(question.t1)
+    described |= {f"option {name}": value for name, value in solve_words(question.settings).items()}
+    return described
+
+
+def solve_words(settings: Settings) -> dict[str, Any]:
+    """Settings as short texts and numbers."""
+    return settings_in_words(settings._asdict())
+
+
+def labels(grid: Grid) -> list[str]:
+    """A suffix for the names of each model's numbers; empty for a single model."""
+    suffixes = [""]
+    for dimension in grid.dims:
+        if dimension.models:
+            suffixes = [f"{before} ({dimension.name}: {label})" for before in suffixes for label in dimension.labels]
+    return suffixes
+
+
+def _axis(dimension: Dimension) -> str:
+    if dimension.models:
+        return ", ".join(dimension.labels)
+    parts = [f"{name}: {len(v)} from {v[0]:.9g} to {v[-1]:.9g}, {digest(v)}" for name, v in dimension.columns.items()]
+    drawn = [f"{k} {v}" for k, v in dimension.sampling.items() if k in ("method", "seed")]
+    return "; ".join([*drawn, *parts])

@@ -2,10 +2,18 @@
 
 import os
 import shutil
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.solve.batch import BatchReport
+from clearance_jax.solve.lanes import LANES, chunk_on
+from clearance_jax.sweep.answers import AbstractAnswers
+from clearance_jax.sweep.grid import Grid, Lanes, Partition
 
 
 class SweepPlan(NamedTuple):
@@ -102,3 +110,77 @@ def check_memory(needed: int) -> None:
         raise ClearanceError(
             f"The answers take {size(needed)}, but this machine has {size(whole)} of memory. Give a `store` to write."
         )
+
+
+# A pilot is run if there are at least so many times its lanes.
+SHARE = 4
+
+
+def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
+    """`count` lanes spread over at most `LANES` missing regions, as each has its own partial results; none if few lanes
+    are missing.
+    """
+    if sum(partition.size(region) for region in missing) < SHARE * count:
+        return np.zeros(0, int)
+    regions = [missing[i] for i in np.unique(np.linspace(0, len(missing) - 1, LANES).astype(int))]
+    each = -(-count // len(regions))
+    lanes = [partition.lane(r, i * (partition.size(r) - 1) // max(each - 1, 1)) for r in regions for i in range(each)]
+    return np.unique(np.asarray(lanes)[np.linspace(0, len(lanes) - 1, count).astype(int)])
+
+
+def pilot_time(answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
+    """The time of a lane with all cores running [s], measured with a few lanes whose answers are kept; `None`: not
+    known.
+    """
+    lanes = choose(answers.partition, missing, chunk_on() * cores)
+    if len(lanes) == 0:
+        return None
+    seconds, values = time_lanes(answers.grid, lanes, cores)
+    keep(answers.partition, answers.keep, lanes, values)
+    return seconds / len(lanes)
+
+
+def time_lanes(grid: Grid, lanes: Lanes, cores: int) -> tuple[float, dict[str, np.ndarray]]:
+    """The time of these lanes [s], without compiling, and their answers."""
+    reports: list[BatchReport] = []
+    values = grid.answer(lanes, cores, report=reports.append)
+    return sum(report.running for report in reports), values
+
+
+def keep(partition: Partition, add: Callable[..., Any], lanes: Lanes, values: dict[str, np.ndarray]) -> None:
+    """Call `add(region, places, values)` for each region of the lanes."""
+    regions, places = partition.of(lanes)
+    for region in np.unique(regions).tolist():
+        here = regions == region
+        add(region, places[here], {name: column[here] for name, column in values.items()})
+
+
+Tell = Callable[[SweepProgress], Any] | None
+
+
+class SweepPace:
+    """Counts the lanes of a sweep and reports a `SweepProgress`. The clock starts with the first lanes that are done,
+    so that compiling does not count.
+    """
+
+    def __init__(self, answers: AbstractAnswers, tell: Tell):
+        self._lanes, self._tell, self._sizes = answers.grid.count, tell, answers.partition.size
+        self._kept = answers.partial_counts()  # counted at the start, and not again when their region ends
+        self._done = self._lanes - sum(map(self._sizes, answers.open_regions())) + sum(self._kept.values())
+        self._new, self._failed = 0.0, 0
+        self._begin: tuple[float, float] | None = None
+
+    def tell(self, more: float) -> None:
+        """Report that so many lanes of the current region are done."""
+        if self._tell is None:
+            return
+        now, new = time.perf_counter(), self._new + more
+        self._begin = self._begin or (now, new)
+        done = self._done + int(more)
+        self._tell(SweepProgress(self._lanes, done, self._failed, new - self._begin[1], now - self._begin[0]))
+
+    def end_region(self, region: int, new: int, wrong: int) -> None:
+        """Report a finished region, with the numbers of newly solved and of failed lanes."""
+        self._done += self._sizes(region) - self._kept.get(region, 0)
+        self._new, self._failed = self._new + new, self._failed + wrong
+        self.tell(0.0)

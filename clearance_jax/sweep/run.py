@@ -7,18 +7,16 @@ from typing import Any, Unpack
 
 import xarray as xr
 
-from clearance_jax.ask.place import client_of
+from clearance_jax.ask.answers import client_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.batch import usual_cores
 from clearance_jax.solve.lanes import LANES, chunk_on
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.answers import InMemory
-from clearance_jax.sweep.cluster import again_on, run_on
-from clearance_jax.sweep.here import run_again, run_here
-from clearance_jax.sweep.layout import LEAST
-from clearance_jax.sweep.pace import Tell
-from clearance_jax.sweep.plan import SweepPlan, check_memory, check_room
+from clearance_jax.sweep.grid import LEAST
+from clearance_jax.sweep.here import run_here, run_on
+from clearance_jax.sweep.plan import SweepPlan, Tell, check_memory, check_room
 from clearance_jax.sweep.question import grid_of
 from clearance_jax.sweep.widen import open_store
 
@@ -81,15 +79,14 @@ def sweep(
         raise ClearanceError("A sweep is given `times` instead of `save_at`.")
     grid = grid_of(mechanism, axes, outputs, t1, wrt, derivatives_of, times, options)
     side_by_side, provenance = cores or usual_cores(), provenance or {}
+    repeat = None if again is None else {**options, **again}
     needed = grid.count * grid.bytes_a_lane
     if store is None:
         if cluster is not None:
             raise ClearanceError("On a cluster each worker writes its own part: give a `store` that all of them reach.")
         check_memory(2 * needed)
         answers = InMemory(grid, provenance)
-        run_here(grid, answers, side_by_side, plan, progress)
-        if again is not None:
-            run_again(grid, answers, {**options, **again}, side_by_side)
+        run_here(answers, side_by_side, plan, progress, repeat)
         return answers.dataset()
     if not Path(store).exists():
         check_room(Path(store), needed)
@@ -102,11 +99,7 @@ def sweep(
         answers = open_store(store, grid, provenance, resume=resume, least=least)
         stack.callback(answers.close)
         if client is None:
-            run_here(answers.grid, answers, side_by_side, plan, progress)
-            if again is not None:
-                run_again(answers.grid, answers, {**options, **again}, side_by_side)
+            run_here(answers, side_by_side, plan, progress, repeat)
         else:
-            run_on(client, answers, cores_of_a_region, plan, progress)
-            if again is not None:
-                again_on(client, answers, {**options, **again}, cores_of_a_region)
+            run_on(client, answers, cores_of_a_region, plan, progress, repeat)
         return answers.dataset()

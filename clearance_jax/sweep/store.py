@@ -17,16 +17,11 @@ import numpy as np
 from clearance_jax._basis.extras import missing_extra
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.store import open_sweep
-from clearance_jax.runs.disk import refuse_in_words
-from clearance_jax.runs.journal import Journal, RunWarning
-from clearance_jax.runs.lock import Lock
+from clearance_jax.runs.journal import Journal, Lock, RunWarning, refuse_in_words
 from clearance_jax.runs.partial import PartialResults
 from clearance_jax.solve.codes import Result
-from clearance_jax.sweep.answers import AbstractAnswers, Values
-from clearance_jax.sweep.assemble import attributes, coordinates, counts, ending_counts
-from clearance_jax.sweep.grid import Grid
-from clearance_jax.sweep.identity import description
-from clearance_jax.sweep.layout import Partition, partition
+from clearance_jax.sweep.answers import AbstractAnswers, Values, attributes, coordinates, counts, ending_counts
+from clearance_jax.sweep.grid import Grid, Partition, description, partition
 
 JOURNAL, LOCK, PARTIAL = "journal.jsonl", "writer.lock", "partial"
 # Zarr's file of metadata of a group; here it also has those of all arrays.

@@ -10,13 +10,10 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.runs.disk import refuse_in_words
 from clearance_jax.runs.identity import VERSIONS, refusal
-from clearance_jax.runs.lock import Lock
-from clearance_jax.sweep.assemble import coordinates
-from clearance_jax.sweep.grid import Grid, Lanes
-from clearance_jax.sweep.identity import AXIS, description, labels
-from clearance_jax.sweep.layout import LEAST
+from clearance_jax.runs.journal import Lock, refuse_in_words
+from clearance_jax.sweep.answers import coordinates
+from clearance_jax.sweep.grid import AXIS, LEAST, Grid, Lanes, description, labels
 from clearance_jax.sweep.store import HANDED_OUT, LOCK, OWN_FILES, Regions, Store, create, remade
 
 # The longest name of a folder, with room for suffixes.

@@ -12,8 +12,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
-from clearance_jax.ask.lanes import answer
-from clearance_jax.ask.question import Question
+from clearance_jax.ask.question import Question, answer
 from clearance_jax.errors import ClearanceError, WearFailure
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, AbstractMetric, as_metric

@@ -15,23 +15,18 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax import laws, metrics
-from clearance_jax.calibrate.doubts import doubts
-from clearance_jax.calibrate.fit import FitTask, Variables
-from clearance_jax.calibrate.losses import LOSSES
-from clearance_jax.calibrate.measurement import Measurement, Series, read_measurement
-from clearance_jax.calibrate.options import FitOptions
-from clearance_jax.calibrate.readings import FitPoint, Instruments
-from clearance_jax.calibrate.residuals import _memory, _roughness
-from clearance_jax.calibrate.result import Minimum
-from clearance_jax.calibrate.run import settle
-from clearance_jax.calibrate.search import search, starts_of
+from clearance_jax.calibrate.fit import FitTask, Variables, _memory, _roughness
+from clearance_jax.calibrate.measurement import FitPoint, Instruments, Measurement, Series, read_measurement
+from clearance_jax.calibrate.options import LOSSES, FitOptions
+from clearance_jax.calibrate.result import Minimum, doubts
+from clearance_jax.calibrate.run import search, settle, starts_of
 from clearance_jax.cli.main import app
 from clearance_jax.io.keys import study as calibrate_keys
 from clearance_jax.io.keys.reference import example
 from clearance_jax.solve.settings import settings_of
 
-search_module = importlib.import_module("clearance_jax.calibrate.search")
-profile_module = importlib.import_module("clearance_jax.calibrate.profile")
+search_module = importlib.import_module("clearance_jax.calibrate.run")
+profile_module = importlib.import_module("clearance_jax.calibrate.confidence")
 SCENES = ROOT / "experiments" / "scenes"
 HEIGHT, GRAVITY, RTOL = 5e-3, 9.81, 1e-8
 RESTITUTION, WALL, WEIGHT = "sleeve.normal.restitution", "sleeve.radial_clearance", "gravity.x"

@@ -7,7 +7,7 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.conditions import Payload, condition_product
-from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import scenarios_of
 from clearance_jax.errors import ClearanceError
 
 TIMES = [0.1, 0.25, 0.4]

@@ -12,7 +12,7 @@ from clearance_jax.ask.question import Answer
 from clearance_jax.design import evaluate, verify, yields
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.formulation import _identity
-from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import scenarios_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.measure import Request
 from clearance_jax.runs.identity import differences

@@ -13,9 +13,9 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import design
-from clearance_jax.ask.place import SolvePlace
+from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design import evaluate, formulation
-from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import scenarios_of
 from clearance_jax.metrics import Peak, PositionError
 
 SCENE = SCENES / "slider_crank.toml"
@@ -92,6 +92,6 @@ def test_a_cluster_gives_the_same(problem, monkeypatch):
 
 
 def test_an_unreachable_cluster_is_said_before_anything_runs(problem, monkeypatch):
-    monkeypatch.setattr(importlib.import_module("clearance_jax.ask.place"), "PATIENCE", "1s")
+    monkeypatch.setattr(importlib.import_module("clearance_jax.ask.answers"), "PATIENCE", "1s")
     with pytest.raises(cj.ClearanceError, match=r"No scheduler answers at `tcp://127.0.0.1:1`"):
         problem.solve(cluster="tcp://127.0.0.1:1")

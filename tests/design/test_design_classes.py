@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose
 
 import clearance_jax as cj
 from clearance_jax import design
-from clearance_jax.design.branch_and_bound import BranchAndBound
-from clearance_jax.design.class_search import without_classes
+from clearance_jax.design.class_search import BranchAndBound, without_classes
 from clearance_jax.design.classes import NONE_CHOSEN, SMALLEST, ChosenClasses, classes_of
 from clearance_jax.design.findings import _fit, known_findings
 from clearance_jax.design.run import INTERRUPTED, SPENT

@@ -14,10 +14,8 @@ from clearance_jax.design import formulation
 from clearance_jax.design.findings import OF_DYNAMICS, _see, known_findings
 from clearance_jax.design.manufacture import Neighbours
 from clearance_jax.design.model_management import MATCHED, MATCHED_VALUES
-from clearance_jax.design.optimality import optimality
 from clearance_jax.design.run import BY_VALUES, STILL, USELESS
-from clearance_jax.design.scaling import StandsStill
-from clearance_jax.design.slopes import UselessSlopes, followed
+from clearance_jax.design.scaling import StandsStill, UselessSlopes, followed, optimality
 from clearance_jax.design.verify import expected_evaluations
 from clearance_jax.errors import ClearanceError
 from experiments.common import SCENES

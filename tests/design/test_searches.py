@@ -9,13 +9,10 @@ from numpy.testing import assert_allclose
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.design.by_values import by_values
-from clearance_jax.design.infeasible import why_infeasible
+from clearance_jax.design.infeasible import unreachable, why_infeasible
 from clearance_jax.design.methods import METHODS
-from clearance_jax.design.run import SPENT
-from clearance_jax.design.slopes import UselessSlopes, followed
-from clearance_jax.design.trades import trade
-from clearance_jax.design.unreachable import unreachable
+from clearance_jax.design.run import SPENT, by_values, trade
+from clearance_jax.design.scaling import UselessSlopes, followed
 from clearance_jax.design.verify import HAIR, moved_inside
 from experiments.common import SCENES
 

@@ -16,12 +16,12 @@ from places import ROOT, SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.ask.place import SolvePlace
+from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design import yields
-from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.evaluate import Simulations
 from clearance_jax.design.findings import known_findings
-from clearance_jax.design.scenarios import Scenario
+from clearance_jax.design.observed import joint_drawings
+from clearance_jax.design.specification import Scenario
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.html import render
 

@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.findings import CUT_SHORT, known_findings
-from clearance_jax.design.loads import _of_fall, pin_size
-from clearance_jax.design.observed import Observed
+from clearance_jax.design.observed import Observed, _of_fall, pin_size
 from clearance_jax.design.standings import standings
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError

@@ -13,7 +13,7 @@ from scipy import stats
 from sweeping import CLEARANCES, SCENE, SPEEDS, swept
 
 import clearance_jax as cj
-from clearance_jax.sweep.layout import Partition, partition
+from clearance_jax.sweep.grid import Partition, partition
 
 MECHANISM = cj.load(SCENE)
 PEAK = cj.metrics.Peak(cj.metrics.PositionError("piston"))

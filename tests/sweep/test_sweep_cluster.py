@@ -20,7 +20,7 @@ from clearance_jax.runs.journal import Journal
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
     small_regions(monkeypatch)
-    monkeypatch.setattr(importlib.import_module("clearance_jax.ask.place"), "PATIENCE", "1s")
+    monkeypatch.setattr(importlib.import_module("clearance_jax.ask.answers"), "PATIENCE", "1s")
 
 
 def wait_for(client, workers):

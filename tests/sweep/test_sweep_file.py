@@ -212,7 +212,7 @@ def test_what_cannot_be_done_is_said_before_anything_is(tmp_path, monkeypatch):
         assert not path.with_suffix(".zarr").exists()
         return str(error)
 
-    monkeypatch.setattr(importlib.import_module("clearance_jax.ask.place"), "PATIENCE", "1s")
+    monkeypatch.setattr(importlib.import_module("clearance_jax.ask.answers"), "PATIENCE", "1s")
     assert "may take" in said(1_000_000)
     assert "No scheduler answers at `tcp://127.0.0.1:9`" in said(2, "--cluster", "tcp://127.0.0.1:9")
 

@@ -18,7 +18,7 @@ from clearance_jax.io.table import Chosen, TomlTable, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.sweep.axes import Choice, Sampled, Zipped
-from clearance_jax.sweep.saltelli import sobol_samples
+from clearance_jax.sweep.scatter import sobol_samples
 
 
 class Study(NamedTuple):
