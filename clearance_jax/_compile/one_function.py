@@ -26,7 +26,7 @@ _APART = {"custom_call", "scatter", "sort", "fft", "infeed", "outfeed", "replica
 _APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter", "convolution"}
 # XLA leaves long sums and products of matrices to a library (`ynn_support.cc` of XLA): from so many numbers (measured),
 # and from so many rows, columns or terms.
-_LONG, _WIDE = 4096, 8
+LONG, _WIDE = 4096, 8
 
 
 def one_function(function: Callable) -> Callable:
@@ -121,7 +121,7 @@ def _is_apart(operation: Any) -> bool:
     value = ir.RankedTensorType(operation.operands[0].type)
     if name == "reduce":
         floats = isinstance(value.element_type, ir.FloatType)
-        return floats and len(operation.results) == 1 and math.prod(value.shape) >= _LONG
+        return floats and len(operation.results) == 1 and math.prod(value.shape) >= LONG
     numbers = hlo.DotDimensionNumbers(operation.attributes["dot_dimension_numbers"])
     others = ir.RankedTensorType(operation.operands[1].type).shape
     terms = math.prod(value.shape[i] for i in numbers.lhs_contracting_dimensions)
@@ -129,7 +129,7 @@ def _is_apart(operation: Any) -> bool:
     rows, columns = math.prod(value.shape) // each, math.prod(others) // each
     # XLA writes outer products, and products with a vector, as sums of products.
     matrices = min(rows, columns, terms) > 1 and max(rows, columns, terms) >= _WIDE
-    return matrices or each * rows * columns >= _LONG
+    return matrices or each * rows * columns >= LONG
 
 
 def _operations(whole: Any) -> list[Any]:

@@ -1,6 +1,7 @@
 """One try of a step: the Runge-Kutta step, and what happens at its two ends."""
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,6 +13,7 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Each, EachFlag, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import component_axis, components, each_lane, sharing_lanes
+from clearance_jax._compile.one_function import LONG
 from clearance_jax.dynamics.applied import renew
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.conditions import choice
@@ -86,25 +88,13 @@ def try_step(
     whether the step starts just past a break of a drive whose time is varied.
     """
     t0, t1 = times
-    tableau = tableau_of(solver)
-    plan, h, last = layout(problem.mechanism), t1 - t0, len(tableau.nodes) - 1
+    tableau, plan = tableau_of(solver), layout(problem.mechanism)
+    h, last = t1 - t0, len(tableau.nodes) - 1
     lower, nodes = jnp.asarray(tableau.lower), jnp.asarray(tableau.nodes)
-    if plan.remembered:
-        slope = _known_slope(problem, t0, y0, slope, fresh)
-        now = each_lane(lambda t, y, f, p: lift(lambda m, y, f: latch(t, y, f, m[0]), p, y, f), t0)
-        latched = _with_state(y0, now(t0, y0, slope, problem), t0)
-        # The motion decides whether the slope is fresh. But a new command may have another derivative and the same
-        # value, as for a servo at rest at its target.
-        before, after = (y if plan.held else motion(problem, y) for y in (y0, latched))
-        fresh = jnp.any(after != before, axis=tuple(range(after.ndim - jnp.ndim(t0))))
-        y0 = latched
-    if problem.energy_balance and problem.mechanism.has_payloads:
-        now = each_lane(lambda t, y, p: lift(lambda m, y: hand_over(t, y, m[0]), p, y), t0)
-        y0 = now(t0, y0, problem)
+    y0, slope, fresh = _start(problem, t0, y0, slope, fresh)
     if past_break is not False:
         moved = past_moving_break(t0, y0, problem)
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
-
     if problem.mechanism.may_repeat:
         # Once a step, at its start, where loops are closed and repeated conditions can be recognised.
         chosen = each_lane(lambda t, y, p: choice(t, motion(p, y), p.mechanism), t0)(t0, y0, problem)
@@ -126,8 +116,7 @@ def try_step(
         # At t1 a drive may have jumped already; the last stage ends before the break as other steps do.
         now = jnp.where(nodes[i] == 1, t1 - 4 * _EPS * jnp.abs(t1), t0 + nodes[i] * h)
         if problem.mechanism.has_manifold:
-            close = each_lane(lambda t, y, p: lift(lambda m, y: project(t, y, m[0]), p, y), t0)
-            y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
+            y = jax.lax.cond(i == last, lambda y: _in_every_row(project, t1, y, problem), lambda y: y, y)
         with sharing_lanes(t0):
             new = share(field(now, y, problem, counts(i)))
             if jnp.ndim(t0):
@@ -146,11 +135,35 @@ def try_step(
     return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slopes[last], slopes)
 
 
+def _start(
+    problem: Problem, t0: Each, y0: Array, slope: Array, fresh: EachFlag | bool
+) -> tuple[Array, Array, EachFlag | bool]:
+    """The state with its laws latched and its payloads handed over, the slope before, and whether it is fresh now."""
+    mechanism, plan = problem.mechanism, layout(problem.mechanism)
+    if plan.remembered:
+        slope = _known_slope(problem, t0, y0, slope, fresh)
+        now = each_lane(lambda t, y, f, p: lift(lambda m, y, f: latch(t, y, f, m[0]), p, y, f), t0)
+        latched = _with_state(y0, now(t0, y0, slope, problem), t0)
+        # The motion decides whether the slope is fresh. But a new command may have another derivative and the same
+        # value, as for a servo at rest at its target.
+        before, after = (y if plan.held else motion(problem, y) for y in (y0, latched))
+        fresh = jnp.any(after != before, axis=tuple(range(after.ndim - jnp.ndim(t0))))
+        y0 = latched
+    if problem.energy_balance and mechanism.has_payloads:
+        y0 = _in_every_row(hand_over, t0, y0, problem)
+    return y0, slope, fresh
+
+
+def _in_every_row(function: Callable, time: Each, y: Array, problem: Problem) -> Array:
+    """A function of (time, state, mechanism) of a stack, and of every lane."""
+    return each_lane(lambda t, y, p: lift(lambda m, y: function(t, y, m[0]), p, y), time)(time, y, problem)
+
+
 def _weighted_sum(weights: Array, slopes: Array, time: Each) -> Array:
     """The weighted sum of the stages' slopes (first axis)."""
-    if not jnp.ndim(time):
+    if not jnp.ndim(time) and slopes.size < LONG:
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
-    # With lanes term by term: XLA gives a reduction of large arrays to a library, whose call ends a compiled loop.
+    # Many numbers term by term: XLA gives a reduction of large arrays to a library, whose call ends a compiled loop.
     with sharing_lanes(time):
         return share(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
 
