@@ -23,7 +23,7 @@ _STAYS, _ONE = "inlineable", "xla_cpu_small_call"
 _MARKS = "mhlo.frontend_attributes"
 # What XLA cannot compile so (`small_while_loop_hoisting_pass.cc` of XLA lists it): work of other kernels and devices.
 _APART = {"custom_call", "scatter", "sort", "fft", "infeed", "outfeed", "replica_id", "partition_id", "top_k"}
-_APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter", "convolution"}
+_APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter"}
 # XLA leaves long sums and products of matrices to a library (`ynn_support.cc` of XLA): from so many numbers (measured),
 # and from so many rows, columns or terms.
 LONG, _WIDE = 4096, 8

@@ -189,7 +189,7 @@ def trade(program: Program, method: Method, objective: Callable[[np.ndarray], fl
             best = program.found
             if best is None or len(best.x) < 2 or reason in (INTERRUPTED, SPENT):
                 return reason
-            places = _beside(program, best.x, objective)
+            places = _beside(program, best, objective)
             better = next((x for x in places if program.at(x, method.gradients).feasible), None)
             if better is None:
                 return reason
@@ -201,21 +201,33 @@ def trade(program: Program, method: Method, objective: Callable[[np.ndarray], fl
     return reason
 
 
-def _beside(program: Program, x: np.ndarray, objective: Callable[[np.ndarray], float]) -> Iterator[np.ndarray]:
-    """Designs of a lower objective on both sides of one, further and further away."""
-    z, low, high = np.log(x), np.log(program.lower), np.log(program.upper)
-    wanted, rng = objective(x) - GAIN * abs(objective(x)), np.random.default_rng(0)
+def _beside(program: Program, best: Evaluation, objective: Callable[[np.ndarray], float]) -> Iterator[np.ndarray]:
+    """Designs of a lower objective on both sides of the best one, further and further away."""
+    z, wanted, rng = np.log(best.x), best.objective - GAIN * abs(best.objective), np.random.default_rng(0)
     for away in AWAY:
         # Along the diagonal nothing is traded: the search has looked there.
         way = rng.normal(size=len(z)) if len(z) > 2 else np.array([1.0, -1.0])
         way -= way.mean()
-        for side in (away, -away):
+        way *= away / np.abs(way).max()
+        for side in (way, -way):
+            x = _with_objective(program, z + side, objective, wanted)
+            if x is not None:
+                yield x
 
-            def place(all_by: float, step: np.ndarray = side * way / np.abs(way).max()) -> np.ndarray:
-                return np.exp(np.clip(z + step + all_by, low, high))
 
-            def lack(all_by: float, place=place) -> float:
-                return objective(place(all_by)) - wanted
+def _with_objective(
+    program: Program, z: np.ndarray, objective: Callable[[np.ndarray], float], wanted: float
+) -> np.ndarray | None:
+    """The design of logarithms `z` (n,), with all variables changed by one factor to the objective that is wanted;
+    `None`: no such factor is near.
+    """
 
-            if lack(-FURTHEST) * lack(FURTHEST) < 0:
-                yield place(scipy.optimize.brentq(lack, -FURTHEST, FURTHEST, xtol=1e-6))
+    def scaled(by: float) -> np.ndarray:
+        return np.clip(np.exp(z + by), program.lower, program.upper)
+
+    def over(by: float) -> float:
+        return objective(scaled(by)) - wanted
+
+    if over(-FURTHEST) * over(FURTHEST) >= 0:
+        return None
+    return scaled(scipy.optimize.brentq(over, -FURTHEST, FURTHEST, xtol=1e-6))
