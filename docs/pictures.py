@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.laws import Geometry
-from clearance_jax.mechanism.motion_laws import Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.motion.motion_laws import Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.report import figures
 from clearance_jax.report.figures import pin_path
 

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 import clearance_jax as cj
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.drivers.lanes import LANES
 from experiments.common import SCENES, joint5, output, slider_crank, table
 from experiments.hlo import busiest_loop
 from experiments.publish import command

@@ -25,7 +25,7 @@ import numpy as np
 import clearance_jax as cj
 from clearance_jax._basis.symmetric import Dense
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.frames import Frames
+from clearance_jax.dynamics.forms.frames import Frames
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.io.urdf.bodies import merge
 from clearance_jax.io.urdf.file import read_urdf

@@ -15,9 +15,9 @@ import scipy.stats
 import clearance_jax as cj
 from clearance_jax.design import Evaluation, Limit, Program, Reciprocal, ToleranceProblem, Yield
 from clearance_jax.design import run as search
-from clearance_jax.design.evaluate import simulations_of
-from clearance_jax.design.specification import scenarios_of
-from clearance_jax.design.yields import samples_to_search, worst_parts
+from clearance_jax.design.asked.specification import scenarios_of
+from clearance_jax.design.search.evaluate import simulations_of
+from clearance_jax.design.search.yields import samples_to_search, worst_parts
 from clearance_jax.metrics import Peak, PositionError
 from experiments.common import SCENES, output, table
 from experiments.publish import command

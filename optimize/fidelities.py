@@ -7,7 +7,7 @@ loads keep them pressed on.
 from typing import NamedTuple
 
 from clearance_jax.design import Design, ToleranceProblem
-from clearance_jax.design.scaling import optimality
+from clearance_jax.design.search.scaling import optimality
 from experiments.common import output, table
 from experiments.publish import command
 from optimize import allocate_four_bar, allocate_planar_arm, allocate_slider_crank

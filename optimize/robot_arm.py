@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from clearance_jax.design import Design, Evaluation, ToleranceProblem
-from clearance_jax.design.evaluate import simulations_of
-from clearance_jax.design.specification import Limit, scenarios_of
+from clearance_jax.design.asked.specification import Limit, scenarios_of
+from clearance_jax.design.search.evaluate import simulations_of
 from clearance_jax.io.study.study import Study, load_study
 from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC
 from experiments.common import output, table

@@ -10,7 +10,7 @@ import dataclasses
 from pathlib import Path
 
 from clearance_jax.design import Design, ToleranceProblem, findings, static_weights
-from clearance_jax.design.static import static_error
+from clearance_jax.design.judge.static import static_error
 from clearance_jax.io.study.study import Study, load_study
 from clearance_jax.parameters import replace
 from clearance_jax.report.design_figures import over_time, pin_in_sleeve

@@ -208,8 +208,8 @@ def commanded(case: Case) -> str:
 def unsolved() -> Iterator[None]:
     """Commands end where they would begin to solve, or to compile."""
     from clearance_jax.cli import info
-    from clearance_jax.design import problem
-    from clearance_jax.solve import trace
+    from clearance_jax.design.asked import problem
+    from clearance_jax.solve.drivers import trace
 
     def reached(*_, **__):
         raise Reached
@@ -225,7 +225,7 @@ def unsolved() -> Iterator[None]:
 def solved(scene: Any) -> str:
     """How a short solve of a loaded scene ends."""
     from clearance_jax.errors import ClearanceError
-    from clearance_jax.solve.trace import trace
+    from clearance_jax.solve.drivers.trace import trace
 
     t0 = scene.solve.get("t0", 0.0)
     try:

@@ -10,8 +10,8 @@ import xarray as xr
 from catalogue import slider_crank
 
 from clearance_jax import design, metrics
-from clearance_jax.design.observed import joint_drawings
-from clearance_jax.design.yields import YieldEstimate
+from clearance_jax.design.judge.observed import joint_drawings
+from clearance_jax.design.search.yields import YieldEstimate
 from clearance_jax.joints import fits
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import picture

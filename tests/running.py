@@ -16,8 +16,8 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, laws, wear
-from clearance_jax.design import formulation
-from clearance_jax.design.costs import AbstractCost
+from clearance_jax.design.asked import formulation
+from clearance_jax.design.asked.costs import AbstractCost
 from clearance_jax.runs.journal import Journal
 from clearance_jax.sweep.grid import Grid
 from clearance_jax.sweep.store import Regions

@@ -21,14 +21,14 @@ from clearance_jax.dynamics.closures import project
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import ConstantEffort, Servo
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.motion_laws import AbstractDrive
+from clearance_jax.mechanism.motion.motion_laws import AbstractDrive
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.first_state import initial_state
 from clearance_jax.solve.flow import Inputs, flow
-from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.tolerances import LOCAL, largest_length, tolerances
+from clearance_jax.solve.steps.attempt import Options
+from clearance_jax.solve.steps.problem import Problem
+from clearance_jax.solve.steps.tolerances import LOCAL, largest_length, tolerances
 
 TURN = 2 * np.pi
 # The search stops at a residual of rtol. If no step lowers it further, it must be within this many rtol, which is the

@@ -18,10 +18,10 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.reductions import Peak
 from clearance_jax.parameters import replace
-from clearance_jax.solve.observers import TouchCounter, Touches
 from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
-from clearance_jax.solve.tolerances import SMALLEST
+from clearance_jax.solve.steps.observers import TouchCounter, Touches
+from clearance_jax.solve.steps.tolerances import SMALLEST
 
 
 class SamplingPlan(NamedTuple):

@@ -25,15 +25,15 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, Function, as_metric
 from clearance_jax.parameters import check_values, replace, values_of
-from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.driver import step_ends
+from clearance_jax.solve.drivers.driver import step_ends
 from clearance_jax.solve.first_state import initial
 from clearance_jax.solve.flow import Inputs, refuse_jumps, task_of
-from clearance_jax.solve.problem import Problem, depends, push
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.step import try_step
+from clearance_jax.solve.steps.attempt import Options
+from clearance_jax.solve.steps.problem import Problem, depends, push
+from clearance_jax.solve.steps.step import try_step
 
 # Options that a reverse sweep knows.
 REVERSIBLE = ("t0", "rtol", "solver", "energy_balance")

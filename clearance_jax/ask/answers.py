@@ -20,8 +20,8 @@ import numpy as np
 from clearance_jax._basis.extras import missing_extra
 from clearance_jax.ask.question import Answer, Columns, Question, answer, lanes
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.solve.batch import cores_here, side_by_side, usual_cores
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.drivers.batch import cores_here, side_by_side, usual_cores
+from clearance_jax.solve.drivers.lanes import LANES
 
 # The name of a trial cluster: workers on this machine.
 LOCAL = "local"

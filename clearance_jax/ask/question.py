@@ -18,8 +18,8 @@ from clearance_jax._compile.shapes import TreeShape, tree_shape
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measure_settings
 from clearance_jax.parameters import replace, values_of
-from clearance_jax.solve.batch import BatchReport, batch
 from clearance_jax.solve.codes import Result
+from clearance_jax.solve.drivers.batch import BatchReport, batch
 from clearance_jax.solve.settings import Settings
 
 # The name under which it stands beside the metrics; no metric of a user can have it.

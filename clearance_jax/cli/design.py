@@ -26,8 +26,8 @@ def run_design(
 ) -> None:
     """Run the design of a study, verify it and report it. Ctrl-C keeps the best design so far."""
     from clearance_jax.ask.answers import place_of
-    from clearance_jax.design.findings import CUT_SHORT
-    from clearance_jax.design.yields import YieldWarning
+    from clearance_jax.design.judge.findings import CUT_SHORT
+    from clearance_jax.design.search.yields import YieldWarning
     from clearance_jax.report.html import write_report
     from clearance_jax.runs.journal import RunWarning
 
@@ -61,8 +61,8 @@ def run_design(
 
 def check_choices(method: str | None, fidelity: str | None) -> None:
     """Raise `ClearanceError` for the name of a search method or a model of the motion that does not exist."""
-    from clearance_jax.design.methods import METHOD_CHOICES
-    from clearance_jax.design.specification import FIDELITY_CHOICES
+    from clearance_jax.design.asked.specification import FIDELITY_CHOICES
+    from clearance_jax.design.search.methods import METHOD_CHOICES
 
     for option, word, choices in (("method", method, METHOD_CHOICES), ("fidelity", fidelity, FIDELITY_CHOICES)):
         if word is not None and word not in choices:
@@ -86,7 +86,7 @@ def _preparation(mechanism: Any) -> str:
 
 def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
     """Search for the design, and show the best so far."""
-    from clearance_jax.design.specification import AUTO
+    from clearance_jax.design.asked.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
 
     points, common = [], study.problem.specification.common
@@ -112,14 +112,14 @@ def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
 
 
 def _interruption(design) -> bool:
-    from clearance_jax.design.run import INTERRUPTED
+    from clearance_jax.design.search.run import INTERRUPTED
 
     return design.stop_reason == INTERRUPTED
 
 
 def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
     """The design and its certificate; prints the expected duration and shows the progress."""
-    from clearance_jax.design.verify import expected_evaluations
+    from clearance_jax.design.judge.verify import expected_evaluations
 
     count = expected_evaluations(pace.count, design.specification.manufacture.among, **study.verify)
     seconds, done = pace.estimate(count), Pace(pace.check)
@@ -140,7 +140,7 @@ def _explain(
     An interruption keeps those so far.
     """
     from clearance_jax.design import findings
-    from clearance_jax.design.findings import CUT_SHORT, known_findings, with_tradeoff
+    from clearance_jax.design.judge.findings import CUT_SHORT, known_findings, with_tradeoff
 
     if _interruption(design):
         return known_findings(design)

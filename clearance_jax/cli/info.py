@@ -237,8 +237,8 @@ def say_budget(
     end = float(end_of(scene_file, options.get("t1") if t1 is None else t1))
     check_covered(lead, {**options, "t1": end})
     say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
-    from clearance_jax.design.budget import error_budget
-    from clearance_jax.design.specification import KNOWN
+    from clearance_jax.design.asked.specification import KNOWN
+    from clearance_jax.design.judge.budget import error_budget
 
     with errors.status("compiling and solving (of an arm this takes about a minute)"):
         budget = error_budget(mechanism, name, end, **{n: options[n] for n in KNOWN if n in options})

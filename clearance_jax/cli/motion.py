@@ -17,7 +17,7 @@ def is_robot(scene_file: Any) -> bool:
 
 def with_posture(mechanism: Any, names: Any) -> Any:
     """The mechanism with constant drives that hold the named coordinates at their positions."""
-    from clearance_jax.mechanism.drives import Constant
+    from clearance_jax.mechanism.motion.drives import Constant
     from clearance_jax.mechanism.variants import drivable
 
     known = drivable(mechanism.joints)
@@ -26,7 +26,7 @@ def with_posture(mechanism: Any, names: Any) -> Any:
 
 def undriven(mechanism: Any) -> tuple[str, ...]:
     """The revolute and prismatic coordinates without drive and controller, which would fall."""
-    from clearance_jax.mechanism.tree import Prismatic, Revolute
+    from clearance_jax.mechanism.tree.tree import Prismatic, Revolute
 
     return tuple(name for joint, name in _idle(mechanism) if type(joint) in (Revolute, Prismatic))
 

@@ -122,9 +122,9 @@ def simulate(
 
 def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) -> Any:
     """Solve the motion: a `Trace` of the dynamics, or a `Solution` of quasi-static poses."""
+    from clearance_jax.solve.drivers.trace import trace
     from clearance_jax.solve.settings import QUASI_STATIC
     from clearance_jax.solve.simulate import simulate as solution_of
-    from clearance_jax.solve.trace import trace
 
     if solve.get("fidelity") == QUASI_STATIC:
         return solution_of(mechanism, end, **solve, throw=False)
@@ -133,7 +133,7 @@ def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) ->
 
 def _solution(result: Any) -> Any:
     """The solution of a trace; a solution as it is."""
-    from clearance_jax.solve.trace import Trace
+    from clearance_jax.solve.drivers.trace import Trace
 
     return result.solution if isinstance(result, Trace) else result
 
@@ -160,8 +160,8 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     """The checked options of the solve: those `given`, over the defaults."""
-    from clearance_jax.solve.attempt import STARTS
     from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS
+    from clearance_jax.solve.steps.attempt import STARTS
 
     for name, words in (("solver", SOLVER_WORDS), ("start", STARTS), ("fidelity", OF_MOTIONS)):
         if given.get(name) not in (None, *words):

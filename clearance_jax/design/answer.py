@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.ask.answers import SolvePlace, place_of
-from clearance_jax.design.certificate import Certificate
-from clearance_jax.design.classes import ChosenClasses, least_ends
-from clearance_jax.design.evaluate import fresh_yield
-from clearance_jax.design.methods import Method
-from clearance_jax.design.program import Evaluation, Program
-from clearance_jax.design.specification import Specification
-from clearance_jax.design.verify import certify, judge_of, moved_inside
-from clearance_jax.design.yields import YieldEstimate
+from clearance_jax.design.asked.classes import ChosenClasses, least_ends
+from clearance_jax.design.asked.specification import Specification
+from clearance_jax.design.judge.certificate import Certificate
+from clearance_jax.design.judge.verify import certify, judge_of, moved_inside
+from clearance_jax.design.search.evaluate import fresh_yield
+from clearance_jax.design.search.methods import Method
+from clearance_jax.design.search.program import Evaluation, Program
+from clearance_jax.design.search.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace

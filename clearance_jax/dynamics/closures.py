@@ -10,13 +10,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.conditions import closure_conditions, conditions, constraint, independent, wrong_way
-from clearance_jax.dynamics.frames import Frames
+from clearance_jax.dynamics.forms.frames import Frames
 from clearance_jax.dynamics.kinematics import frames, sleeve_axes
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, move, parts
-from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
+from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minus, plus, times
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.

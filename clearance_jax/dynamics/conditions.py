@@ -12,11 +12,11 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors, AbstractRow
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.frames import AbstractMoves, Frames, Pair
+from clearance_jax.dynamics.forms.frames import AbstractMoves, Frames, Pair
 from clearance_jax.dynamics.kinematics import frames, sleeve_rotation
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.spatial import UNIT, ZERO, Term, Vector, absent, add, as_array, cross, dot, plus, scale, subtract
 
 

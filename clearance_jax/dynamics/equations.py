@@ -13,7 +13,7 @@ from clearance_jax._compile.alike import numbers_of
 from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.applied import applied_pairs, exert
 from clearance_jax.dynamics.conditions import Condition, closing_pairs, closure_conditions, conditions, constraint
-from clearance_jax.dynamics.frames import Frames, Pair
+from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance

@@ -16,13 +16,13 @@ from clearance_jax._basis.types import Flag, Rows, Scalar
 from clearance_jax._compile.solo import whole
 from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.frames import Frames, rotors
+from clearance_jax.dynamics.forms.frames import Frames, rotors
 from clearance_jax.dynamics.kinematics import frames, plays, spring_state
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
-from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, parts, position_rates, vector
+from clearance_jax.mechanism.tree.compounds import Ball
 from clearance_jax.spatial import Term, plus, put, times, total
 
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping

@@ -8,16 +8,16 @@ from jaxtyping import Array
 from clearance_jax._basis.numerics import safe_sqrt, safe_unit
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax._compile.barriers import share, with_barriers
-from clearance_jax.dynamics.frames import AbstractExtra, Frames
+from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames
+from clearance_jax.dynamics.forms.table import TabledFrames
+from clearance_jax.dynamics.forms.written_out import write_out
 from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
-from clearance_jax.dynamics.table import TabledFrames
-from clearance_jax.dynamics.written_out import write_out
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Spring
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
-from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
+from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import (
     UNIT,
     Rotation,

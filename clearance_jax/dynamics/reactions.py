@@ -14,7 +14,7 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import correct
 from clearance_jax.dynamics.equations import Balance, accelerations, balance
-from clearance_jax.dynamics.frames import Frames, Pair, SpatialForce
+from clearance_jax.dynamics.forms.frames import Frames, Pair, SpatialForce
 from clearance_jax.dynamics.kinematics import across_loop, pin_and_axes, sleeve_axes
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.seating import FreeMotion, SeatLoad, relative_at

@@ -11,10 +11,10 @@ from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints import Relative
-from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.moved import FrameStep, Moved, Values, carry, steps
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
+from clearance_jax.mechanism.tree.frame import Frame
+from clearance_jax.mechanism.tree.moved import FrameStep, Moved, Values, carry, steps
 from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
 
 

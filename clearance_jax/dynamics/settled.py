@@ -33,10 +33,10 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.seating import Near, Seat, SeatLoad, Turned, relative_at, seat, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
-from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import gives_way, with_motions
 from clearance_jax.spatial import as_array, dot, hamilton, scale
 

@@ -11,7 +11,7 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.files import MOST_ROWS, TIME, CsvLine, Head, Meant, read_columns
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Spline
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Spline
 from clearance_jax.mechanism.variants import drivable, gives_way, motor_of
 from clearance_jax.units import to_si
 

@@ -14,10 +14,10 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.actuators import instants
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController, Reference
-from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.form import EquationForm
 from clearance_jax.mechanism.placement import Gravity, Inertia
-from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
+from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
 from clearance_jax.mechanism.variants import without_play
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term

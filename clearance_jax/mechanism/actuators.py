@@ -13,7 +13,7 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.parameters import describe, physical
 from clearance_jax.spatial import Term
 

@@ -12,7 +12,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.actuators import AbstractActuator
-from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.mechanism.placement import ORIGIN, Components, Inertia, Orientation, Position, as_inertia
 from clearance_jax.parameters import Parametrised, describe, flatten, lead, physical
 from clearance_jax.spatial import Term, Vector, scale

@@ -11,7 +11,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.actuators import check_period, names_key, period_key
-from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.parameters import apart, lead, physical
 from clearance_jax.spatial import Term
 

@@ -21,7 +21,7 @@ from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Body, Motion, Motor
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
-from clearance_jax.mechanism.tree import AbstractJoint, Fixed, Misalignment, Prismatic, Revolute
+from clearance_jax.mechanism.tree.tree import AbstractJoint, Fixed, Misalignment, Prismatic, Revolute
 from clearance_jax.mechanism.variants import motor_of
 from clearance_jax.parameters import Parametrised, physical
 

@@ -23,7 +23,7 @@ from clearance_jax.mechanism.structure import (
     check_tilting,
     check_tree,
 )
-from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
+from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
 from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play, without_drives
 
 NO_GRAVITY = Gravity()

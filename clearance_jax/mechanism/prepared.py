@@ -10,9 +10,9 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism._base import AbstractMechanism, sampling_periods
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.links import ONCE, Links, links_of
 from clearance_jax.mechanism.placement import Gravity, Inertia
-from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.tree.links import ONCE, Links, links_of
+from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import without_sampling
 
 

@@ -13,7 +13,7 @@ from clearance_jax._basis.types import Rows
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.coordinate import Coordinate
+from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.spatial import Term, add, dot, plus, quaternion_rate, scale
 
 

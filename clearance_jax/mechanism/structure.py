@@ -10,9 +10,9 @@ from jax.core import Tracer
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.placement import Inertia, Position
-from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic
+from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic
 
 RESERVED = (GROUND, "gravity", "drive", "target")
 # Degrees of freedom between two frames.

@@ -13,11 +13,11 @@ from clearance_jax.joints.presets import BALL, FIT, GUIDE, OWN, PIN, SHAFT, Pres
 from clearance_jax.joints.seating import pose_at
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.compounds import Ball, Cylindrical, Spherical
-from clearance_jax.mechanism.coordinate import Coordinate
-from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.placement import Position, as_prepared
-from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Prismatic, Revolute
+from clearance_jax.mechanism.tree.compounds import Ball, Cylindrical, Spherical
+from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, Prismatic, Revolute
 from clearance_jax.parameters import check_demands, replace
 from clearance_jax.spatial import IDENTITY, UNIT, Term, add, is_zero, product, transpose
 

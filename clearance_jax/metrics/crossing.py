@@ -14,8 +14,8 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import signal_at, since_field
 from clearance_jax.metrics.signals import AbstractSignal
-from clearance_jax.solve.band import EntryFinder
-from clearance_jax.solve.observers import without_derivatives
+from clearance_jax.solve.steps.band import EntryFinder
+from clearance_jax.solve.steps.observers import without_derivatives
 
 DIRECTIONS = RISING, FALLING = "rising", "falling"
 

@@ -20,11 +20,11 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.farthest import Farthest
 from clearance_jax.metrics.functions import arguments, function_name, in_words
-from clearance_jax.solve.observers import AbstractObserver, Picked
-from clearance_jax.solve.problem import Problem, widths
 from clearance_jax.solve.settings import STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.simulate import only_reached, run
 from clearance_jax.solve.solution import Solution
+from clearance_jax.solve.steps.observers import AbstractObserver, Picked
+from clearance_jax.solve.steps.problem import Problem, widths
 
 
 class Request(NamedTuple):

@@ -18,8 +18,8 @@ from clearance_jax.mechanism.state import State, layout
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import Peak
 from clearance_jax.metrics.signals import clearance_index
-from clearance_jax.solve.observers import AbstractObserver
-from clearance_jax.solve.problem import Problem, motion
+from clearance_jax.solve.steps.observers import AbstractObserver
+from clearance_jax.solve.steps.problem import Problem, motion
 
 
 class Instants(NamedTuple):

@@ -14,10 +14,10 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.signals import TABLE, AbstractSignal, motion_of, named_point, play_size, point_at
-from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
-from clearance_jax.solve.tolerances import largest_length
+from clearance_jax.solve.steps.interpolate import hermite
+from clearance_jax.solve.steps.tolerances import largest_length
 from clearance_jax.spatial import as_array, length_of, three
 
 # Bisections of an interval: of 1 mm they leave less than 1e-12 m.

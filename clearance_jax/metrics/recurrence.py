@@ -25,8 +25,8 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, MetricForm, Request
 from clearance_jax.parameters import units_of, values_of
 from clearance_jax.solve.flow import Inputs, flow
-from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.tolerances import tolerances
+from clearance_jax.solve.steps.problem import Problem
+from clearance_jax.solve.steps.tolerances import tolerances
 
 # Part of a period by which the last instant may lie beyond `t1`: round-off of many periods.
 ROUNDED = 1e-9

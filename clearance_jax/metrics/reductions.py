@@ -22,9 +22,9 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
 from clearance_jax.metrics.signals import AbstractSignal, clearance_index
-from clearance_jax.solve.observers import PeakFinder, Picked, TouchCounter, without_derivatives
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
+from clearance_jax.solve.steps.observers import PeakFinder, Picked, TouchCounter, without_derivatives
 
 
 def since_field(**field):

@@ -24,10 +24,10 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.functions import in_words
 from clearance_jax.metrics.ideal import freedom, ideal_state
-from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
-from clearance_jax.solve.tolerances import largest_length
+from clearance_jax.solve.steps.interpolate import hermite
+from clearance_jax.solve.steps.tolerances import largest_length
 from clearance_jax.spatial import Vector, add, as_array, length_of, minus, rotation_between, subtract
 
 # Samples of an ideal mechanism's free motion, to find peaks of an error with; their values are solved for exactly.

@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from clearance_jax.calibrate.result import Calibration
-from clearance_jax.design.findings import Findings
+from clearance_jax.design.judge.findings import Findings
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import calibration_figures, design_figures
 from clearance_jax.report.panels import SHORT

@@ -23,8 +23,8 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results.episodes import Inside
 from clearance_jax.results.places import mark_positions
-from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.step import try_step
+from clearance_jax.solve.steps.problem import Problem
+from clearance_jax.solve.steps.step import try_step
 
 # States per call: smaller blocks cost more calls, larger ones leave the processor's cache.
 BLOCK = 2048

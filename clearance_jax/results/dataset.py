@@ -19,8 +19,8 @@ from clearance_jax.results.first_fall import first_falls_over
 from clearance_jax.results.peaks import of_points, peaks
 from clearance_jax.results.places import mark_labels
 from clearance_jax.results.play import outline_attributes
+from clearance_jax.solve.drivers.trace import Trace
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.trace import Trace
 
 # Fraction of the work for samples and step ends. The rest is that for peaks inside steps.
 _LOOKED_AT = 0.9

@@ -13,7 +13,7 @@ import numpy as np
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.results import blocks
 from clearance_jax.results.episodes import Look, Members, Spans, StepEnds, members
-from clearance_jax.solve.trace import Trace
+from clearance_jax.solve.drivers.trace import Trace
 
 # How far the cubic through a step's ends may miss the force's top inside it, over the rise to that top. With the
 # longest steps of dopri8 at rtol 1e-6 it misses by a hundredth of the rise.

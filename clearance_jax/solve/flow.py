@@ -22,15 +22,15 @@ from clearance_jax.dynamics.field import energy_residual
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve import lanes
-from clearance_jax.solve.attempt import Options, Outcome, SolveTask
-from clearance_jax.solve.driver import integrate
+from clearance_jax.solve.drivers import lanes
+from clearance_jax.solve.drivers.driver import integrate
+from clearance_jax.solve.drivers.lanes import batch_by
 from clearance_jax.solve.first_state import initial
-from clearance_jax.solve.lanes import batch_by
-from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, sparsity
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import refusal_of, unresolved, why_stopped
-from clearance_jax.solve.tolerances import Tolerances, floors, tolerances
+from clearance_jax.solve.steps.attempt import Options, Outcome, SolveTask
+from clearance_jax.solve.steps.problem import Problem, basis, field, lift, motion, moves, push, sparsity
+from clearance_jax.solve.steps.tolerances import Tolerances, floors, tolerances
 
 
 class Inputs(NamedTuple):

@@ -26,12 +26,12 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.interpolate import hermite
-from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import are_within, has_left, leaves_walls
-from clearance_jax.solve.tolerances import largest_length
+from clearance_jax.solve.steps.interpolate import hermite
+from clearance_jax.solve.steps.observers import AbstractObserver, Picked
+from clearance_jax.solve.steps.tolerances import largest_length
 from clearance_jax.solve.validity import NOT_VALID, Validity, validity_of
 
 # Intervals of the grid; Simpson's rule wants an even number.

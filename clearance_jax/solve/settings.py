@@ -23,8 +23,8 @@ from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf, check_values
-from clearance_jax.solve.attempt import CENTRE, STARTS, Options
-from clearance_jax.solve.tolerances import SMALLEST
+from clearance_jax.solve.steps.attempt import CENTRE, STARTS, Options
+from clearance_jax.solve.steps.tolerances import SMALLEST
 
 AUTO = "auto"
 LOW, HIGH = "tsit5", "dopri8"

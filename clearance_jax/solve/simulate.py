@@ -16,8 +16,8 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf
-from clearance_jax.solve import effort
 from clearance_jax.solve.codes import Result
+from clearance_jax.solve.drivers import effort
 from clearance_jax.solve.first_state import closed_start
 from clearance_jax.solve.flow import Inputs, flow, plain_flow
 from clearance_jax.solve.law_validity import warn_of_validity

@@ -20,8 +20,8 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, words
-from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.start import rest_words
+from clearance_jax.solve.steps.observers import Picked
 from clearance_jax.solve.validity import WORDS as LEVELS
 from clearance_jax.solve.validity import Validity
 from clearance_jax.units import format_quantity

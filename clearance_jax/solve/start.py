@@ -18,7 +18,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.tolerances import Tolerances, are_resolved, largest_length
+from clearance_jax.solve.steps.tolerances import Tolerances, are_resolved, largest_length
 
 # A loop open by more than this part of the largest length is not assembled.
 CLOSED = 1e-10

@@ -13,9 +13,9 @@ from clearance_jax.ask.question import lanes as answered
 from clearance_jax.parameters import replace
 from clearance_jax.runs.identity import digest, numbers, versions
 from clearance_jax.runs.identity import settings as settings_in_words
-from clearance_jax.solve.batch import BatchReport
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.lanes import chunk_on
+from clearance_jax.solve.drivers.batch import BatchReport
+from clearance_jax.solve.drivers.lanes import chunk_on
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.validity import WORDS as LEVELS
 from clearance_jax.sweep.axes import Dimension

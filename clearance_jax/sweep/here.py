@@ -18,7 +18,7 @@ import numpy as np
 
 from clearance_jax.ask.answers import unpickled, workers_of
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.drivers.lanes import LANES
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.sweep.answers import AbstractAnswers, Values, ending_counts
 from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain, solve_words

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.solve.batch import BatchReport
-from clearance_jax.solve.lanes import LANES, chunk_on
+from clearance_jax.solve.drivers.batch import BatchReport
+from clearance_jax.solve.drivers.lanes import LANES, chunk_on
 from clearance_jax.sweep.answers import AbstractAnswers
 from clearance_jax.sweep.grid import Grid, Lanes, Partition
 

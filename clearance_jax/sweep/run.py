@@ -10,8 +10,8 @@ import xarray as xr
 from clearance_jax.ask.answers import client_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve.batch import usual_cores
-from clearance_jax.solve.lanes import LANES, chunk_on
+from clearance_jax.solve.drivers.batch import usual_cores
+from clearance_jax.solve.drivers.lanes import LANES, chunk_on
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.answers import InMemory
 from clearance_jax.sweep.grid import LEAST

@@ -21,9 +21,9 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractPin, Relative, Sections
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.interpolate import between
-from clearance_jax.solve.step import latch
-from clearance_jax.solve.trace import Trace
+from clearance_jax.solve.drivers.trace import Trace
+from clearance_jax.solve.steps.interpolate import between
+from clearance_jax.solve.steps.step import latch
 
 # Bisections that find a change of a slip's sign within a step.
 HALVINGS = 40

@@ -17,8 +17,8 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, as_metric
 from clearance_jax.parameters import physical
 from clearance_jax.results.dataset import to_dataset
+from clearance_jax.solve.drivers.trace import trace
 from clearance_jax.solve.settings import settings_of
-from clearance_jax.solve.trace import trace
 from clearance_jax.wear.contacts import pin_of
 from clearance_jax.wear.model import WearModel
 

@@ -25,9 +25,9 @@ from clearance_jax.joints import AbstractPin, Modes
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import flatten, physical, replace, values_of
+from clearance_jax.solve.drivers.trace import trace
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.solve.simulate import run
-from clearance_jax.solve.trace import trace
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, look, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw

@@ -13,7 +13,7 @@ import xarray as xr
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import check_values, replace, units_of
 from clearance_jax.runs.journal import refuse_in_words
-from clearance_jax.solve.batch import cores_here
+from clearance_jax.solve.drivers.batch import cores_here
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.axes import Sampled
 from clearance_jax.units import format_quantity

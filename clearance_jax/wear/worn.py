@@ -20,7 +20,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, WearFailure, quote
 from clearance_jax.joints import Sections
-from clearance_jax.solve.trace import Trace
+from clearance_jax.solve.drivers.trace import Trace
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.contacts import Contacts, contacts, largest_swing, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw, SlidingState

@@ -2,7 +2,7 @@
 
 A page of the reference names folders or modules of the library:
 
-    ```{names} sweep solve.batch
+    ```{names} sweep solve.drivers.batch
     ```
 
 becomes a table of the public names that are defined there, each with its first sentence. Every public name must stand

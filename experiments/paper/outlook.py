@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.mechanism.motion_laws import DriveSum
+from clearance_jax.mechanism.motion.motion_laws import DriveSum
 from experiments.paper.runs import (
     BEGIN,
     CLEARANCE,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.drivers.lanes import LANES
 from clearance_jax.sweep.grid import LEAST, partition
 from clearance_jax.sweep.question import grid_of
 from clearance_jax.sweep.run import CHUNKS_A_CORE

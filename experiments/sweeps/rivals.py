@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.solve.batch import cores_here
+from clearance_jax.solve.drivers.batch import cores_here
 from experiments.common import output, table
 from experiments.publish import say
 from experiments.reference.baselines import slider_crank_end, slider_crank_truth

@@ -16,8 +16,8 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.tolerances import tolerances
+from clearance_jax.solve.steps.problem import Problem
+from clearance_jax.solve.steps.tolerances import tolerances
 from experiments.common import CRANK_SPEED, SCENES, joint5, slider_crank
 from experiments.play_in_space import BARREL, arm
 

@@ -216,7 +216,7 @@ def test_a_study_warns_of_its_sizes_aloud(tmp_path, monkeypatch):
     def search(*_, **__):
         raise ClearanceError("as far as the search")
 
-    monkeypatch.setattr("clearance_jax.design.problem.search", search)
+    monkeypatch.setattr("clearance_jax.design.asked.problem.search", search)
     result = CliRunner().invoke(app, ["run", str(path)])
     assert "as far as the search" in str(result.exception)
     assert "hardly meant: slider.mass = 1e-20 kg" in " ".join(result.output.split())
@@ -267,8 +267,8 @@ def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tm
         raise AssertionError("a solve was begun")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("clearance_jax.solve.trace._begin", solve)
-    monkeypatch.setattr("clearance_jax.design.problem.search", solve)
+    monkeypatch.setattr("clearance_jax.solve.drivers.trace._begin", solve)
+    monkeypatch.setattr("clearance_jax.design.asked.problem.search", solve)
     (tmp_path / "s.toml").write_text(TEXT)
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "sweep.toml").write_text(SWEEP)
@@ -329,7 +329,7 @@ def test_what_is_not_installed_is_said_before_anything_is_solved(tmp_path, monke
 
     monkeypatch.setattr("clearance_jax._basis.extras.importlib.util.find_spec", lambda _: None)
     monkeypatch.setattr(sys.modules["clearance_jax.cli.run"], "Interruption", solve)
-    monkeypatch.setattr("clearance_jax.design.search.formulate", solve)
+    monkeypatch.setattr("clearance_jax.design.search.search.formulate", solve)
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "sweep.toml").write_text(SWEEP)
     for arguments, extra in (

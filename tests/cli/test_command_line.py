@@ -19,12 +19,12 @@ import clearance_jax as cj
 from clearance_jax.cli.main import app, main
 from clearance_jax.cli.motion import HELD, undriven
 from clearance_jax.io.scene.scene import load_scene
-from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.form import EquationForm
+from clearance_jax.mechanism.motion.expressions import read_expression
 from clearance_jax.report.figures import overview
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.results.store import load_dataset, save
-from clearance_jax.solve.trace import trace
+from clearance_jax.solve.drivers.trace import trace
 
 VELOCITY_1 = "step(time, 0, 0, 0.5, 90 d) + step(time, 0.5, 0, 1, 30 d) + step(time, 1, 0, 1.5, 10 d)"
 

@@ -6,8 +6,8 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.design.conditions import Payload, condition_product
-from clearance_jax.design.specification import scenarios_of
+from clearance_jax.design.asked.conditions import Payload, condition_product
+from clearance_jax.design.asked.specification import scenarios_of
 from clearance_jax.errors import ClearanceError
 
 TIMES = [0.1, 0.25, 0.4]

@@ -9,10 +9,11 @@ from catalogue import slider_crank
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.ask.question import Answer
-from clearance_jax.design import evaluate, verify, yields
-from clearance_jax.design.evaluate import simulations_of
-from clearance_jax.design.formulation import _identity
-from clearance_jax.design.specification import scenarios_of
+from clearance_jax.design.asked.formulation import _identity
+from clearance_jax.design.asked.specification import scenarios_of
+from clearance_jax.design.judge import verify
+from clearance_jax.design.search import evaluate, yields
+from clearance_jax.design.search.evaluate import simulations_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.measure import Request
 from clearance_jax.runs.identity import differences

@@ -14,8 +14,9 @@ from places import SCENES
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.ask.answers import SolvePlace
-from clearance_jax.design import evaluate, formulation
-from clearance_jax.design.specification import scenarios_of
+from clearance_jax.design.asked import formulation
+from clearance_jax.design.asked.specification import scenarios_of
+from clearance_jax.design.search import evaluate
 from clearance_jax.metrics import Peak, PositionError
 
 SCENE = SCENES / "slider_crank.toml"

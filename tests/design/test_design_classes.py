@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 
 import clearance_jax as cj
 from clearance_jax import design
-from clearance_jax.design.class_search import BranchAndBound, without_classes
-from clearance_jax.design.classes import NONE_CHOSEN, SMALLEST, ChosenClasses, classes_of
-from clearance_jax.design.findings import _fit, known_findings
-from clearance_jax.design.run import INTERRUPTED, SPENT
+from clearance_jax.design.asked.classes import NONE_CHOSEN, SMALLEST, ChosenClasses, classes_of
+from clearance_jax.design.judge.findings import _fit, known_findings
+from clearance_jax.design.search.class_search import BranchAndBound, without_classes
+from clearance_jax.design.search.run import INTERRUPTED, SPENT
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.fits import fit
 from experiments.common import SCENES

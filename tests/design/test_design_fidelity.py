@@ -10,13 +10,13 @@ from numpy.testing import assert_allclose
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.cli.design import check_choices
-from clearance_jax.design import formulation
-from clearance_jax.design.findings import OF_DYNAMICS, _see, known_findings
-from clearance_jax.design.manufacture import Neighbours
-from clearance_jax.design.model_management import MATCHED, MATCHED_VALUES
-from clearance_jax.design.run import BY_VALUES, STILL, USELESS
-from clearance_jax.design.scaling import StandsStill, UselessSlopes, followed, optimality
-from clearance_jax.design.verify import expected_evaluations
+from clearance_jax.design.asked import formulation
+from clearance_jax.design.asked.manufacture import Neighbours
+from clearance_jax.design.judge.findings import OF_DYNAMICS, _see, known_findings
+from clearance_jax.design.judge.verify import expected_evaluations
+from clearance_jax.design.search.model_management import MATCHED, MATCHED_VALUES
+from clearance_jax.design.search.run import BY_VALUES, STILL, USELESS
+from clearance_jax.design.search.scaling import StandsStill, UselessSlopes, followed, optimality
 from clearance_jax.errors import ClearanceError
 from experiments.common import SCENES
 from optimize.allocate_slider_crank import BOUND, COSTS, problem

@@ -18,7 +18,7 @@ import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.cli.main import app, main
 from clearance_jax.cli.pace import ProgressDisplay
-from clearance_jax.design import formulation
+from clearance_jax.design.asked import formulation
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study.study import load_study
 from clearance_jax.report.html import write_report

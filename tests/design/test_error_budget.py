@@ -9,8 +9,8 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, laws, metrics
-from clearance_jax.design.budget import RIGID, advice, error_budget
-from clearance_jax.design.static import static_error
+from clearance_jax.design.judge.budget import RIGID, advice, error_budget
+from clearance_jax.design.judge.static import static_error
 from clearance_jax.dynamics.pose import displaced, ideal_states
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.signals import PositionError

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.cli.main import app
-from clearance_jax.design import infeasible
-from clearance_jax.design.infeasible import why_infeasible
+from clearance_jax.design.search import infeasible
+from clearance_jax.design.search.infeasible import why_infeasible
 from clearance_jax.errors import ClearanceError
 from experiments.common import SCENES
 from optimize.allocate_slider_crank import problem

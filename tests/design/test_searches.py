@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.design.infeasible import unreachable, why_infeasible
-from clearance_jax.design.methods import METHODS
-from clearance_jax.design.run import SPENT, by_values, trade
-from clearance_jax.design.scaling import UselessSlopes, followed
-from clearance_jax.design.verify import HAIR, moved_inside
+from clearance_jax.design.judge.verify import HAIR, moved_inside
+from clearance_jax.design.search.infeasible import unreachable, why_infeasible
+from clearance_jax.design.search.methods import METHODS
+from clearance_jax.design.search.run import SPENT, by_values, trade
+from clearance_jax.design.search.scaling import UselessSlopes, followed
 from experiments.common import SCENES
 
 NAME = "wrist.radial_clearance"

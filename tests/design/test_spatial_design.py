@@ -11,8 +11,8 @@ from made_findings import answer, made, piston_limit, rows_of, text_of
 
 import clearance_jax as cj
 from clearance_jax import design, laws
-from clearance_jax.design.observed import pin_wrenches
-from clearance_jax.design.static import _both_ends, static_error
+from clearance_jax.design.judge.observed import pin_wrenches
+from clearance_jax.design.judge.static import _both_ends, static_error
 from clearance_jax.joints import AbstractClearance
 from clearance_jax.report.html import render
 from clearance_jax.results.dataset import picture_dataset

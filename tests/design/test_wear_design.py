@@ -8,10 +8,10 @@ import scipy.stats
 
 import clearance_jax as cj
 from clearance_jax import design, laws, wear
-from clearance_jax.design.conditions import values_for, without_wear, worth
-from clearance_jax.design.evaluate import simulations_of
-from clearance_jax.design.findings import known_findings
-from clearance_jax.design.specification import PEAKS, Scenario
+from clearance_jax.design.asked.conditions import values_for, without_wear, worth
+from clearance_jax.design.asked.specification import PEAKS, Scenario
+from clearance_jax.design.judge.findings import known_findings
+from clearance_jax.design.search.evaluate import simulations_of
 from clearance_jax.report import design_figures
 from clearance_jax.report.html import render
 

@@ -17,11 +17,11 @@ from places import ROOT, SCENES
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.ask.answers import SolvePlace
-from clearance_jax.design import yields
-from clearance_jax.design.evaluate import Simulations
-from clearance_jax.design.findings import known_findings
-from clearance_jax.design.observed import joint_drawings
-from clearance_jax.design.specification import Scenario
+from clearance_jax.design.asked.specification import Scenario
+from clearance_jax.design.judge.findings import known_findings
+from clearance_jax.design.judge.observed import joint_drawings
+from clearance_jax.design.search import yields
+from clearance_jax.design.search.evaluate import Simulations
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.html import render
 
@@ -117,7 +117,7 @@ def test_too_few_samples_are_said_before_the_search(monkeypatch):
     def begin(*_, **__):
         raise Begun
 
-    monkeypatch.setattr(sys.modules["clearance_jax.design.problem"], "search", begin)
+    monkeypatch.setattr(sys.modules["clearance_jax.design.asked.problem"], "search", begin)
     said = r"64 samples support a yield of 0.9543 .* at least 299 `samples`"
     with pytest.warns(design.YieldWarning, match=said), pytest.raises(Begun):
         problem.solve()

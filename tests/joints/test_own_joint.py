@@ -12,7 +12,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.design.budget import error_budget
+from clearance_jax.design.judge.budget import error_budget
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, JointOutline
 from clearance_jax.parameters import physical

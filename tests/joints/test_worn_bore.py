@@ -11,7 +11,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.design.static import static_error
+from clearance_jax.design.judge.static import static_error
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Relative
 from clearance_jax.joints.bore import Bore, finer

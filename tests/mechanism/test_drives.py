@@ -13,8 +13,8 @@ import clearance_jax as cj
 from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.actuators import AbstractActuator
-from clearance_jax.mechanism.expressions import read_expression
-from clearance_jax.mechanism.motion_laws import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
+from clearance_jax.mechanism.motion.expressions import read_expression
+from clearance_jax.mechanism.motion.motion_laws import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.parameters import physical
 
 KNOTS = np.array([0.1, 0.35, 0.5, 0.9, 1.0, 1.45, 1.7])

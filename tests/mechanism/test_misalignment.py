@@ -11,7 +11,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.design.specification import scenarios_of
+from clearance_jax.design.asked.specification import scenarios_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study.study import load_study
 

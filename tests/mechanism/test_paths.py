@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from spatial import arm, delta, platform
 
 import clearance_jax as cj
-from clearance_jax.dynamics.chain import chain_of
-from clearance_jax.dynamics.follow import _run
 from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.dynamics.postures.chain import chain_of
+from clearance_jax.dynamics.postures.follow import _run
 from clearance_jax.mechanism.state import State
 from clearance_jax.spatial import IDENTITY, rotation_between
 

@@ -44,8 +44,8 @@ COMPILER = f"{PACKAGE}._compile"
 PHYSICS = {"laws", "joints", "mechanism", "metrics", "wear", "design"}
 KNOW_THE_COMPILER = {
     *("laws._friction", "joints._base", "joints.bore", "joints.guide", "joints.sleeve", "mechanism.form"),
-    *("mechanism.motion_laws", "mechanism.paths", "mechanism.pieces", "mechanism.drives"),
-    *("metrics.signals", "design.budget"),
+    *("mechanism.motion.motion_laws", "mechanism.motion.paths", "mechanism.motion.pieces", "mechanism.motion.drives"),
+    *("metrics.signals", "design.judge.budget"),
 }
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
 HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}

@@ -28,8 +28,8 @@ from clearance_jax._compile.kept import keep_in, kept_jit
 from clearance_jax._compile.structure import Reader, Untold, text
 from clearance_jax.cli.main import app
 from clearance_jax.laws import HuntCrossley
-from clearance_jax.solve import control
 from clearance_jax.solve.flow import _compiled_solve
+from clearance_jax.solve.steps import control
 
 PROGRAM = """
 import sys
@@ -448,7 +448,7 @@ def test_what_the_library_was_patched_with_is_not_kept_later(folder, monkeypatch
         patch.setattr(control, "SAFETY_OF_THE_TEST", 0.5, raising=False)
         jax.vmap(inner)(jnp.ones(2))
     assert inner(jnp.ones(2))[0] == 2.0
-    assert altered == {"clearance_jax.solve.control"}
+    assert altered == {"clearance_jax.solve.steps.control"}
     assert len(list(folder.iterdir())) == 1
 
 

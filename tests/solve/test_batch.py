@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
-from clearance_jax.solve.batch import cores_here, side_by_side
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.effort import count, effort
-from clearance_jax.solve.expected import as_numbers, cut, largest_of, pilots, sorted_lanes
-from clearance_jax.solve.lanes import LANES as CHUNK
-from clearance_jax.solve.lanes import LANES_ON_GPU, chunk_on
+from clearance_jax.solve.drivers.batch import cores_here, side_by_side
+from clearance_jax.solve.drivers.effort import count, effort
+from clearance_jax.solve.drivers.expected import as_numbers, cut, largest_of, pilots, sorted_lanes
+from clearance_jax.solve.drivers.lanes import LANES as CHUNK
+from clearance_jax.solve.drivers.lanes import LANES_ON_GPU, chunk_on
 
 NONE = jnp.zeros((), int)
 RNG = np.random.default_rng(5)
@@ -225,7 +225,7 @@ def test_a_chunk_is_what_the_platform_is_best_at_or_what_is_asked(monkeypatch):
 
     assert (chunks(), chunks(chunk=CHUNK // 2)) == (3, 6)
     # A GPU in words only: the chunk is for it, the program is this CPU's.
-    monkeypatch.setattr("clearance_jax.solve.lanes.jax.default_backend", lambda: "gpu")
+    monkeypatch.setattr("clearance_jax.solve.drivers.lanes.jax.default_backend", lambda: "gpu")
     assert chunks() == 1
 
 

@@ -10,11 +10,11 @@ import pytest
 import clearance_jax as cj
 from clearance_jax._compile.barriers import barrier, share, sharing
 from clearance_jax._compile.lane_axis import each_lane, to_lanes
-from clearance_jax.solve import lanes
-from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result
+from clearance_jax.solve.drivers import lanes
+from clearance_jax.solve.drivers.lanes import batch_by, over_chunks
 from clearance_jax.solve.flow import Inputs, task_of
-from clearance_jax.solve.lanes import batch_by, over_chunks
+from clearance_jax.solve.steps.attempt import Options
 
 T1 = 3e-3
 CLEARANCES = jnp.linspace(5e-5, 5e-4, 5)

@@ -19,7 +19,7 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.dynamics.pose import ideal_states, poses
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.motion_laws import DriveSum
+from clearance_jax.mechanism.motion.motion_laws import DriveSum
 from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.parameters import values_of
 from clearance_jax.solve.validity import FOLLOWS, NOT_VALID, PEAK_ONLY, Validity, bends

@@ -14,7 +14,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.field import energy_residual
 from clearance_jax.mechanism.actuators import AbstractActuator
-from clearance_jax.solve.trace import BLOCK
+from clearance_jax.solve.drivers.trace import BLOCK
 
 OMEGA = 5000 * np.pi / 30
 

@@ -19,13 +19,13 @@ from clearance_jax.dynamics.quantities import observe
 from clearance_jax.joints import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import ImplausibleWarning
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.attempt import Options, means_of
 from clearance_jax.solve.codes import Result, code_of, words
-from clearance_jax.solve.control import factor, on_grid, scaled_error
-from clearance_jax.solve.events import EventJoints, StepCurve, first_of
 from clearance_jax.solve.flow import Inputs, problem_of
-from clearance_jax.solve.problem import basis
-from clearance_jax.solve.step import Trial, tableau_of
+from clearance_jax.solve.steps.attempt import Options, means_of
+from clearance_jax.solve.steps.control import factor, on_grid, scaled_error
+from clearance_jax.solve.steps.events import EventJoints, StepCurve, first_of
+from clearance_jax.solve.steps.problem import basis
+from clearance_jax.solve.steps.step import Trial, tableau_of
 from clearance_jax.spatial import ZERO, scale
 
 

@@ -11,7 +11,7 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import ClearanceError, metrics
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.tolerances import SMALLEST
+from clearance_jax.solve.steps.tolerances import SMALLEST
 
 JOINT = cj.Revolute(
     "j",

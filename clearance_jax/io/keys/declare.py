@@ -22,8 +22,8 @@ from clearance_jax.io.keys.kinds import (
     Word,
 )
 from clearance_jax.mechanism.body import Force, Torque
-from clearance_jax.mechanism.compounds import Slide, Spin, Turn
 from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
+from clearance_jax.mechanism.tree.compounds import Slide, Spin, Turn
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 # Kinds of keys by the record of numbers that a field holds, with their units.

@@ -1,10 +1,10 @@
 """Every key of a study's section `design`. A new key is a line here, and its use."""
 
-from clearance_jax.design.costs import COSTS
-from clearance_jax.design.explain import FACTORS
-from clearance_jax.design.manufacture import MANUFACTURE
-from clearance_jax.design.methods import METHOD_CHOICES
-from clearance_jax.design.specification import FIDELITY_CHOICES
+from clearance_jax.design.asked.costs import COSTS
+from clearance_jax.design.asked.manufacture import MANUFACTURE
+from clearance_jax.design.asked.specification import FIDELITY_CHOICES
+from clearance_jax.design.judge.explain import FACTORS
+from clearance_jax.design.search.methods import METHOD_CHOICES
 from clearance_jax.io.keys.declare import Keys, family, kinds, table
 from clearance_jax.io.keys.kinds import (
     Flag,

@@ -19,7 +19,7 @@ from clearance_jax.joints.bearings import GROUPS
 from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.joints.presets import PINS
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
-from clearance_jax.mechanism.tree import Revolute
+from clearance_jax.mechanism.tree.tree import Revolute
 
 CONTACT = table(
     "joint.NAME",

@@ -10,7 +10,7 @@ from clearance_jax.io.keys.kinds import Key
 from clearance_jax.io.keys.scene import SCENE_TABLES
 from clearance_jax.io.keys.study import STUDY_TABLES
 from clearance_jax.mechanism.placement import ORIGIN
-from clearance_jax.mechanism.tree import SLIDING, TURNING
+from clearance_jax.mechanism.tree.tree import SLIDING, TURNING
 from clearance_jax.parameters import BOUNDS, resolve_unit
 
 File = Literal["scene", "study"]

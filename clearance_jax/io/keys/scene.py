@@ -6,16 +6,16 @@ from clearance_jax.io.keys.play import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES
 from clearance_jax.io.urdf.mechanism import BASES, MIMICS
 from clearance_jax.mechanism.actuators import ConstantEffort, JointFriction, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring, Wrench
-from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
 from clearance_jax.mechanism.controllers import ComputedTorque
-from clearance_jax.mechanism.drives import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.imperfections import Compliance
-from clearance_jax.mechanism.motion_laws import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.motion.drives import Constant, Quintic, Trapezoid
+from clearance_jax.mechanism.motion.motion_laws import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
-from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
-from clearance_jax.solve.attempt import STARTS
+from clearance_jax.mechanism.tree.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
+from clearance_jax.mechanism.tree.tree import Fixed, Prismatic, Revolute
 from clearance_jax.solve.settings import MAX_STEPS, MOST_SAMPLES, OF_MOTIONS, SOLVER_WORDS
-from clearance_jax.solve.tolerances import SMALLEST
+from clearance_jax.solve.steps.attempt import STARTS
+from clearance_jax.solve.steps.tolerances import SMALLEST
 
 DRIVES = {
     "constant": Constant,

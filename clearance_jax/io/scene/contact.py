@@ -29,8 +29,8 @@ from clearance_jax.joints import (
 from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.joints.presets import PINS, flat_contact, round_contact
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
-from clearance_jax.mechanism.compounds import Cylindrical, Spherical
-from clearance_jax.mechanism.tree import Prismatic, Revolute
+from clearance_jax.mechanism.tree.compounds import Cylindrical, Spherical
+from clearance_jax.mechanism.tree.tree import Prismatic, Revolute
 from clearance_jax.parameters import check_demands
 from clearance_jax.units import to_si
 

@@ -17,12 +17,12 @@ from clearance_jax.io.urdf.mechanism import place_of, read_robot
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
 from clearance_jax.mechanism.actuators import AbstractActuator, Servo
 from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
-from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
-from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.motion_laws import AbstractDrive, Spline
+from clearance_jax.mechanism.motion.expressions import read_expression
+from clearance_jax.mechanism.motion.motion_laws import AbstractDrive, Spline
 from clearance_jax.mechanism.placement import Axis, Gravity, Orientation, Position
-from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.mechanism.tree.compounds import Ball, Free, Slide, Spin, Turn
+from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.units import to_si
 
 # What only a joint of the tree has.

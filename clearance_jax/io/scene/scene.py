@@ -24,7 +24,7 @@ from clearance_jax.mechanism.imperfections import Compliance, with_compliance, w
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.structure import check_model
-from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
+from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, Prismatic
 from clearance_jax.parameters import outside
 
 # From a speck of dust to a ship. Outside, a unit or an exponent has slipped.

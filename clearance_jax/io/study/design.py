@@ -3,12 +3,12 @@
 import itertools
 from typing import Any, NamedTuple
 
-from clearance_jax.design.classes import Candidates, classes_of, priced
-from clearance_jax.design.conditions import Payload, condition_product
-from clearance_jax.design.costs import COSTS, POWER, AbstractCost
-from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
-from clearance_jax.design.problem import ToleranceProblem
-from clearance_jax.design.specification import Limit
+from clearance_jax.design.asked.classes import Candidates, classes_of, priced
+from clearance_jax.design.asked.conditions import Payload, condition_product
+from clearance_jax.design.asked.costs import COSTS, POWER, AbstractCost
+from clearance_jax.design.asked.manufacture import MANUFACTURE, AbstractManufacture
+from clearance_jax.design.asked.problem import ToleranceProblem
+from clearance_jax.design.asked.specification import Limit
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.keys import design as keys
 from clearance_jax.io.keys.metric import METRIC
@@ -18,7 +18,7 @@ from clearance_jax.io.study.wear import WearAsked
 from clearance_jax.io.table import Chosen, TomlTable, entries, naming
 from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.motion_laws import Spline
+from clearance_jax.mechanism.motion.motion_laws import Spline
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.wear import AfterWear
 

@@ -25,8 +25,8 @@ from clearance_jax.io.urdf.robot import (
     rpy_of,
     triple,
 )
-from clearance_jax.mechanism.frame import JacobianColumn
 from clearance_jax.mechanism.placement import PRINTED
+from clearance_jax.mechanism.tree.frame import JacobianColumn
 
 # Least radius of gyration [m]: a smaller one is round-off of printed digits.
 SMALLEST = 1e-7

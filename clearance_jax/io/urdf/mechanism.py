@@ -15,10 +15,10 @@ from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Robot, Triple, is_identity, rpy_of, triple
 from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point
-from clearance_jax.mechanism.compounds import Ball, Free, Planar
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Gravity, Inertia, Orientation, Position, as_axis
-from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
+from clearance_jax.mechanism.tree.compounds import Ball, Free, Planar
+from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
 
 BASES = ("fixed", "free")
 MIMICS = ("refuse", "independent")

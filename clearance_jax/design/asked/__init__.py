@@ -1,0 +1,1 @@
+"""What is asked: variables, limits, conditions, costs, models of manufacture."""

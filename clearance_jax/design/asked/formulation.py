@@ -1,0 +1,177 @@
+"""Build the program of a specification: objective, scaled limits and their derivatives at a point."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from clearance_jax.ask.answers import HERE, SolvePlace
+from clearance_jax.design.asked.manufacture import AsDesigned
+from clearance_jax.design.asked.specification import AUTO, Scenario, Specification, scenarios_of
+from clearance_jax.design.search.evaluate import FEW, Simulations, simulations_of
+from clearance_jax.design.search.program import INSIDE, Evaluation, Program
+from clearance_jax.errors import ClearanceError
+from clearance_jax.metrics.reductions import Peak
+from clearance_jax.runs.identity import numbers, short, versions
+from clearance_jax.runs.identity import settings as in_words
+from clearance_jax.solve.settings import QUASI_STATIC
+
+# The distance of active limits to their bounds, over the tolerance of the solves: about what two solvers differ by.
+RESOLVED = 0.3
+
+
+def formulate(
+    specification: Specification,
+    rtol: float | None = None,
+    solver: str | None = None,
+    place: SolvePlace = HERE,
+    **options: Any,
+) -> Program:
+    """The program of a `specification`, solved with the accuracy `rtol` by a `solver` (by default its own).
+
+    **Arguments:** `place`: where many simulations are solved; `options`: as `Program`'s. With `fidelity="auto"` it has
+    the problem of quasi-static poses beside it, in the same record.
+
+    **Raises:** `ClearanceError` for a metric that the model of the motion cannot give.
+    """
+    if specification.fidelity == AUTO:
+        shared = {name: options[name] for name in ("record", "known", "progress") if name in options}
+        shared["identity"] = _identity(specification, simulations_of(specification, rtol, solver, place))
+        options["cheap"] = _program(_posed(specification), simulations_of(_posed(specification), place=place), **shared)
+    return _program(specification, simulations_of(specification, rtol, solver, place), **options)
+
+
+def unposed(specification: Specification) -> str:
+    """Why quasi-static poses cannot judge designs, in words; empty if they can."""
+    try:
+        simulations_of(_posed(specification)).sizes()
+    except ClearanceError as error:
+        return str(error)
+    return ""
+
+
+def _posed(specification: Specification) -> Specification:
+    """The problem by quasi-static poses, which need no neighbours."""
+    plain = specification.nominal() if specification.manufacture.among else specification
+    return plain.judged_by(QUASI_STATIC)
+
+
+def _program(specification: Specification, simulations: Simulations, **options: Any) -> Program:
+    scenarios, place = scenarios_of(specification), simulations.place
+    titles, groups = _titles(specification, simulations, scenarios)
+
+    def evaluate(x, gradient):
+        # For few variables another program without derivatives costs more to compile than it saves.
+        gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
+        return _evaluate(specification, x, gradient, scenarios, simulations)
+
+    def several(points):
+        return _evaluate_points(specification, points, scenarios, simulations)
+
+    drawn = dataclasses.replace(specification, manufacture=specification.manufacture.without_margin)
+
+    def fresh(x, samples, seed):
+        return _evaluate(drawn, x, True, scenarios_of(drawn, samples, seed), simulations)
+
+    program = Program(
+        evaluate,
+        specification.names,
+        *specification.bounds,
+        titles,
+        groups=groups,
+        fresh=fresh if specification.manufacture.is_sampled else None,
+        several=None if place.client is None else several,
+        fidelity=specification.judge,
+        leaders=_leaders(specification, simulations, len(titles)),
+        inside=max(INSIDE, RESOLVED * float(simulations.solve.rtol)),
+        **{"identity": _identity(specification, simulations), **options},
+    )
+    return program
+
+
+def _leaders(specification: Specification, simulations: Simulations, count: int) -> np.ndarray:
+    """For every limit the index of the highest peak of its motion, as lower peaks do not correspond between models."""
+    if specification.manufacture.title:
+        return np.arange(count)
+    sizes = simulations.sizes()
+    ends, kinds = np.cumsum([0, *sizes]), [isinstance(metric.base_metric, Peak) for metric in simulations.metrics]
+    once = [np.full(n, a) if peak else np.arange(a, a + n) for a, n, peak in zip(ends, sizes, kinds, strict=False)]
+    return np.concatenate([np.concatenate(once) + k for k in range(0, count, int(ends[-1]))])
+
+
+def _titles(
+    specification: Specification, simulations: Simulations, scenarios: Sequence[Scenario]
+) -> tuple[list[str], list[str]]:
+    """The title of every limit of the program, and that of the designer's limit that it belongs to."""
+    if of_all := specification.manufacture.title:
+        titles = [of_all + specification.suffix(condition) for condition in specification.conditions]
+        return titles, titles
+    if of_each := specification.manufacture.among:  # one number for all parts of a condition
+        scenarios = [s._replace(title=s.title + of_each) for s in scenarios if s.designed is None]
+    pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
+    titles = [label + scenario.title for scenario in scenarios for limit, size in pairs for label in limit.labels(size)]
+    return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
+
+
+def _identity(specification: Specification, simulations: Simulations) -> dict[str, Any]:
+    """The description of the problem, by names, which tells it from others."""
+    described = versions() | numbers(specification.mechanism)
+    limits = zip(specification.limits, simulations.metrics, simulations.bounds, strict=True)
+    for limit, metric, bound in limits:
+        described |= numbers(metric, f" (limit {limit.title})") | {f"bound ({limit.title})": float(bound)}
+    for name, cost in zip(specification.variables, specification.costs, strict=False):
+        described |= numbers(cost, f" (cost of {name})")
+    described |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
+    described |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
+    asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
+    if specification.manufacture.among:  # what a search makes of a problem
+        asked["manufacture"] = AsDesigned()
+    solving = simulations.solve._asdict() | {"fidelity": specification.fidelity}
+    return described | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
+
+
+def _evaluate(
+    specification: Specification, x, gradient, scenarios: Sequence[Scenario], simulations: Simulations
+) -> Evaluation:
+    clearances = specification.values(x)
+    return _point(specification, x, *simulations.together(clearances, scenarios, gradient))
+
+
+def _evaluate_points(
+    specification: Specification, points: Sequence[np.ndarray], scenarios: Sequence[Scenario], simulations: Simulations
+) -> list[Evaluation]:
+    """Evaluate several points, with all of their simulations in one batch."""
+    first = specification.values(points[0])
+    factors = [specification.values(x) / first for x in points]
+    every = [s._replace(factors=s.factors * factor) for s in scenarios for factor in factors]
+    limits, _ = simulations.together(first, every, False)
+    each = np.moveaxis(limits.reshape(len(scenarios), len(points), -1), 1, 0)
+    return [_point(specification, x, values, None) for x, values in zip(points, each, strict=True)]
+
+
+def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray | None) -> Evaluation:
+    """The evaluation at `x` from scaled limits in every scenario (scenarios, m) and slopes (scenarios, m, n)."""
+    clearances, gradient = specification.values(x), jacobian is not None
+    count = len(specification.conditions)
+    slopes = [None] * count if jacobian is None else np.split(jacobian, count)
+    pairs = zip(np.split(values, count), slopes, strict=True)
+    judged, rows = zip(*(specification.manufacture.judge(*pair) for pair in pairs), strict=True)
+    values, jacobian = np.concatenate(judged), None if jacobian is None else np.concatenate(rows)
+    objective, slope = _objective(specification, clearances)
+    if len(x) < len(clearances):
+        slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
+    return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian, specification.judge)
+
+
+def objective_of(specification: Specification, x: np.ndarray) -> float:
+    """The objective at variables `x` (n,)."""
+    return _objective(specification, specification.values(x))[0]
+
+
+def _objective(specification: Specification, x: np.ndarray) -> tuple[float, np.ndarray]:
+    if specification.common:
+        return float(-np.mean(x)), np.full(len(x), -1.0 / len(x))
+    pairs = [jax.value_and_grad(cost)(float(c)) for cost, c in zip(specification.costs, x, strict=True)]
+    return float(sum(v for v, _ in pairs)), np.array([float(g) for _, g in pairs])

@@ -1,0 +1,1 @@
+"""The judgement of an answer: verification, standings, budget, explanations, standard fits."""

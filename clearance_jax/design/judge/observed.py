@@ -1,0 +1,236 @@
+"""What a design's motion and joints are like, from one solve in each scenario.
+
+Limits and instants of peaks, signals over time, forces and work of joints, data for pictures; from these the loads of
+each joint, for the choice of its bearing, and the data for its drawing.
+"""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._basis.types import Scalar
+from clearance_jax.ask.question import Question, answer
+from clearance_jax.design.answer import Design
+from clearance_jax.design.asked.classes import CLEARANCE
+from clearance_jax.design.asked.specification import Scenario, Specification
+from clearance_jax.dynamics.equations import balance
+from clearance_jax.joints.fits import Fit
+from clearance_jax.mechanism._base import ClearanceJoint
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.measure import AbstractMetric, Request
+from clearance_jax.metrics.observed import FirstFall, Instants, JointWork, PeakInstants
+from clearance_jax.metrics.reductions import At, Impacts, Peak
+from clearance_jax.metrics.signals import ContactForce
+from clearance_jax.results.places import picture
+from clearance_jax.solve.settings import DYNAMICS
+from clearance_jax.spatial import as_array
+
+SAMPLES = 2001
+# The number of peaks of each force: if a pin falls first, the largest one after its fall is among these.
+FORCES = 8
+
+
+class Observed(NamedTuple):
+    """The observations of a scenario; before the solve, the metrics for them in the same fields:
+
+    - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
+    - by clearance joint, `forces` (`Instants` of the largest), `falls` (when the first fall is over [s]), `works`
+      (`Work`) and `impacts`;
+    - over time, `picture` (`results.places.picture`), and in space `wrenches` on the pins.
+    """
+
+    limits: tuple[Any, ...]
+    signals: tuple[Any, ...]
+    forces: tuple[Any, ...]
+    falls: tuple[Any, ...]
+    works: tuple[Any, ...]
+    impacts: tuple[Any, ...]
+    picture: Any
+    wrenches: Any = ()
+
+
+class SampledFunction(AbstractMetric):
+    """A metric: a function of (prepared mechanism, time [s], state) at increasing times [s]."""
+
+    function: Callable = eqx.field(static=True)
+    times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.asarray(t, float))
+
+    def request(self, mechanism, t1, options):
+        return Request(times=self.times)
+
+    def value(self, reply):
+        ready = reply.mechanism.prepare()
+        return jax.vmap(lambda time, y: self.function(ready, time, y))(self.times, reply.solution.y)
+
+
+def pin_wrenches(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, tuple[Array, Array]]:
+    """The force [N] and moment [N m] of each clearance joint on its pin, in the sleeve's axes."""
+    actions = balance(mechanism, time, layout(mechanism).split(y)).actions
+    return {name: (as_array(action.force), as_array(action.torque)) for name, action in actions.items()}
+
+
+def sample_times(specification: Specification) -> np.ndarray:
+    """The times of signals and pictures [s]."""
+    return np.linspace(specification.t0, specification.t1, SAMPLES)
+
+
+def observe(specification: Specification, x: np.ndarray, scenario: Scenario) -> Observed | None:
+    """Observe a design (variables (n,)) in a scenario; `None` if the motion does not reach its end."""
+    x = specification.values(x) * scenario.factors
+    moved = specification.move(specification.mechanism, scenario.values)
+    metrics, structure = jax.tree.flatten(_request(specification), is_leaf=lambda m: isinstance(m, AbstractMetric))
+    named = {str(i): metric for i, metric in enumerate(metrics)}
+    settings = specification.judged_by(DYNAMICS).settings()  # quasi-static poses have no impacts and no losses
+    question = Question(moved, named, specification.t1, settings)
+    values = answer(question, dict(zip(specification.variables, x, strict=True))).values
+    observed = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
+    return observed if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(observed.picture)) else None
+
+
+def _request(specification: Specification) -> Observed:
+    joints = [joint.name for joint in specification.mechanism.clearance_joints()]
+    times = sample_times(specification)
+    # One motion shows the new mechanism, also for limits on a worn one.
+    metrics = [limit.simulation_metric.base_metric for limit in specification.limits]
+    signals = [getattr(metric, "signal", None) for metric in metrics]
+    return Observed(
+        tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),
+        tuple(None if signal is None else At(signal, times) for signal in signals),
+        tuple(PeakInstants(Peak(ContactForce(name), count=FORCES)) for name in joints),
+        tuple(FirstFall(name) for name in joints),
+        tuple(JointWork(name) for name in joints),
+        tuple(Impacts(name) for name in joints),
+        SampledFunction(picture, times),
+        () if specification.mechanism.is_plane else SampledFunction(pin_wrenches, times),
+    )
+
+
+class JointLoad(NamedTuple):
+    """The load of a `joint` in one `condition`.
+
+    - `largest`: the largest normal force [N], at `time` [s]; `mean`: its mean over time [N].
+    - `first_fall`: whether the largest one belongs to the first fall of a pin that started in mid-air; then `after` is
+      the largest one after it [N], at `time_after` [s] (`None`: not known, or none).
+    - `impacts`: how often pin and sleeve meet; `friction_loss`, `contact_loss`: energy lost in friction and in contact
+      damping [J].
+    - `diameter` of the pin and `length` of the contact [m]; `None`: not known.
+    - In space, at that time: `force` on the pin along the sleeve's axes [N], and the size of the `moment` on it across
+      the axis [N m].
+    """
+
+    joint: str
+    condition: str
+    largest: float
+    time: float
+    mean: float
+    impacts: int
+    friction_loss: float
+    contact_loss: float
+    diameter: float
+    length: float | None
+    force: tuple[float, ...] | None = None
+    moment: float | None = None
+    first_fall: bool = False
+    after: float | None = None
+    time_after: float | None = None
+
+    @property
+    def largest_pressure(self) -> float | None:
+        """The pressure of the largest force on the pin's projected area, F / (d L) [Pa]."""
+        return None if self.length is None else self.largest / (self.diameter * self.length)
+
+    @property
+    def mean_pressure(self) -> float | None:
+        """The pressure of the mean force on the pin's projected area [Pa]."""
+        return None if self.length is None else self.mean / (self.diameter * self.length)
+
+
+def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: Observed) -> tuple[JointLoad, ...]:
+    """The load of every clearance joint from an observed motion; components of forces are those at the nearest of the
+    sample `times` [s].
+    """
+    rows = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
+    out = []
+    for joint, force, over, work, impacts in rows:
+        turned, k = _of_fall(force, float(over)), int(np.argmin(np.abs(times - float(force.times[0]))))
+        if not mechanism.is_plane:
+            exerted, moment = seen.wrenches[joint.name]
+            turned |= {"force": tuple(exerted[k].tolist()), "moment": float(np.hypot(*moment[k, :2]))}
+        out.append(
+            JointLoad(
+                joint.name,
+                condition,
+                float(force.values[0]),
+                float(force.times[0]),
+                float(work.mean_force),
+                int(impacts),
+                float(work.friction_loss),
+                float(work.contact_loss),
+                *pin_size(joint),
+                **turned,
+            )
+        )
+    return tuple(out)
+
+
+def _of_fall(force: Instants, over: float) -> dict[str, Any]:
+    """The fields of `JointLoad` about the first fall of a pin, which is over at time `over` [s]; empty if the largest
+    force comes later.
+    """
+    if force.times[0] > over:
+        return {}
+    later = np.flatnonzero((force.times > over) & (force.values > 0))
+    after = {"after": float(force.values[later[0]]), "time_after": float(force.times[later[0]])} if later.size else {}
+    return {"first_fall": True} | after
+
+
+def first_clearance(joint: ClearanceJoint) -> float:
+    """The radial clearance of a joint, or the clearance of a guide to either side [m]."""
+    return float(joint.joint.play()[0].scale)
+
+
+def pin_size(joint: ClearanceJoint) -> tuple[float, float | None]:
+    """Diameter of the pin and length of the contact [m]; `None`: not known."""
+    geometry = joint.clearance.geometry()
+    return 2 * float(geometry.pin_radius), None if geometry.length is None else float(geometry.length)
+
+
+class JointDrawing(NamedTuple):
+    """The data for the drawing of a clearance `joint`.
+
+    - `diameter`: the nominal one [m]; `clearance`: the radial one [m], the largest allowed if it is `designed`,
+      otherwise that of the mechanism.
+    - `fit`: as of `nearest_fits` (`None`: not known); `remark`: where the fit exceeds the designed clearance or bounds.
+    """
+
+    joint: str
+    diameter: float
+    clearance: float
+    designed: bool
+    fit: Fit | None
+    remark: str = ""
+
+
+def joint_drawings(
+    design: Design, fits: Mapping[str, Fit], remarks: Mapping[str, str] = MappingProxyType({})
+) -> tuple[JointDrawing, ...]:
+    """The drawings of all clearance joints of a design, with fits and remarks by variable."""
+    return tuple(
+        JointDrawing(
+            joint.name,
+            pin_size(joint)[0],
+            first_clearance(joint),
+            joint.name + CLEARANCE in design.clearances,
+            fits.get(joint.name + CLEARANCE),
+            remarks.get(joint.name + CLEARANCE, ""),
+        )
+        for joint in design.mechanism.clearance_joints()
+    )

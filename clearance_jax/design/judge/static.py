@@ -1,0 +1,187 @@
+"""Static bounds of the error of a point: how far play alone can move it in a mechanism at rest."""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax.dynamics.closures import mobility, project
+from clearance_jax.dynamics.quantities import axes_of, evaluate
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import AbstractClearance, AbstractPin, PlayCoordinate
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import Position
+from clearance_jax.mechanism.tree.tree import AbstractPlayed
+from clearance_jax.metrics.ideal import ASSEMBLE, freedom
+from clearance_jax.solve.settings import settings_of
+from clearance_jax.solve.simulate import run
+
+AXIAL = ".axial_clearance"
+# Iterations towards the largest reach, which grows with each.
+CLIMB = 60
+
+
+def static_weights(
+    mechanism: Mechanism,
+    point: str,
+    t1: float,
+    samples: int = 181,
+    t0: float = 0.0,
+    joints: Sequence[str] | None = None,
+) -> dict[str, float]:
+    """How far a named point of the ideal mechanism moves at most over time, per clearance of each joint. The sum of
+    weight times clearance bounds what play alone can do to a mechanism at rest. Deformation and impacts can do more.
+
+    For a joint without tilt the weight is the largest singular value of the derivative of the point's place by the
+    pin's offset; for a joint without clearance, by an offset along any axis of the mechanism (two in the plane, three
+    in space). For a pin that tilts, both ends of its axis may be anywhere within the radial clearance: the weight is 1
+    at a distance l <= L / 2 from the middle of a sleeve of length L, along its axis, and 2 l / L beyond. (Faces may
+    stop the tilt before.) Its axial clearance has a weight of its own, called `JOINT.axial_clearance`. For a block in a
+    guide, each end may be at any of its walls, at two at once in a corner.
+
+    **Arguments:** `mechanism`; `point`: its name; `t0`, `t1`: start and end of the motion [s]; `samples`: at how many
+    times the weights are computed; `joints`: names of joints of any kind, with clearance or without, by default those
+    with clearance.
+
+    **Returns:** the weights by name.
+
+    **Raises:** `ClearanceError` for an unknown point or joint, if there is no joint to ask for, and for an ideal
+    mechanism that moves freely (its pose depends on forces) or is over-constrained (an offset strains it).
+    """
+    ideal = mechanism.ideal()
+    if freedom(ideal) > 0:
+        raise ClearanceError("An ideal mechanism that moves freely has no static bound: drive its joints.")
+    if ideal.may_repeat and (repeated := mobility(ideal, t0).repeated):
+        raise ClearanceError(
+            f"An over-constrained mechanism has no static bound: {repeated} of the conditions of its loops only repeat "
+            "others, so that an offset in one joint strains it. Close its loops by joints of more freedom (`Spherical` "
+            "instead of `Revolute`, say)."
+        )
+    known = [p.name for p in mechanism.points]
+    if point not in known:
+        raise ClearanceError(f"There is no point `{point}`. Allowed: {', '.join(known)}.")
+    names = tuple(joint.name for joint in mechanism.clearance_joints()) if joints is None else tuple(joints)
+    if not names:
+        raise ClearanceError("No joint has clearance here: name the joints that are to be asked for, `joints=`.")
+    for name in names:
+        mechanism.joint(name)
+    parts = [(_play_of(mechanism, name), _is_flat(mechanism, name)) for name in names]
+    slopes = _slopes(mechanism, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
+    weights: dict[str, float] = {}
+    for name, (play, flat), slope in zip(names, parts, slopes, strict=True):
+        reaches = _reaches(play, np.asarray(slope), flat)
+        weights |= {name + ending: float(np.max(reach)) for ending, reach in reaches.items()}
+    return weights
+
+
+def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
+    """The sum of weights (of `static_weights`, of joints with clearance) times the mechanism's clearances [m]; of a
+    worn sleeve the clearance where it is worn deepest.
+    """
+    total = 0.0
+    for name, weight in weights.items():
+        joint = name.removesuffix(AXIAL)
+        play = _play_of(mechanism, joint)
+        if name.endswith(AXIAL):
+            size = float(next(c.scale for c in play if c.suffix == ".play_z"))
+        else:
+            size = float(play[0].scale) + _worn(mechanism, joint)
+        total += weight * size
+    return total
+
+
+def _worn(mechanism: Mechanism, name: str) -> float:
+    """The largest depth of wear of a joint's sleeve [m]."""
+    clearance = getattr(mechanism.joint(name), "clearance", None)
+    return 0.0 if not isinstance(clearance, AbstractPin) or clearance.depth is None else float(clearance.profile.max())
+
+
+def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
+    joint = mechanism.joint(name)
+    return joint.play() if isinstance(joint, AbstractPlayed) else ()
+
+
+def _is_flat(mechanism: Mechanism, name: str) -> bool:
+    joint = mechanism.joint(name)
+    clearance = joint.clearance if isinstance(joint, AbstractPlayed) else None
+    return isinstance(clearance, AbstractClearance) and clearance.flat
+
+
+def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
+    """How far the point moves per clearance (times,), by the suffix of the clearance's name.
+
+    **Arguments:** `slope` (times, axes, play); `flat`: whether walls bound each slide across separately.
+    """
+    turns = {k: np.asarray(c.turns, float) for k, c in enumerate(play) if c.turns is not None}
+    if not turns:
+        return {"": np.linalg.norm(slope, ord=2, axis=(1, 2))}
+    slides = {k: np.asarray(c.slides, float) for k, c in enumerate(play) if c.slides is not None}
+    across = [k for k, axis in slides.items() if axis[2] == 0]
+    tilts, radial = [k for k, axis in turns.items() if axis[2] == 0], play[across[0]].scale
+    # How the point moves as the axis leans along each slide: z turned about the tilt's axis.
+    leans = [sum(slope[..., t] * (np.cross(turns[t], [0, 0, 1]) @ slides[k]) for t in tilts) for k in across]
+    middle, end = slope[..., across] / 2, np.stack(leans, axis=-1) * float(play[tilts[0]].scale / radial) / 2
+    out = (_corners if flat else _both_ends)(middle + end, middle - end)
+    for k in turns.keys() - set(tilts):
+        out = out + np.linalg.norm(slope[..., k], axis=1) * float(play[k].scale / radial)
+    axial = [k for k in slides if k not in across]
+    return {"": out} | ({AXIAL: np.linalg.norm(slope[..., axial], ord=2, axis=(1, 2))} if axial else {})
+
+
+def _both_ends(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The largest norm (times,) of P e + Q f over unit vectors e and f, for matrices P and Q (times, axes, k).
+
+    It is the maximum of |P^T n| + |Q^T n| over directions n, found by ascent from several directions.
+    """
+    starts = [np.linalg.svd(part)[0][..., 0] for part in (first, other, first + other, first - other)]
+    best = size = np.zeros(len(first))
+    for direction in starts:
+        for _ in range(CLIMB):
+            ends = [np.einsum("tij,ti->tj", part, direction) for part in (first, other)]
+            units = [e / np.maximum(np.linalg.norm(e, axis=1), 1e-300)[:, None] for e in ends]
+            reached = sum(np.einsum("tij,tj->ti", part, e) for part, e in zip((first, other), units, strict=True))
+            size = np.linalg.norm(reached, axis=1)
+            direction = reached / np.maximum(size, 1e-300)[:, None]
+        best = np.maximum(best, size)
+    return best
+
+
+def _corners(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The same over vectors e and f with components from -1 to 1; it is convex, so the maximum is at a corner."""
+    both = np.concatenate([first, other], axis=-1)
+    signs = np.array(list(itertools.product((1.0, -1.0), repeat=both.shape[-1])))
+    return np.linalg.norm(both @ signs.T, axis=1).max(axis=-1)
+
+
+@eqx.filter_jit
+def _slopes(mechanism: Mechanism, index: int, names: tuple[str, ...], t0, t1, samples: int):
+    """The point's place by each joint's play, or by its offset: (times, axes, play) for each name."""
+    ideal = mechanism.ideal()
+    solution = run(ideal, t1, settings_of(ideal, t1, {"t0": t0, "save_at": samples}))
+    times, states, axes = solution.time, solution.y, len(axes_of(ideal))
+    counts = [len(_play_of(mechanism, name)) for name in names]
+
+    def place(values, t, y):
+        offsets = {name: tuple(offset) for name, offset, count in zip(names, values, counts, strict=True) if count}
+        moved = mechanism.hold_pins(offsets)
+        for name, offset, count in zip(names, values, counts, strict=True):
+            moved = moved if count else _offset(moved, name, offset)
+        ready = moved.prepare()
+        closed = project(t, y, ready, ASSEMBLE) if ready.closures() else y
+        return evaluate("position", t, closed, ready)[index]
+
+    zero = [jnp.zeros(count or axes) for count in counts]
+    return jax.vmap(jax.jacfwd(place), (None, 0, 0))(zero, times, states)
+
+
+def _offset(mechanism: Mechanism, name: str, offset) -> Mechanism:
+    """The mechanism with a joint's place on its parent moved [m]."""
+    joint = mechanism.joint(name)
+    x, y, z = joint.at_parent.vector
+    plane = offset.shape[0] == 2
+    at = Position(x + offset[0], y + offset[1], joint.at_parent.z if plane else z + offset[2])
+    return mechanism.with_joint(dataclasses.replace(joint, at_parent=at))

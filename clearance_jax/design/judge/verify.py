@@ -1,0 +1,237 @@
+"""Verification of a design by another solver and a tighter tolerance."""
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.optimize
+
+from clearance_jax.ask.answers import HERE, SolvePlace
+from clearance_jax.design.asked.formulation import formulate
+from clearance_jax.design.asked.specification import Specification, scenarios_of
+from clearance_jax.design.judge.certificate import HELD, Certificate
+from clearance_jax.design.judge.static import static_error, static_weights
+from clearance_jax.design.search.evaluate import FEW, fresh_yield, simulations_of
+from clearance_jax.design.search.methods import Method
+from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
+from clearance_jax.design.search.run import INTERRUPTED, run
+from clearance_jax.design.search.scaling import feasible_neighbour, optimality
+from clearance_jax.errors import ClearanceError
+from clearance_jax.metrics.reductions import Peak
+from clearance_jax.metrics.signals import PositionError
+from clearance_jax.parameters import replace
+from clearance_jax.solve.settings import DYNAMICS
+from clearance_jax.solve.steps.tolerances import SMALLEST
+
+# The approximate number of evaluations of the root search for the scale.
+BISECTION = 16
+OTHER = {"tsit5": "dopri8"}
+# The tolerance of the other solver over that of the design.
+FINER = 0.1
+# The largest violation that counts as a difference of solves; how often a design is moved inside; by how many times the
+# violation.
+HAIR, TRIES, MORE = 1e-2, 4, 2.0
+
+
+def _judging(specification: Specification, solver: str | None) -> tuple[str, float]:
+    """The solver of the verification, by default another than the design's, and its tolerance."""
+    return solver or OTHER.get(specification.solver, "tsit5"), max(FINER * specification.rtol, SMALLEST)
+
+
+def judge_of(
+    specification: Specification,
+    solver: str | None = None,
+    place: SolvePlace = HERE,
+    progress: Callable[[Evaluation], None] | None = None,
+) -> Program:
+    """The program of the problem by another solver and a tenfold tighter tolerance, always by the dynamics."""
+    solver, rtol = _judging(specification, solver)
+    return formulate(specification.judged_by(DYNAMICS), rtol, solver, place, progress=progress)
+
+
+def moved_inside(
+    program: Program, method: Method, point: Evaluation, fresh: Program
+) -> tuple[Evaluation, dict[str, float]]:
+    """The point of a method, moved inside until its limits also hold by the `fresh` program; and by limit the share of
+    its bound by which it was tightened for that.
+
+    Two solves differ, more so after many impacts. A violation above `HAIR` is no such difference, and is left.
+    """
+    tightened: dict[str, float] = {}
+    for _ in range(TRIES):
+        judged = fresh.at(point.x, method.gradients)
+        over = {fresh.groups[k]: float(judged.limits[k]) for k in np.argsort(judged.limits) if judged.limits[k] > HELD}
+        if judged.worst > HAIR or not over:
+            break
+        tightened |= {name: tightened.get(name, 0.0) + MORE * part for name, part in over.items()}
+        inner = program
+        for name, part in tightened.items():
+            inner = inner.with_bound(name, 1 - part)
+        try:
+            # Try smaller clearances first, which costs one solve and little of the objective.
+            if feasible_neighbour(inner, point.x, method.gradients) is None:
+                _run(inner, method, point.x)
+        except BudgetSpent:
+            break
+        if inner.best is None:
+            break
+        point = program.at(inner.best.x, method.gradients)
+    return point, tightened
+
+
+def certify(
+    specification: Specification,
+    method: Method,
+    point: Evaluation,
+    *,
+    least: np.ndarray | None = None,
+    sweep: int = 40,
+    starts: int = 0,
+    reoptimise: bool = False,
+    samples: int | None = None,
+    seed: int = 0,
+    solver: str | None = None,
+    place: SolvePlace = HERE,
+    progress: Callable[[Evaluation], None] | None = None,
+    fresh: Program | None = None,
+) -> Certificate:
+    """Verify the point of a method with another solver and a tenfold tighter tolerance.
+
+    **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the
+    limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
+    `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield` (default:
+    as many as its target needs); `solver`: which one (default: another than the design's); `fresh`: what `judge_of`
+    gives, if it is there; `place`: where many simulations are solved; `progress`: called with each evaluation, about
+    `expected_evaluations` of them.
+    """
+    solver, rtol = _judging(specification, solver)
+    fresh = fresh or judge_of(specification, solver, place, progress)
+    at = fresh.at(point.x, method.gradients)
+    residual, multipliers = optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
+    prices: dict[str, float] = {}
+    for k in np.flatnonzero(multipliers > 1e-6):
+        prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
+    checked = prices if reoptimise else {}
+    checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
+    return Certificate(
+        names=dict(
+            zip(fresh.names, specification.units.values(), strict=False)
+        ),  # a common clearance has the first unit
+        x=point.x,
+        worst=at.worst,
+        limit=fresh.limit_names[int(np.argmax(at.limits))],
+        # The largest value of neighbours jumps, so there is no scale at which it meets a bound.
+        scale=np.nan if specification.manufacture.among else _scale(fresh, point.x, at),
+        islands=_islands(fresh, point.x, sweep),
+        residual=residual,
+        prices=prices,
+        price_checks=checks,
+        starts=_others(specification, method, starts, seed, place, progress),
+        objective=at.objective,
+        goal="enlarges the clearance" if specification.common else "lowers the cost",
+        yield_estimate=fresh_yield(specification, point.x, samples, place=place)
+        if specification.manufacture.is_sampled
+        else None,
+        target=getattr(specification.manufacture, "target", None),
+        static=_static(specification, point.x),
+        solver=solver,
+        rtol=rtol,
+        among=specification.manufacture.among,
+        least=None if least is None else _worst_at(specification, least, rtol, solver, place, method.gradients),
+    )
+
+
+def _worst_at(
+    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: SolvePlace, exact: bool
+) -> float:
+    """The most violated limit of a design, which may be outside of the bounds of the variables."""
+    judge = specification.as_designed().judged_by(DYNAMICS)
+    simulations = simulations_of(judge, rtol, solver, place)
+    return float(np.max(simulations.worst(x, scenarios_of(judge), exact and len(x) <= FEW)))
+
+
+def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
+    """The static error by limit on a point's error [m], of the condition where it is largest; for driven mechanisms."""
+    designed = replace(specification.mechanism, specification.clearances(x))
+    errors: dict[str, float] = {}
+    for limit in specification.limits:
+        if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
+            continue
+        for values in specification.conditions.values():
+            moved = specification.move(designed, values)
+            try:
+                weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
+            except ClearanceError:
+                continue
+            errors[limit.title] = max(static_error(moved, weights), errors.get(limit.title, 0.0))
+    return errors
+
+
+def expected_evaluations(
+    searched: int, among: str = "", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_
+) -> int:
+    """About how many evaluations `Design.verify` takes with its options `sweep`, `starts` and `reoptimise`, after a
+    search of `searched` evaluations. Limits judged `among` parts need no search for the scale.
+    """
+    return 1 + BISECTION * (not among) + sweep + searched * (starts + 2 * reoptimise)
+
+
+def _others(
+    specification: Specification, method: Method, starts: int, seed: int, place: SolvePlace, progress
+) -> tuple[float, ...]:
+    """The objectives of searches from random starts."""
+    objectives, rng = [], np.random.default_rng(seed)
+    for _ in range(starts):
+        program = formulate(specification, place=place, progress=progress)
+        _run(program, method, np.exp(rng.uniform(np.log(program.lower), np.log(program.upper))))
+        objectives.append(program.best.objective if program.best else np.inf)
+    return tuple(objectives)
+
+
+def _run(program: Program, method: Method, start: np.ndarray) -> None:
+    """`run`, in which an interruption ends the whole verification."""
+    if run(program, method, start) == INTERRUPTED:
+        raise KeyboardInterrupt
+
+
+def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
+    """The factor on all variables, nearest to 1, at which the worst limit is just met; NaN if bounds come first."""
+    low, high = _ends(program, x)
+
+    def worst(s):
+        return program.at(s * x).worst
+
+    step = 1e-5
+    good, bad = (1.0, None) if at.worst <= 0 else (None, 1.0)
+    while good is None or bad is None:
+        s = min(1 + step, high) if bad is None else max(1 - step, low)
+        good, bad = (s, bad) if worst(s) <= 0 else (good, s)
+        if s in (low, high) and (good is None or bad is None):
+            return np.nan
+        step *= 4
+    return float(scipy.optimize.brentq(worst, good, bad, xtol=1e-12, rtol=1e-10)) if worst(good) < 0 else float(good)
+
+
+def _ends(program: Program, x: np.ndarray) -> tuple[float, float]:
+    """The least and the greatest scaling, at which the last variable comes to its bound."""
+    return float(np.min(program.lower / x)), float(np.max(program.upper / x))
+
+
+def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, float], ...]:
+    """The intervals of scalings whose designs are feasible, to the spacing of `count` scalings."""
+    low, high = _ends(program, x)
+    s = np.unique(np.append(np.geomspace(max(low, 0.1), max(min(high, 10.0), 1.0), count), 1.0))
+    holds = np.array([point.worst <= HELD for point in program.at_each([v * x for v in s])])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
+    return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
+
+
+def _price_check(
+    specification: Specification, method: Method, point: Evaluation, name: str, place: SolvePlace, progress
+) -> float:
+    """Relative change of the best objective per relative change of one limit's bound, by two more searches."""
+    program, best = formulate(specification, place=place, progress=progress), []
+    for change in (0.01, -0.01):
+        moved = program.with_bound(name, 1 + change)
+        _run(moved, method, point.x)
+        best.append(moved.best.objective if moved.best else np.nan)
+    return float((best[1] - best[0]) / 0.02 / abs(point.objective))

@@ -1,0 +1,1 @@
+"""The search: programs, methods, starts, models of cheap and dear motions, tolerance classes."""

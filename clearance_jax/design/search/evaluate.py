@@ -1,0 +1,223 @@
+"""Simulations of a design: its limits in scenarios, with derivatives by its variables.
+
+A limit that must hold while a joint wears needs many motions one after another. Its scenarios are solved in threads of
+this process.
+"""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from clearance_jax.ask.answers import HERE, SolvePlace, answers, as_lanes
+from clearance_jax.ask.question import Question, answer, shapes_of
+from clearance_jax.design.asked.conditions import values_for, without_wear
+from clearance_jax.design.asked.specification import Scenario, Specification, scenarios_of
+from clearance_jax.design.search.yields import YieldEstimate, estimate_yield, samples_to_judge
+from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMeasure
+from clearance_jax.solve.drivers.batch import cores_here, side_by_side, usual_cores
+from clearance_jax.solve.settings import QUASI_STATIC, Settings
+from clearance_jax.wear import AbstractAged
+
+# The largest number of variables for which every evaluation has derivatives.
+FEW = 5
+
+
+class Simulations:
+    """The simulations of designs, whose variables are the numbers `names` of a mechanism.
+
+    **Arguments:** `metrics` with their `bounds`: scaled limits are value / bound - 1; `t1` [s]; `solve`: the settings;
+    `place`: where many simulations are solved.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        metrics: Sequence[AbstractMeasure],
+        bounds: Sequence[float],
+        names: Sequence[str],
+        t1: float,
+        solve: Settings,
+        place: SolvePlace = HERE,
+    ):
+        self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
+        self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
+        self._sizes: dict[int, int] = {}
+        # Metrics of one motion are solved together; those of wear one by one.
+        self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
+        if self._aged and solve.fidelity == QUASI_STATIC:
+            raise ClearanceError(
+                "Wear follows the impacts and the sliding of a motion, which quasi-static poses do not have: use "
+                '`fidelity = "dynamics"`.'
+            )
+        self._plain = {str(i): metric.base_metric for i, metric in enumerate(self.metrics) if i not in self._aged}
+
+    def sizes(self) -> list[int]:
+        """The number of values of each metric."""
+        return [self._size(i) for i in range(len(self.metrics))]
+
+    def _size(self, i: int) -> int:
+        metric = self.metrics[i]
+        if i not in self._sizes:
+            value = shapes_of(Question(self.mechanism, {"": metric.base_metric}, self.t1, self.solve), ()).values[""]
+            ages = len(self._aged[i].cycles) if i in self._aged else 1
+            self._sizes[i] = ages * int(np.prod(value.shape))
+        return self._sizes[i]
+
+    def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
+        """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n).
+
+        Limits are NaN for a part that wears through, and for a part as made whose wear cannot be simulated.
+
+        **Raises:** `ClearanceError` if the wear of the design itself cannot be simulated.
+        """
+        values, slopes = self._all(x, scenario, gradient)
+        bounds = np.concatenate([np.full(np.size(v), bound) for v, bound in zip(values, self.bounds, strict=True)])
+        limits = np.concatenate([np.ravel(v) for v in values]) / bounds - 1
+        if not gradient:
+            return limits, None
+        rows = np.concatenate([np.reshape(s, (-1, len(x))) for s in slopes])
+        return limits, rows * scenario.factors / bounds[:, None]
+
+    def together(
+        self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """`limits` of a design in every scenario (scenarios, m), and derivatives (scenarios, m, n); NaN if a motion did
+        not reach its end. Scenarios of one condition must be neighbours in the list.
+        """
+        # Lanes take entries of arrays by name, but not entries of arrays of higher rank.
+        if self._aged or any(np.ndim(value) > 1 for value in scenarios[0].values.values()):
+            limits, rows = zip(*self._one_by_one(x, scenarios, gradient), strict=True)
+            return np.stack(limits), np.stack(rows) if gradient else None
+        # Conditions apart: they may set different names.
+        parts = [list(part) for _, part in itertools.groupby(scenarios, lambda scenario: scenario.values.keys())]
+        limits, rows = zip(*(self._alike(x, part, gradient) for part in parts), strict=True)
+        return np.concatenate(limits), np.concatenate(rows) if gradient else None
+
+    def _one_by_one(self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool) -> Iterator[tuple]:
+        """`limits` in every scenario, in threads. The first one compiles for all."""
+        yield self.limits(x, scenarios[0], gradient)
+        # Wear is mostly work of the host between small solves, also with a GPU.
+        usual = cores_here() if self._aged else usual_cores()
+        with ThreadPoolExecutor(min(self.place.cores or usual, side_by_side())) as pool:
+            yield from pool.map(lambda scenario: self.limits(x, scenario, gradient), scenarios[1:])
+
+    def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
+        """The most violated scaled limit of a design in each scenario (scenarios,), infinite if a motion did not reach
+        its end. `exact`: solve few scenarios with derivatives, by a program that is compiled already.
+        """
+        exact = exact and not self._aged and not as_lanes(len(scenarios), self.place)
+        worst = self.together(x, scenarios, exact)[0].max(axis=1)
+        return np.where(np.isfinite(worst), worst, np.inf)
+
+    def _question(self, gradient: bool) -> Question:
+        """The question to one motion."""
+        return Question(self.mechanism, self._plain, self.t1, self.solve, self.names if gradient else ())
+
+    def _in_order(self, by_metric: Mapping[str, Any]) -> list:
+        """The values by metric of one motion as a list in order; empty if there are none."""
+        return [np.asarray(by_metric[name]) for name in self._plain] if by_metric else []
+
+    def _all(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[list, list]:
+        """The values of all metrics and, with `gradient`, their derivatives by the variables as made."""
+        values, slopes = [], []
+        if self._plain:
+            # Numbers of wear do not belong to the mechanism, and do not affect metrics of one motion.
+            given = without_wear(self.mechanism, self.metrics, scenario.values)
+            question = self._question(gradient)
+            made = dict(zip(self.names, x * scenario.factors, strict=True))
+            answered = answer(question.at(given) if given else question, made)
+            values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
+        for i in self._aged:
+            value, slope = self._worn_values(i, x, scenario, self.names if gradient else ())
+            values.insert(i, value)
+            slopes.insert(i, slope)
+        return values, slopes
+
+    def _worn_values(
+        self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        try:
+            return self._simulate_wear(i, x * scenario.factors, scenario.values, by)
+        except WornThrough:
+            pass
+        except WearFailure:
+            if scenario.designed is None:
+                raise
+            # If the design itself fails too, this raises its error.
+            with suppress(WornThrough):
+                self._simulate_wear(i, x, scenario.designed, ())
+        count = self._size(i)
+        return np.full(count, np.nan), np.full((count, len(by)), np.nan)
+
+    def _simulate_wear(self, i: int, x: np.ndarray, given, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        metric, solve = self._aged[i], self.solve
+        how = {"t0": float(solve.t0), "rtol": float(solve.rtol), "solver": solve.solver}
+        how |= {"start": solve.start, "max_steps": solve.max_steps}
+        values = values_for(metric, self.mechanism, self.metrics, given) | dict(zip(self.names, x, strict=True))
+        return metric.of(self.mechanism, values, self.t1, by, **how)
+
+    def _alike(self, x: np.ndarray, scenarios: list[Scenario], gradient: bool):
+        """`together` for scenarios that set the same names, without metrics of wear."""
+        factors = np.stack([scenario.factors for scenario in scenarios])
+        numbers = dict(zip(self.names, (x * factors).T, strict=True))
+        for name in scenarios[0].values:
+            column = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
+            numbers |= (
+                {name: column} if column.ndim == 1 else {f"{name}.{i}": entry for i, entry in enumerate(column.T)}
+            )
+        answered, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
+        values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
+        scaled = [v.reshape(count, -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
+        rows = [s.reshape(count, -1, len(x)) / bound for s, bound in zip(slopes, self.bounds, strict=gradient)]
+        limits = np.concatenate(scaled, axis=1)
+        return limits, np.concatenate(rows, axis=1) * factors[:, None] if gradient else None
+
+
+def simulations_of(
+    specification: Specification, rtol: float | None = None, solver: str | None = None, place: SolvePlace = HERE
+) -> Simulations:
+    """The simulations of a problem's designs, with the given accuracy, also of wear."""
+    changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
+    finer = 1.0 if rtol is None else specification.rtol / rtol
+    metrics = [limit.metric_solved(finer) for limit in specification.limits]
+    bounds = [limit.bound for limit in specification.limits]
+    return Simulations(
+        specification.mechanism,
+        metrics,
+        bounds,
+        tuple(specification.variables),
+        specification.t1,
+        specification.settings(**changes),
+        place,
+    )
+
+
+def yield_of(
+    specification: Specification,
+    x: np.ndarray,
+    sampled: Sequence[Scenario],
+    exact: bool = False,
+    place: SolvePlace = HERE,
+) -> YieldEstimate:
+    """The yield of a design on `sampled` scenarios, the same number in each condition; that of the worst condition."""
+    worst = simulations_of(specification, place=place).worst(specification.values(x), sampled, exact)
+    holds = worst.reshape(len(specification.conditions), -1) <= 0
+    return min((estimate_yield(row) for row in holds), key=lambda y: y.share)
+
+
+def fresh_yield(
+    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: SolvePlace = HERE
+) -> YieldEstimate:
+    """The yield of a design (variables (n,)) on fresh samples (default: as many as its target needs), in the worst
+    condition.
+    """
+    if not specification.manufacture.is_sampled:
+        raise ClearanceError("Only a problem with `manufacture=Yield(...)` has a yield.")
+    samples = samples_to_judge(getattr(specification.manufacture, "target", None)) if samples is None else samples
+    return yield_of(specification, x, scenarios_of(specification, samples, seed), place=place)

@@ -1,0 +1,155 @@
+"""Pose and motion of all bodies in one state, and their inertia, loads and energies: one interface to two forms.
+
+A small mechanism is written out number by number (`write_out`); a large one is a loop over a table of its links
+(`table`). `kinematics.frames` takes the form of the mechanism, and its callers need not know which it is.
+"""
+
+import abc
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
+
+from jaxtyping import Array, Float
+
+from clearance_jax._basis.symmetric import AbstractFactors, AbstractRow
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import parts
+from clearance_jax.mechanism.tree.frame import Frame, JacobianColumn
+from clearance_jax.spatial import ZERO, Term, Vector, add, cross, dot, minus, subtract, times
+
+
+class Pair(NamedTuple):
+    """Equal and opposite wrenches between two bodies: force and torque on `child` at the world point `at`."""
+
+    parent: str
+    child: str
+    force: Vector
+    torque: Vector
+    at: Vector
+
+
+class SpatialForce(NamedTuple):
+    """A force and a moment about a pivot (or a momentum, and an angular momentum about it)."""
+
+    force: Vector = ZERO
+    moment: Vector = ZERO
+
+    def move(self, by: Vector) -> "SpatialForce":
+        """The same wrench about another pivot, from which `by` leads to its own."""
+        return SpatialForce(self.force, add(self.moment, cross(by, self.force)))
+
+    def on(self, column: JacobianColumn, pivot: Vector) -> Term:
+        """Its power per unit rate of a column."""
+        if column.pivot is None:
+            return dot(column.axis, self.force)
+        return dot(column.axis, self.move(subtract(pivot, column.pivot)).moment)
+
+    def __add__(self, other) -> "SpatialForce":
+        return SpatialForce(add(self.force, other.force), add(self.moment, other.moment))
+
+
+class AbstractMoves(abc.ABC):
+    """The velocity or spin that each free coordinate makes per unit of its rate."""
+
+    @property
+    @abc.abstractmethod
+    def array(self) -> Float[Array, "free 3"]:
+        """All of them as one array."""
+
+    @property
+    @abc.abstractmethod
+    def count(self) -> int:
+        """The number of free velocities."""
+
+    @abc.abstractmethod
+    def along(self, direction: Vector) -> AbstractRow:
+        """Their components along a direction."""
+
+    @abc.abstractmethod
+    def square(self, weights) -> Term:
+        """The sum of their squares, weighted."""
+
+
+class AbstractExtra(abc.ABC):
+    """What the free accelerations add to the accelerations of `Frame`. (Use it in the trace that made it.)"""
+
+    @abc.abstractmethod
+    def at(self, body: str, point: Vector) -> Vector:
+        """Extra acceleration of a body's point."""
+
+    @abc.abstractmethod
+    def spin_rate(self, body: str) -> Vector:
+        """Extra spin rate of a body."""
+
+
+class Frames(abc.ABC):
+    """The frames of all bodies in one state, by name, with the mechanism's inertia, loads and energies there.
+
+    Coordinates are counted by free velocities. `acceleration` is that of each of them; where it is `None`, their
+    accelerations are left out, as in `Frame`.
+    """
+
+    mechanism: PreparedMechanism
+    is_solved_implicitly: ClassVar[bool]
+    """Whether accelerations are differentiated by what they leave over in the equations, not as they are computed."""
+
+    @abc.abstractmethod
+    def __getitem__(self, body: str) -> Frame:
+        """The frame of a body."""
+
+    @abc.abstractmethod
+    def velocities(self, body: str, point: Vector, base: str | None = None, beside: Vector = ZERO) -> AbstractMoves:
+        """The velocity that each free coordinate gives to a body's point at `point`, less that of a base's point at
+        `beside`.
+        """
+
+    @abc.abstractmethod
+    def spins(self, body: str, base: str | None = None) -> AbstractMoves:
+        """The spin that each free coordinate gives to a body, less that of a base."""
+
+    @abc.abstractmethod
+    def extra(self, acceleration: list[Term]) -> AbstractExtra:
+        """What free accelerations add to the accelerations of `Frame`."""
+
+    @abc.abstractmethod
+    def mass_matrix(self, firm: Mapping[int, Term] | None = None) -> AbstractFactors:
+        """The factored mass matrix of the free coordinates; `firm`: factors on the inertia of some of them."""
+
+    @abc.abstractmethod
+    def wrenches(self, acceleration: list[Term]) -> dict[str, SpatialForce]:
+        """By body: weight minus inertia forces of it and of all that hangs on it, about its pivot."""
+
+    @abc.abstractmethod
+    def load_without_rotors(self, pairs: list[Pair], acceleration: list[Term] | None) -> list[Term]:
+        """`load` without the inertia of rotors."""
+
+    @abc.abstractmethod
+    def drive_forces(self, pairs: list[Pair], acceleration: list[Term]) -> list[tuple[Term, Term]]:
+        """Driving force and speed of every prescribed coordinate under wrenches between bodies, by d'Alembert's
+        principle on its own column.
+        """
+
+    @abc.abstractmethod
+    def kinetic_exchange(self, acceleration: list[Term]) -> Array:
+        """Rate at which kinetic energy is exchanged [W]: in the plane the absolute rate of the whole. In space each
+        body and axis counts by itself, because free flight exchanges energy between them at a constant total.
+        """
+
+    @abc.abstractmethod
+    def energies(self) -> tuple[Term, Term]:
+        """Kinetic energy, without rotors, and potential energy of weight [J]."""
+
+    def load(self, pairs: list[Pair], acceleration: list[Term] | None = None) -> list[Term]:
+        """Generalised forces of the free coordinates: weight, inertia of the prescribed and centripetal motion, and
+        wrenches between bodies; with `acceleration` also its inertia.
+        """
+        load = self.load_without_rotors(pairs, acceleration)
+        if acceleration is not None:
+            for i, inertia in rotors(self.mechanism).items():
+                load[i] = minus(load[i], times(inertia, acceleration[i]))
+        return load
+
+
+def rotors(mechanism: PreparedMechanism) -> dict[int, Term]:
+    """The inertia of motors' rotors, by the index of their free velocity."""
+    inertias = {part.v.start: part.coordinate.motion.rotor_inertia for part in parts(mechanism)}
+    return {i: inertia for i, inertia in inertias.items() if inertia is not None}

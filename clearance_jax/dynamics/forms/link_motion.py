@@ -1,0 +1,131 @@
+"""Kinematics of the links of a table: a loop over them, starting at the ground."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._basis.numerics import sincos
+from clearance_jax._basis.types import Scalar
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import State, parts
+from clearance_jax.mechanism.tree.links import Links, Order, rodrigues
+from clearance_jax.mechanism.tree.moved import Moved, swing_rates
+from clearance_jax.spatial import Term, as_array, of_quaternion, put, swing, three
+
+
+class Motions(NamedTuple):
+    """By link: rotation, place, spin, velocity, and the rates of the last two without the free accelerations."""
+
+    rotation: Array
+    place: Array
+    spin: Array
+    velocity: Array
+    spin_rate: Array
+    acceleration: Array
+
+
+class Given(NamedTuple):
+    """By link: value, rate and prescribed acceleration of its coordinate (zero for balls); `turned`: rotation matrices
+    of balls by link; `spins`: spins of balls in the link's own axes.
+    """
+
+    values: list[Term]
+    rates: list[Term]
+    accelerations: list[Term]
+    turned: dict[int, Array]
+    spins: list[Array]
+
+
+def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State) -> Given:
+    """The motion of the links' coordinates, from drives and the state."""
+    free = {part.coordinate.name: part for part in parts(mechanism)}
+    out = Given([], [], [], {}, [])
+    for i, c in enumerate(plan.coordinates):
+        part, spin = free.get(c.name), jnp.zeros(3)
+        if part is None:
+            assert c.motion.drive is not None
+            q, v, a = c.motion.drive(time)
+        elif c.is_ball:
+            w, x, y, z = state.q[part.q]
+            out.turned[i] = jnp.stack([as_array(row) for row in of_quaternion(w, x, y, z)])
+            spin = as_array(state.v[part.v])
+            q = v = a = 0.0
+        else:
+            q, v, a = state.q[part.q.start], state.v[part.v.start], 0.0
+        for values, value in zip((out.values, out.rates, out.accelerations, out.spins), (q, v, a, spin), strict=True):
+            values.append(value)
+    return out
+
+
+class Swept(NamedTuple):
+    """By link: the `rates` of its coordinate (zero for balls) and the `axes` that it slides along or turns about, in
+    the link's own axes; and the `motions` of all links, the ground behind them.
+    """
+
+    rates: list[Term]
+    axes: Array
+    motions: Motions
+
+
+def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar, state: State) -> Swept:
+    """Pose and motion of all links."""
+    count, now = len(plan.coordinates), given_motion(mechanism, plan, time, state)
+    turning = np.array([float(c.turns is not None and not c.swings) for c in plan.coordinates])
+    sliding = np.array([float(c.slides is not None) for c in plan.coordinates])
+    q, v, a = as_array(now.values), as_array(now.rates), as_array(now.accelerations)
+    sine, cosine = sincos(turning * q)
+    inner = rodrigues(links.axis, sine, cosine)
+    if now.turned:
+        inner = put(inner, np.array(list(now.turned)), jnp.stack(list(now.turned.values())))
+    spun, spun_up = ((turning * rate)[:, None] * links.axis for rate in (v, a))
+    spun, axes = spun + jnp.stack(now.spins), links.axis
+    first = plan.swings
+    if first.size:
+        tilts = [(three(links.axis[i].T), q[i], v[i], a[i]) for i in (first, first + 1)]
+        (about_x, *x), (about_y, *y) = tilts
+        by = Moved(-1, (x[0], y[0]), (x[1], y[1]), (x[2], y[2]))
+        at = swing(about_x, about_y, *by.q)
+        spin, faster = swing_rates(at, by)
+        inner = put(inner, first, jnp.moveaxis(jnp.asarray(at.rows), -1, 0))
+        spun = put(spun, first, jnp.stack(spin, -1))
+        spun_up = put(spun_up, first, jnp.stack(faster, -1))
+        for k, axis in enumerate(at.inside):
+            axes = put(axes, first + k, jnp.stack(axis, -1))
+    given = (
+        np.array([parent if parent >= 0 else count for parent in plan.parents]),
+        np.arange(count),
+        links.turned @ inner,
+        links.offset,
+        (sliding * q)[:, None] * links.axis,
+        (sliding * v)[:, None] * links.axis,
+        (sliding * a)[:, None] * links.axis,
+        spun,
+        spun_up,
+    )
+    still = jnp.zeros((count + 1, 3))
+    begin = Motions(jnp.broadcast_to(jnp.eye(3), (count + 1, 3, 3)), *[still] * 5)
+
+    def once(motions: Motions, link):
+        parent, i, rows, offset, slid, slides, sped, spun, spun_up = link
+        at = jax.tree.map(lambda x: x[parent], motions)
+        rotation = at.rotation @ rows
+        slide, step = rotation @ slides, rotation @ slid
+        arm = at.rotation @ offset + step
+        spin = rotation @ spun
+        new = Motions(
+            rotation,
+            at.place + arm,
+            at.spin + spin,
+            at.velocity + jnp.cross(at.spin, arm) + slide,
+            at.spin_rate + jnp.cross(at.spin, spin) + rotation @ spun_up,
+            at.acceleration
+            + jnp.cross(at.spin_rate, arm)
+            + jnp.cross(at.spin, jnp.cross(at.spin, arm) + 2 * slide)
+            + rotation @ sped,
+        )
+        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, i, 0), motions, new), None
+
+    return Swept(now.rates, axes, jax.lax.scan(once, begin, given)[0])

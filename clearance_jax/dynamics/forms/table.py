@@ -1,0 +1,275 @@
+"""The dynamics of a large mechanism as products of arrays: a loop over its links gives the frames; sums over bodies use
+masks that say which column moves which body.
+
+Moments are about the centre of mass of the whole.
+"""
+
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._basis.symmetric import ArrayRow, Dense
+from clearance_jax._basis.types import Scalar
+from clearance_jax.dynamics.forms.frames import AbstractExtra, AbstractMoves, Frames, SpatialForce, rotors
+from clearance_jax.dynamics.forms.link_motion import sweep
+from clearance_jax.mechanism.body import GROUND
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import State
+from clearance_jax.mechanism.tree.frame import Frame, JacobianColumn
+from clearance_jax.mechanism.tree.links import Masks, Order, links_of, masks, order
+from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtract, three
+
+
+class ColumnArrays(NamedTuple):
+    """The free columns of a table as arrays: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1
+    for the columns that move a body, else 0.
+    """
+
+    spins: Float[Array, "columns 3"]
+    slides: Float[Array, "columns 3"]
+    origin: Float[Array, "3"]
+    moves: np.ndarray
+
+    def velocity_at(self, point: Vector) -> Float[Array, "columns 3"]:
+        """Velocity of a body's point by each column."""
+        arm = as_array(point) - self.origin
+        return jnp.asarray(self.moves)[:, None] * (self.slides + jnp.cross(self.spins, arm[None]))
+
+    @property
+    def spin(self) -> Float[Array, "columns 3"]:
+        """Spin of a body by each column."""
+        return jnp.asarray(self.moves)[:, None] * self.spins
+
+
+class ArrayMoves(AbstractMoves):
+    """Velocities or spins by the free coordinates, as one array."""
+
+    def __init__(self, whole: Float[Array, "free 3"]):
+        self.whole = whole
+
+    @property
+    def array(self):
+        return self.whole
+
+    @property
+    def count(self):
+        return self.whole.shape[0]
+
+    def along(self, direction):
+        return ArrayRow(self.whole @ as_array(direction))
+
+    def square(self, weights):
+        return jnp.sum(self.whole**2, axis=1) @ as_array(weights)
+
+
+class ArrayExtra(AbstractExtra):
+    """Extra accelerations as products with the columns."""
+
+    def __init__(self, motion: "TabledFrames", acceleration: list[Term]):
+        self._motion, self._acceleration = motion, acceleration
+
+    def at(self, body, point):
+        return three(as_array(self._acceleration) @ self._motion.columns(body).velocity_at(point))
+
+    def spin_rate(self, body):
+        return three(as_array(self._acceleration) @ self._motion.columns(body).spin)
+
+
+class TabledFrames(Frames):
+    """Frames and dynamics of a large mechanism."""
+
+    is_solved_implicitly: ClassVar[bool] = False
+
+    def __init__(self, mechanism: PreparedMechanism, time: Scalar, state: State):
+        self.mechanism = mechanism
+        self.plan: Order = order(mechanism.joints)
+        self.masks: Masks = masks(self.plan, mechanism.bodies)
+        links = mechanism.links or links_of(mechanism.bodies, mechanism.joints)
+        self.links = links
+        self.rates, local, self.motions = sweep(mechanism, self.plan, links, time, state)
+        self._frames: dict[str, tuple[Frame, ColumnArrays]] = {}
+        carriers = np.array([self.plan.carriers[body.name] for body in mechanism.bodies])
+        # The carrier of a body fixed to the ground is the ground, behind all links.
+        self.carriers = np.where(carriers < 0, len(self.plan.coordinates), carriers)
+        m = self.motions
+        self.turned = m.rotation[self.carriers]
+        arms = jnp.einsum("bij,bj->bi", self.turned, links.centre)
+        spin, spin_rate = m.spin[self.carriers], m.spin_rate[self.carriers]
+        self.spin, self.spin_rate = spin, spin_rate
+        self.centres = m.place[self.carriers] + arms
+        self.speeds = m.velocity[self.carriers] + jnp.cross(spin, arms)
+        swing = jnp.cross(spin_rate, arms) + jnp.cross(spin, jnp.cross(spin, arms))
+        self.accelerations = m.acceleration[self.carriers] + swing
+        self.inertias = self.turned @ links.inertia @ jnp.swapaxes(self.turned, 1, 2)
+        whole = jnp.sum(links.mass)
+        self.origin = links.mass @ self.centres / jnp.where(whole > 0, whole, 1.0)
+        where = np.array(self.masks.links)
+        axes = jnp.einsum("cij,cj->ci", m.rotation[where], local[where] + self.masks.local)
+        turns = self.masks.turns[:, None]
+        self.column_spins = turns * axes
+        self.column_slides = turns * jnp.cross(axes, self.origin[None] - m.place[where]) + (1 - turns) * axes
+        self.count = len(where) - sum(not c.motion.is_free for c in self.plan.coordinates)
+
+    # Frames and what moves them -------------------------------------------------------------------------------------
+
+    def __getitem__(self, body):
+        return self._at(body)[0]
+
+    def columns(self, body: str) -> ColumnArrays:
+        """The free columns, with marks of those that move a body."""
+        return self._at(body)[1]
+
+    def velocities(self, body, point, base=None, beside=ZERO):
+        moves = self.columns(body).velocity_at(point)
+        return ArrayMoves(moves if base is None else moves - self.columns(base).velocity_at(beside))
+
+    def spins(self, body, base=None):
+        spin = self.columns(body).spin
+        return ArrayMoves(spin if base is None else spin - self.columns(base).spin)
+
+    def extra(self, acceleration):
+        return ArrayExtra(self, acceleration)
+
+    def _at(self, body: str) -> tuple[Frame, ColumnArrays]:
+        if body not in self._frames:
+            moves = self._movers(self.plan.carriers[body])
+            n = self.count
+            free = ColumnArrays(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
+            self._frames[body] = self._frame(body, moves), free
+        return self._frames[body]
+
+    def _frame(self, body: str, moves: np.ndarray) -> Frame:
+        if body == GROUND:
+            return Frame()
+        m, i = self.motions, [other.name for other in self.mechanism.bodies].index(body)
+        link = int(self.carriers[i])
+        turned = m.rotation[link] @ self.links.body_turned[i]
+        arm = m.rotation[link] @ self.links.body_offset[i]
+        spin, spin_rate = m.spin[link], m.spin_rate[link]
+        swing = jnp.cross(spin, arm)
+        return Frame(
+            rotation=IDENTITY.compose((three(turned[0]), three(turned[1]), three(turned[2]))),
+            position=three(m.place[link] + arm),
+            spin=three(spin),
+            velocity=three(m.velocity[link] + swing),
+            spin_rate=three(spin_rate),
+            acceleration=three(m.acceleration[link] + jnp.cross(spin_rate, arm) + jnp.cross(spin, swing)),
+            pivot=three(m.place[link]),
+            prescribed=tuple(self._prescribed(int(k)) for k in np.flatnonzero(moves[self.count :]) + self.count),
+        )
+
+    def _movers(self, link: int) -> np.ndarray:
+        """Which columns move a link."""
+        return self.masks.beyond[:, link] if link >= 0 else np.zeros(len(self.masks.links))
+
+    def _prescribed(self, column: int) -> tuple[JacobianColumn, Term]:
+        link = self.masks.links[column]
+        axis = three(self.column_spins[column] if self.masks.turns[column] else self.column_slides[column])
+        pivot = three(self.motions.place[link]) if self.masks.turns[column] else None
+        return JacobianColumn(-1, axis, pivot), self.rates[link]
+
+    # Inertia and loads ----------------------------------------------------------------------------------------------
+
+    def mass_matrix(self, firm=None):
+        whole = self.inertia_matrix()
+        for i, inertia in rotors(self.mechanism).items():
+            whole = whole.at[i, i].add(inertia)
+        for i, times_as_much in (firm or {}).items():
+            whole = whole.at[i, i].multiply(times_as_much)
+        return Dense(jnp.linalg.cholesky(whole))
+
+    def inertia_matrix(self) -> Array:
+        """The mass matrix of the free velocities, without rotors."""
+        n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
+        spins, slides = self.column_spins[:n], self.column_slides[:n]
+        mass, arms = self.links.mass, self.centres - self.origin[None]
+        moments = mass[:, None] * arms
+        square = jnp.einsum("bi,bi->b", moments, arms)
+        inertia = self.inertias + square[:, None, None] * jnp.eye(3)[None] - moments[:, :, None] * arms[:, None, :]
+        masses = carried @ mass
+        first = carried @ moments
+        second = jnp.einsum("cb,bij->cij", carried, inertia)
+        force = masses[:, None] * slides + jnp.cross(spins, first)
+        moment = jnp.einsum("cij,cj->ci", second, spins) + jnp.cross(first, slides)
+        lower = jnp.asarray(self.masks.columns[:n, :n]) * (force @ slides.T + moment @ spins.T)
+        # Of two columns the momentum of the outer one counts; columns of one ball move the same bodies.
+        both = self.masks.columns[:n, :n] * self.masks.columns[:n, :n].T
+        return lower + jnp.where(both > 0, 0.0, lower.T)
+
+    def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
+        """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each;
+        `acceleration`: of the free coordinates.
+        """
+        at, spin_rate = self.accelerations, self.spin_rate
+        if acceleration is not None:
+            more, more_spin = self.add_accelerations(as_array(acceleration))
+            at, spin_rate = at + more, spin_rate + more_spin
+        force = self.links.mass[:, None] * (as_array(self.mechanism.gravity.vector)[None] - at)
+        momentum = jnp.einsum("bij,bj->bi", self.inertias, self.spin)
+        turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate) + jnp.cross(self.spin, momentum)
+        return force, jnp.cross(self.centres - self.origin[None], force) - turning
+
+    def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
+        """What free accelerations add to the accelerations of the bodies' centres of mass and to their spin rates,
+        (bodies, 3).
+        """
+        n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
+        spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
+        slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_slides[:n])
+        return slide + jnp.cross(spin, self.centres - self.origin[None]), spin
+
+    def wrenches(self, acceleration):
+        force, moment = self.deficits(acceleration)
+        out = {}
+        for joint in self.mechanism.joints:
+            hanging = self.subtree(joint.child)
+            whole = SpatialForce(three(hanging @ force), three(hanging @ moment))
+            out[joint.child] = whole.move(subtract(three(self.origin), self[joint.child].pivot))
+        return out
+
+    def load_without_rotors(self, pairs, acceleration):
+        load = self.project(*self.deficits(acceleration))[: self.count]
+        for pair in pairs:
+            load = load + self.pair(*pair)[: self.count]
+        return [load[i] for i in range(self.count)]
+
+    def drive_forces(self, pairs, acceleration):
+        exerted = -self.project(*self.deficits(acceleration))
+        for pair in pairs:
+            exerted = exerted - self.pair(*pair)
+        links = self.masks.links
+        return [(exerted[i], self.rates[links[i]]) for i in range(self.count, len(links))]
+
+    def project(self, force: Array, moment: Array) -> Array:
+        """The bodies' wrenches projected on the columns, free ones first."""
+        carried = self.masks.bodies
+        return jnp.sum(self.column_slides * (carried @ force) + self.column_spins * (carried @ moment), axis=1)
+
+    def pair(self, parent: str, child: str, force: Vector, torque: Vector, at: Vector) -> Array:
+        """A wrench pair projected on the columns."""
+        links = (self.plan.carriers[name] for name in (child, parent))
+        moves = np.subtract(*(self._movers(link) for link in links))
+        push, arm = as_array(force), as_array(at) - self.origin
+        turning = as_array(torque) + jnp.cross(arm, push)
+        return jnp.asarray(moves) * (self.column_slides @ push + self.column_spins @ turning)
+
+    # Energies -------------------------------------------------------------------------------------------------------
+
+    def energies(self):
+        sliding = self.links.mass @ jnp.sum(self.speeds**2, axis=1)
+        kinetic = 0.5 * (sliding + jnp.einsum("bi,bij,bj->", self.spin, self.inertias, self.spin))
+        return kinetic, -self.links.mass @ (self.centres @ as_array(self.mechanism.gravity.vector))
+
+    def kinetic_exchange(self, acceleration):
+        at, spin_rate = self.add_accelerations(as_array(acceleration))
+        at, spin_rate = self.accelerations + at, self.spin_rate + spin_rate
+        turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate)
+        sliding = self.links.mass @ jnp.sum(jnp.abs(self.speeds * at), axis=1)
+        return sliding + jnp.sum(jnp.abs(self.spin * turning))
+
+    def subtree(self, body: str) -> np.ndarray:
+        """1 for a body and all that hangs on it, 0 for the others."""
+        beyond = self.mechanism.beyond(body)
+        return np.array([float(other.name in beyond) for other in self.mechanism.bodies])

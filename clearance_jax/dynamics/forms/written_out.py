@@ -1,0 +1,326 @@
+"""The dynamics of a small mechanism, written out number by number: the frames of its bodies, and the columns of the
+coordinates that move them.
+
+Kane's equations by composite bodies. What hangs on a joint moves as one body if only the joint's own coordinates move,
+so its mass, centre and inertia, summed from the leaves to the root, give a row of the mass matrix. The sum of its
+weights and inertia forces, projected on the joint's columns, gives the load.
+
+Moments of what hangs on a joint are about the joint's own place, which keeps the digits of a mechanism far from the
+world's origin. Only free coordinates have rows; `drive_forces` projects the same balance on the columns of prescribed
+ones.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.symmetric import TermRow, factor
+from clearance_jax._basis.types import Scalar
+from clearance_jax._compile.barriers import with_barriers
+from clearance_jax.dynamics.forms.frames import AbstractExtra, AbstractMoves, Frames, Pair, SpatialForce, rotors
+from clearance_jax.dynamics.forms.inertia import Composite, composite_of, inertia_of
+from clearance_jax.dynamics.relative_motion import coordinate_values
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.body import GROUND, Body
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import State, layout
+from clearance_jax.mechanism.tree.frame import Frame, JacobianColumn
+from clearance_jax.mechanism.tree.moved import place
+from clearance_jax.spatial import (
+    ZERO,
+    Term,
+    Vector,
+    absent,
+    add,
+    as_array,
+    cross,
+    dot,
+    is_zero,
+    minus,
+    plus,
+    scale,
+    subtract,
+    times,
+    total,
+)
+
+
+class TermMoves(AbstractMoves):
+    """Velocities or spins by the free coordinates, one by one; zero for those that do not move the body."""
+
+    def __init__(self, every: list[Vector]):
+        self.every = every
+
+    @property
+    def array(self):
+        return jnp.stack([jnp.zeros(3) if absent(move) else as_array(move) for move in self.every])
+
+    @property
+    def count(self):
+        return len(self.every)
+
+    def along(self, direction):
+        return TermRow([dot(direction, move) for move in self.every])
+
+    def square(self, weights):
+        squares = [dot(move, move) for move in self.every]
+        return total(times(weights[i], square) for i, square in enumerate(squares) if not is_zero(square))
+
+
+class TermExtra(AbstractExtra):
+    """Extra accelerations of bodies. A body's sum over columns is its parent's sum and its own columns."""
+
+    def __init__(self, motion: "WrittenOut", acceleration: list[Term]):
+        self._motion, self._acceleration = motion, acceleration
+        self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
+
+    def _turn(self, columns: tuple[JacobianColumn, ...]) -> tuple[Vector, Vector, Vector]:
+        """The spin rate by some columns, a place on the axis of the last one that turns, and the acceleration there."""
+        if not columns:
+            return ZERO, ZERO, ZERO
+        key = tuple(column.index for column in columns)
+        if key not in self._known:
+            last = columns[-1]
+            by, (spin_rate, place, at) = self._acceleration[last.index], self._turn(columns[:-1])
+            if last.pivot is None:
+                at = add(at, scale(by, last.axis))
+            else:
+                at = add(at, cross(spin_rate, subtract(last.pivot, place)))
+                spin_rate, place = add(spin_rate, scale(by, last.axis)), last.pivot
+            self._known[key] = spin_rate, place, at
+        return self._known[key]
+
+    def at(self, body, point):
+        spin_rate, place, at = self._turn(self._motion[body].free)
+        return add(at, cross(spin_rate, subtract(point, place)))
+
+    def spin_rate(self, body):
+        return self._turn(self._motion[body].free)[0]
+
+
+class WrittenOut(Module, Frames):
+    """The frames of all bodies by name; `count`: the number of free velocities."""
+
+    mechanism: PreparedMechanism
+    bodies: dict[str, Frame]
+    count: int = eqx.field(static=True)
+
+    is_solved_implicitly: ClassVar[bool] = True
+
+    def __getitem__(self, body):
+        return self.bodies[body]
+
+    # Columns --------------------------------------------------------------------------------------------------------
+
+    def velocities(self, body, point, base=None, beside=ZERO):
+        return self._moves(body, base, lambda column: column.velocity_at(point), lambda c: c.velocity_at(beside))
+
+    def spins(self, body, base=None):
+        return self._moves(body, base, lambda column: column.spin, lambda column: column.spin)
+
+    def _moves(self, body, base, of_body, of_base) -> TermMoves:
+        moves = [ZERO] * self.count
+        for column in self[body].free:
+            moves[column.index] = of_body(column)
+        for column in () if base is None else self[base].free:
+            moves[column.index] = subtract(moves[column.index], of_base(column))
+        return TermMoves(moves)
+
+    def extra(self, acceleration):
+        return TermExtra(self, acceleration)
+
+    def own_columns(self) -> dict[str, tuple[JacobianColumn, ...]]:
+        """By body: the free columns of the joint that carries it."""
+        return {j.child: self[j.child].free[len(self[j.parent].free) :] for j in self.mechanism.joints}
+
+    # Inertia --------------------------------------------------------------------------------------------------------
+
+    def composites(self) -> dict[str, Composite]:
+        """By body that a free coordinate moves: it and all that hangs on it, as one."""
+        return self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
+
+    def _sums(self, alone: Callable, barriers: Callable, every: bool = False) -> dict[str, Any]:
+        """By body that a free coordinate moves, or `every` body: what it is `alone`, with what hangs on it, as one."""
+        bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
+        for joint in reversed(self.mechanism.joints):
+            frame = self[joint.child]
+            if not (frame.free or every):
+                continue
+            whole = alone(bodies[joint.child])
+            for other in self.mechanism.joints:
+                if other.parent == joint.child:
+                    whole += out[other.child].move(subtract(self[other.child].pivot, frame.pivot))
+            out[joint.child] = whole if self.mechanism.is_plane else barriers(whole)
+        return out
+
+    def mass_matrix(self, firm=None):
+        mechanism = self.mechanism
+        matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
+        whole, columns = self.composites(), self.own_columns()
+        parents = {joint.child: joint.parent for joint in mechanism.joints}
+        # A chain in space is deep: what one link does is made of what the others do.
+        once = (lambda momentum: momentum) if mechanism.is_plane else with_barriers
+        for joint in mechanism.joints:
+            for column in columns[joint.child]:
+                at = joint.child
+                pivot = self[at].pivot
+                momentum = once(whole[at].momentum(column, pivot))
+                while at != GROUND and self[at].free:
+                    for other in columns[at]:
+                        row, entry = max(column.index, other.index), min(column.index, other.index)
+                        if at != joint.child or other.index <= column.index:
+                            matrix[row][entry] = momentum.on(other, pivot)
+                    at = parents[at]
+                    if at != GROUND:
+                        momentum = once(momentum.move(subtract(pivot, self[at].pivot)))
+                        pivot = self[at].pivot
+        for i, inertia in rotors(mechanism).items():
+            matrix[i][i] = plus(matrix[i][i], inertia)
+        for i, row in enumerate(matrix):
+            if is_zero(row[i]):
+                raise ClearanceError(
+                    f"Nothing with inertia moves with the free coordinate `{layout(mechanism).velocities[i]}`: give a "
+                    "body beyond it a mass (where it turns, an inertia), or prescribe it with a drive."
+                )
+        for i, times_as_much in (firm or {}).items():
+            matrix[i][i] = times(times_as_much, matrix[i][i])
+        return factor(matrix)
+
+    # Loads ----------------------------------------------------------------------------------------------------------
+
+    def wrenches(self, acceleration):
+        return self._wrenches(self.extra(acceleration), every=True)
+
+    def _wrenches(self, extra: TermExtra | None, every: bool = False) -> dict[str, SpatialForce]:
+        """`wrenches` of the bodies that a free coordinate moves, or of `every` body."""
+        return self._sums(lambda body: self._deficit(body, extra), with_barriers, every)
+
+    def _deficit(self, body: Body, extra: TermExtra | None) -> SpatialForce:
+        """Weight minus inertia forces of a body, about its pivot."""
+        frame = self[body.name]
+        centre = frame.point(body.center_of_mass.vector)
+        force = moment = ZERO
+        if body.mass is not None:
+            acceleration = frame.acceleration_at(centre)
+            if extra is not None:
+                acceleration = add(acceleration, extra.at(body.name, centre))
+            force = self._weight_and_inertia(body.mass, acceleration)
+            moment = cross(subtract(centre, frame.pivot), force)
+        if body.inertia is not None:
+            inertia = inertia_of(body, frame)
+            spin_rate = frame.spin_rate if extra is None else add(frame.spin_rate, extra.spin_rate(body.name))
+            gyroscopic = cross(frame.spin, inertia.apply(frame.spin))
+            moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
+        return SpatialForce(force, moment)
+
+    def _weight_and_inertia(self, mass: Term, acceleration: Vector) -> Vector:
+        """M (g - a). Without gravity one change of sign serves all components."""
+        gravity = self.mechanism.gravity.vector
+        if absent(gravity):
+            return scale(minus(0.0, mass), acceleration)
+        return scale(mass, subtract(gravity, acceleration))
+
+    def load_without_rotors(self, pairs, acceleration):
+        load: list[Term] = [0.0] * self.count
+        wrenches = self._wrenches(None if acceleration is None else self.extra(acceleration))
+        for name, columns in self.own_columns().items():
+            for column in columns:
+                load[column.index] = wrenches[name].on(column, self[name].pivot)
+        for pair in pairs:
+            for index, term in self._pair_load(pair).items():
+                load[index] = plus(load[index], term)
+        return load
+
+    def _pair_load(self, pair: Pair) -> dict[int, Term]:
+        """A wrench pair projected on the free columns that move only one of its bodies (the others cancel)."""
+        child = {column.index: column for column in self[pair.child].free}
+        parent = {column.index: column for column in self[pair.parent].free}
+        out: dict[int, Term] = {}
+        for index in sorted(child.keys() ^ parent.keys()):
+            column = child[index] if index in child else parent[index]
+            work = pair_work(pair, column)
+            out[index] = work if index in child else minus(0.0, work)
+        return out
+
+    def drive_forces(self, pairs, acceleration):
+        owners = self._prescribed_owners()
+        wrenches = self.wrenches(acceleration)
+        forces: dict[str, list[Term]] = {}
+        for joint in self.mechanism.joints:
+            frame, known = self[joint.child], len(owners[joint.parent])
+            columns = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
+            for key, (column, speed) in columns:
+                forces[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
+        for pair in pairs:
+            for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
+                other = pair.parent if sign > 0 else pair.child
+                if name == GROUND:
+                    continue
+                for key, (column, _) in zip(owners[name], self[name].prescribed, strict=True):
+                    if key in owners.get(other, ()):
+                        continue
+                    forces[key][0] = minus(forces[key][0], times(sign, pair_work(pair, column)))
+        # In the order of the coordinates, whatever the order of the bodies.
+        return [(forces[c.name][0], forces[c.name][1]) for c in self.mechanism.coordinates() if c.name in forces]
+
+    def _prescribed_owners(self) -> dict[str, tuple[str, ...]]:
+        """By body: names of the prescribed coordinates that move it, from the ground on."""
+        owners: dict[str, tuple[str, ...]] = {GROUND: ()}
+        for joint in self.mechanism.joints:
+            names = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
+            owners[joint.child] = owners[joint.parent] + names
+        return owners
+
+    # Energies -------------------------------------------------------------------------------------------------------
+
+    def energies(self):
+        kinetic: Term = 0.0
+        potential: Term = 0.0
+        for body in self.mechanism.bodies:
+            frame = self[body.name]
+            centre = frame.point(body.center_of_mass.vector)
+            if body.mass is not None:
+                velocity = frame.velocity_at(centre)
+                kinetic = plus(kinetic, times(0.5 * body.mass, dot(velocity, velocity)))
+                potential = minus(potential, times(body.mass, dot(self.mechanism.gravity.vector, centre)))
+            if body.inertia is not None:
+                kinetic = plus(kinetic, times(0.5, dot(inertia_of(body, frame).apply(frame.spin), frame.spin)))
+        return kinetic, potential
+
+    def kinetic_exchange(self, acceleration):
+        bodies = self.mechanism.bodies
+        powers = [power for body in bodies for power in self._inertial_powers(body, self.extra(acceleration))]
+        if self.mechanism.is_plane:
+            return jnp.abs(jnp.asarray(total(total(by_axis) for by_axis in powers)))
+        every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
+        return sum(every, jnp.zeros(()))
+
+    def _inertial_powers(self, body: Body, extra: TermExtra) -> Iterator[tuple[Term, ...]]:
+        """Rates of a body's kinetic energy along and about each axis of the world [W]."""
+        frame = self[body.name]
+        centre = frame.point(body.center_of_mass.vector)
+        if body.mass is not None:
+            acceleration = add(frame.acceleration_at(centre), extra.at(body.name, centre))
+            velocity = frame.velocity_at(centre)
+            yield tuple(times(body.mass, times(a, v)) for a, v in zip(acceleration, velocity, strict=True))
+        if body.inertia is not None:
+            turning = inertia_of(body, frame).apply(add(frame.spin_rate, extra.spin_rate(body.name)))
+            yield tuple(times(t, w) for t, w in zip(turning, frame.spin, strict=True))
+
+
+def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> WrittenOut:
+    """Pose and motion of every body: one sweep from the ground."""
+    values = coordinate_values(mechanism, state)
+    out = {GROUND: Frame()}
+    for joint in mechanism.joints:
+        frame = place(joint, out[joint.parent], time, values)
+        out[joint.child] = frame if mechanism.is_plane else with_barriers(frame)
+    return WrittenOut(mechanism, out, len(state.v))
+
+
+def pair_work(pair: Pair, column: JacobianColumn) -> Term:
+    """Power of a pair's wrench on its child per unit rate of a column that moves only the child."""
+    return plus(dot(column.velocity_at(pair.at), pair.force), dot(column.spin, pair.torque))

@@ -1,0 +1,2 @@
+from . import drives as drives
+from . import paths as paths

@@ -1,0 +1,1 @@
+"""The step: try, error control, events, what watches it."""

@@ -1,0 +1,327 @@
+"""Location of events of the contact laws in a step: the joints' relative motion along the step, and the first change of
+sign.
+
+The relative motion is interpolated, not the gap, so that each joint's own geometry and laws define the events along one
+curve. Bisection finds the place of a change.
+"""
+
+import functools
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._basis.types import Each, EachFlag, Rows
+from clearance_jax._compile.alike import alike, stack_trees
+from clearance_jax._compile.barriers import share
+from clearance_jax._compile.lane_axis import each_lane, together
+from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
+from clearance_jax.dynamics.relative_motion import turning_rows
+from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.steps.interpolate import between, polynomial, quintic_coefficients, slope_coefficients, tops
+from clearance_jax.spatial import add, dot, subtract, three
+
+# Samples of a step.
+SAMPLES = 4
+# Where along a step its curves are checked: not in the middle, where the error of an odd motion is zero.
+CHECKED = 0.4
+
+
+# Coefficients of a polynomial over the fraction of a step, by power: of (place, angle) or their rates; in space of
+# (place, rows of the pin's rotation).
+Coefficients: TypeAlias = tuple[Float[Array, "numbers *lanes"], ...]  # noqa: F821
+PLANE = 3
+
+
+class StepCurve(NamedTuple):
+    """The relative motion of one joint along a step of size `h`: its pose and its twist."""
+
+    pose: Coefficients
+    twist: Coefficients
+    h: Each
+
+    @staticmethod
+    def of(pose: Sequence[Array], h: Each) -> "StepCurve":
+        """The curve from the coefficients of its pose, the constant first."""
+        # The twist has its own coefficients: from those of the pose a compiler would compute them anew at every use.
+        pose = share(tuple(pose))
+        return StepCurve(pose, share(tuple(slope_coefficients(pose, h))), h)
+
+    def at(self, s: Each | float) -> Relative:
+        """The relative motion at a fraction of the step; for several joints a fraction each."""
+        s = jnp.asarray(s)
+        s = s.reshape((1,) * (self.pose[0].ndim - s.ndim) + s.shape)
+        return relative_of(*share((polynomial(self.pose, s), polynomial(self.twist, s))))
+
+
+def relative_of(pose: Array, twist: Array) -> Relative:
+    """A pose and its rate as a relative motion."""
+    if pose.shape[0] == PLANE:
+        return Relative((pose[0], pose[1], 0.0), pose[2], (twist[0], twist[1], 0.0), (0.0, 0.0, twist[2]))
+    rows, rates = (tuple(three(x[k : k + 3]) for k in (3, 6, 9)) for x in (pose, twist))
+    spin = dot(rates[2], rows[1]), dot(rates[0], rows[2]), dot(rates[1], rows[0])
+    return Relative(three(pose), 0.0, three(twist), spin, rows)
+
+
+def pose_of(at: Relative) -> tuple[Any, ...]:
+    """The pose of a relative motion, as the numbers that a curve interpolates."""
+    return (*at.place[:2], at.angle) if at.rows is None else (*at.place, *itertools.chain(*at.rows))
+
+
+def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """First and second rate of the pose."""
+    if at.rows is None or rate.rows is None:
+        return (*at.velocity[:2], at.spin[2]), (*rate.velocity[:2], rate.spin[2])
+    bend = zip(turning_rows(rate.spin, at.rows), turning_rows(at.spin, rate.rows), strict=True)
+    return (*at.velocity, *itertools.chain(*rate.rows)), (
+        *rate.velocity,
+        *itertools.chain(*(add(a, b) for a, b in bend)),
+    )
+
+
+def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], Each]:
+    """The relative motion of every clearance joint along a step, and the largest misfit of the curves inside the step,
+    over the clearance. `ends` (y0, y1, slope0, slope1).
+
+    The error estimate sees only the state. A drive, or a body that turns freely, moves the surfaces of a loop without
+    any error in the state, so a step could swing past a contact. (In the tree, play is a coordinate: the curve is the
+    state's own.)
+    """
+    t0, h = times[0], times[1] - times[0]
+    plan, joints = layout(mechanism), mechanism.clearance_joints()
+    y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
+
+    begin, finish = at_both_ends(times, y0, y1, slope0, slope1, mechanism)
+    joint_curves = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
+    loops = [i for i, joint in enumerate(joints) if not joint.in_tree]
+    if not loops:
+        return joint_curves, jnp.zeros_like(h)
+    sizes = each_lane(lambda mechanism: [joint.size for joint in mechanism.clearance_joints()], h)(mechanism)
+
+    inside = between((y0, y1, slope0, slope1), h, CHECKED, plan)
+    true = each_lane(relative_motions, h)(t0 + CHECKED * h, inside, mechanism)
+    worst = jnp.zeros_like(h)
+    for i in loops:
+        off = subtract(joint_curves[i].at(CHECKED).place, true[i].place)
+        worst = jnp.maximum(worst, jnp.asarray(dot(off, off)) / sizes[i] ** 2)
+    return joint_curves, jnp.sqrt(worst)
+
+
+def at_both_ends(times, y0, y1, slope0, slope1, mechanism: PreparedMechanism) -> tuple[list, list]:
+    """The relative motions and their rates at the start and at the end of a step."""
+    if mechanism.is_plane:
+        motions = each_lane(relative_accelerations, times[0])
+        return motions(times[0], y0, slope0, mechanism), motions(times[1], y1, slope1, mechanism)
+    # In space they are a large part of a program: one copy serves both ends.
+    both = each_lane(jax.vmap(relative_accelerations, (0, 0, 0, None)), times[0])
+    both_ends = both(jnp.stack(times), jnp.stack([y0, y1]), jnp.stack([slope0, slope1]), mechanism)
+    begin, finish = (jax.tree.map(lambda x, k=k: x[k], both_ends) for k in (0, 1))
+    return begin, finish
+
+
+def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> StepCurve:
+    """The quintic through relative motions, each with its rate, at both ends of a step."""
+    ends = []
+    for at, rate in (begin, end):
+        first, second = pose_rates(at, rate)
+        ends.append((together(pose_of(at), h), h * together(first, h), h * h * together(second, h)))
+    return StepCurve.of(quintic_coefficients(*ends), h)
+
+
+class EventJoints(NamedTuple):
+    """A joint whose events are located, or several alike joints with several points together: then every number has an
+    axis of joints, the second one in a curve's coefficients.
+    """
+
+    clearance: PreparedClearance
+    curve: StepCurve
+    memory: Rows
+
+    @property
+    def is_several(self) -> bool:
+        """Whether there is an axis of joints, and one of points."""
+        return self.clearance.joint.count > 1
+
+
+def event_joints(curve_of: list[StepCurve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[EventJoints]:
+    """The joints in groups whose events are located together."""
+    joints = mechanism.clearance_joints()
+    each = [EventJoints(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
+    alone = [member for member in each if not member.is_several]
+    several = [member for member in each if member.is_several]
+    for members in alike(several):
+        group = [several[i] for i in members]
+        poses, twists = (
+            stack_trees([part(member.curve) for member in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
+        )
+        clearances, memories = stack_trees([(member.clearance, member.memory) for member in group])
+        alone.append(EventJoints(clearances, StepCurve(poses, twists, group[0].curve.h), memories))
+    return alone
+
+
+def first_event(
+    curve_of: list[StepCurve], y: Array, mechanism: PreparedMechanism, begin: Each
+) -> tuple[EachFlag, Each]:
+    """Whether any law changes regime inside a step, and the fraction of the step just past the first change.
+
+    **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start. There the
+    starting regime is read (the start itself is the last event); it is also the precision of the place.
+    """
+    memory = layout(mechanism).split(y).memory
+    first = jnp.full_like(begin, jnp.inf)
+    for joints in event_joints(curve_of, memory, mechanism):
+        first = jnp.minimum(first, first_of(joints, begin))
+    return first <= 1, jnp.where(first <= 1, first, 1.0)
+
+
+def first_of(joints: EventJoints, begin: Each) -> Each:
+    """The fraction just past a first change of regime; infinite if there is none."""
+    clearance, curve, memory = joints
+    several = joints.is_several
+
+    def each_joint(function):
+        return each_lane(eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if several else function, begin)
+
+    points_at = each_joint(lambda joint, at: joint.points(at).law_view)
+    functions_at = each_joint(PreparedClearance.event_functions)
+
+    def points(s):
+        return share(points_at(clearance, curve.at(s)))
+
+    # The starting regime is read at the first place.
+    places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
+    sampled = jax.vmap(points)(places)
+    before = jax.tree.map(lambda x: x[0], sampled)
+    started = share(tuple(_sign(f) for f in functions_at(clearance, before, memory, before)))
+
+    def changes(points):
+        """Which joints have changed (for several), or whether the joint has."""
+        now = functions_at(clearance, points, memory, before)
+        crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
+        return jnp.any(crossed, axis=(0, 2) if several else 0)
+
+    def beyond(s):
+        return jnp.any(changes(points(s)), axis=0) if several else changes(points(s))
+
+    any_changed = jax.vmap(changes)(sampled)
+    high = earliest((jnp.any(any_changed, axis=1) if several else any_changed) & (places > begin), places)
+    grazes = most_likely_graze(places, sampled, curve.h) if several else graze(places, sampled, curve.h)[None]
+
+    def graze_fraction():
+        turns = jnp.isfinite(grazes)
+        at = jnp.where(turns, grazes, 1.0)
+        # Several joints have a place each.
+        return earliest((changes(points(at)) if several else jax.vmap(beyond)(at)) & turns, grazes)
+
+    high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(grazes)), graze_fraction, lambda: grazes[0]))
+    low = share(-least(-jnp.where(places < high, places, begin[None])))
+    # Most steps cross nothing.
+    return jax.lax.cond(jnp.any(high <= 1), lambda: locate(beyond, (low, high), begin), lambda: high)
+
+
+def _sign(value: Array) -> Array:
+    """1 where a function is positive, else 0."""
+    return jnp.where(value > 0, 1.0, 0.0)
+
+
+def earliest(wanted: Array, places: Array) -> Each:
+    """The smallest of the wanted places (along the first axis); infinite where there is none."""
+    return least(jnp.where(wanted, places, jnp.inf))
+
+
+def graze(places: Array, point: ContactPoint, h: Each) -> Each:
+    """The place between two samples at which a penetration comes closest to a change of sign (a graze would begin and
+    end there); infinite if it has no extremum.
+
+    **Arguments:** one contact point at all places (first axis).
+    """
+    place, height = closest(places, point.penetration, point.penetration_rate, h)
+    return jnp.where(height > -jnp.inf, place, jnp.inf)
+
+
+def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
+    """`graze` of each of several joints (joints, *lanes), at the point that comes closest to contact, or goes furthest
+    beyond. An earlier graze of another point is found once the step has been cut there.
+
+    **Arguments:** contact points at all places, (places, joints, points, *lanes).
+    """
+    of_points = jax.vmap(closest, (None, 1, 1, None))
+    place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, points.penetration, points.penetration_rate, h)
+    best = jnp.argmax(height, axis=0, keepdims=True) if not h.ndim else first_highest(height)
+    if not h.ndim:
+        place, height = (jnp.take_along_axis(x, best, axis=0)[0] for x in (place, height))
+    else:
+        place, height = at(place, best), at(height, best)
+    return jnp.where(height > -jnp.inf, place, jnp.inf)
+
+
+def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Each]:
+    """Where a penetration comes closest to a change of sign between two samples, and how far beyond (negative: not
+    quite; minus infinity: no extremum).
+    """
+    towards = jnp.where(depth[:1] <= 0, 1.0, -1.0)
+    widths = jnp.diff(places, axis=0)
+    x, height, bend = share(tops(towards * depth, towards * rate * h, widths))
+    height = jnp.where(bend < 0, height, -jnp.inf)
+    best = first_highest(height)
+    return at(places, best) + at(x * widths, best), at(height, best)
+
+
+# With lanes entry by entry: a reduction, a gather or an argmax over the first axis would be a loop for every lane.
+def least(values: Array) -> Each:
+    """The smallest along the first axis."""
+    return jnp.min(values) if values.ndim == 1 else functools.reduce(jnp.minimum, share(values))
+
+
+def first_highest(values: Array) -> Array:
+    """The index of the first largest value along the first axis, by lane."""
+    if values.ndim == 1:
+        return jnp.argmax(values)
+    best, place = values[0], jnp.zeros(values.shape[1:], int)
+    for i, value in enumerate(values[1:], 1):
+        higher = value > best
+        best, place = jnp.where(higher, value, best), jnp.where(higher, i, place)
+    return place
+
+
+def at(values: Array, place: Array) -> Each:
+    """The value at an index along the first axis, by lane."""
+    if values.ndim == 1:
+        return values[place]
+    out = values[0]
+    for i, value in enumerate(values[1:], 1):
+        out = jnp.where(place == i, value, out)
+    return out
+
+
+def locate(beyond, bracket: tuple, precision: Each) -> Each:
+    """The fraction just past the first change of regime in a bracket, by bisection.
+
+    Secants on the event functions are unsafe: just before a pin leaves, a clipped force may act once more for a
+    microsecond, and the functions at the bracket's ends do not show it.
+    """
+    low, high = bracket
+
+    def wide(bracket):
+        return jnp.any(bracket[1] > precision)
+
+    def halve(bracket):
+        # The width halves in every case, and one selection moves the bracket. With two selections a compiler may
+        # compute the comparison twice, round it differently, and never move either end.
+        low, width = bracket
+        # A lane is halved as often as it would be alone.
+        going, half = width > precision, 0.5 * width
+        moved = low + jnp.where(going & ~beyond(low + half), half, 0.0)
+        return moved, jnp.where(going, half, width)
+
+    # A lane without an event (an infinite end) takes part without effect.
+    width = jnp.where(high <= 1, high - low, 0.0)
+    low, width = jax.lax.while_loop(wide, halve, (low, width))
+    return jnp.where(high <= 1, low + width, high)

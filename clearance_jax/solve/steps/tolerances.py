@@ -1,0 +1,199 @@
+"""Tolerances of each component of the state, from rtol and the scene's own lengths and speeds."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._basis.types import Each, Flag, Scalar
+from clearance_jax.dynamics.field import BALANCE_TERMS
+from clearance_jax.mechanism._base import AbstractMechanism
+from clearance_jax.mechanism.placement import Inertia
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import layout, parts
+from clearance_jax.parameters import parameters
+from clearance_jax.solve.steps.problem import Problem, widths
+from clearance_jax.spatial import Vector, is_zero
+
+# Impacts amplify a local error: a tenth of the tolerance in each step keeps every position within 100 rtol.
+LOCAL = 0.1
+FLOOR = 1e-3
+# A contact less deep than this many rtol of the clearance may be passed by.
+FIT = 10.0
+_EPS = float(np.finfo(np.float64).eps)
+# The smallest rtol. A step's error is compared with a tenth of it, which is then five units of round-off. Below, steps
+# multiply and errors do not fall.
+SMALLEST = 1e-14
+# The parts of a step, at least and at most, by which a cut step ends past its event.
+SHORTEST, LONGEST = 1e-8, 1e-2
+
+
+class Scales(NamedTuple):
+    """Magnitudes of a scene's motion."""
+
+    length: Array
+    spin: Array
+    acceleration: Array
+    energy: Array
+
+
+class Tolerances(NamedTuple):
+    """Tolerances of a solve, by component of the state and its quadratures, and others.
+
+    - `absolute` error in one step (infinite: not controlled), and `relative` to the component's size.
+    - `unit`: the components' magnitudes; `floor`: the size (in magnitudes) below which the derivative along a direction
+      of variation is not resolved relatively.
+    - `margin`: how far past an event a cut step may end, as a fraction of the uncut step.
+    - `fit`: the allowed misfit of the pins' curves inside a step, over the clearance; `noise`: the misfit by round-off
+      alone.
+    - `rate`: how fast the scene moves [1/s].
+    """
+
+    absolute: Float[Array, "n ..."]
+    relative: Float[Array, "n ..."]
+    unit: Float[Array, "n ..."]
+    margin: Each
+    fit: Each
+    noise: Each
+    rate: Each
+    floor: Array | None = None
+
+
+def largest_length(mechanism: AbstractMechanism, of: Any = jnp) -> Any:
+    """The largest length among the mechanism's numbers [m], without clearances and points; 1 if there is none. `of`:
+    NumPy if the numbers are known and nothing is to be compiled.
+    """
+    sizes = [
+        of.abs(of.asarray(leaf.value))
+        for leaf in parameters(mechanism).values()
+        if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path
+    ]
+    length = of.max(of.stack([of.asarray(s, float) for s in sizes])) if sizes else of.asarray(1.0)
+    return of.where(length > 0, length, 1.0)
+
+
+def scales(mechanism: PreparedMechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
+    """Magnitudes of a motion, from the bodies' largest length and the fastest spin of drives, start and pendulum."""
+    length = largest_length(mechanism)
+    gravity = _size(mechanism.gravity.vector)
+    speeds = [(jnp.sqrt(gravity / length), None)]
+    for coordinate in mechanism.coordinates():
+        drive = coordinate.motion.drive
+        if drive is not None:
+            times = t0 + (t1 - t0) * jnp.asarray(np.linspace(0.0, 1.0, 33))
+            rates = jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(times)
+            speeds.append((jnp.max(jnp.abs(rates)), coordinate.slides))
+    moving = layout(mechanism).split(y0).v
+    speeds += [(jnp.abs(v), c.slides) for c, _, places in parts(mechanism) for v in moving[places]]
+    spin = jnp.max(jnp.stack([speed if slides is None else speed / length for speed, slides in speeds]))
+    spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
+    mass = sum((jnp.asarray(b.mass) for b in mechanism.bodies if b.mass is not None), jnp.zeros(()))
+    inertia = sum((_largest(b.inertia) for b in mechanism.bodies if b.inertia is not None), jnp.zeros(()))
+    energy = mass * (spin * length) ** 2 + inertia * spin**2
+    return Scales(length, spin, jnp.maximum(gravity, spin * spin * length), energy)
+
+
+def _size(vector: Vector) -> Array:
+    """The length of a vector."""
+    x, y, z = vector
+    plane = jnp.hypot(jnp.asarray(x, float), jnp.asarray(y, float))
+    return plane if is_zero(z) else jnp.hypot(plane, jnp.asarray(z, float))
+
+
+def _largest(inertia: Array | Inertia) -> Array:
+    """The largest moment of inertia."""
+    if isinstance(inertia, Inertia):
+        return jnp.maximum(jnp.maximum(inertia.xx, inertia.yy), inertia.zz)
+    return jnp.asarray(inertia)
+
+
+def are_resolved(rtol: Scalar, atol: Any, allowed: Tolerances) -> Flag:
+    """Whether floats resolve the tolerances, by `rtol` or the `atol` that overrides it."""
+    good = (rtol >= SMALLEST) & (rtol < 1)
+    if atol is None:
+        return good
+    unit = jnp.where(jnp.isfinite(allowed.unit), allowed.unit, 0.0)
+    enough = allowed.absolute + allowed.relative * unit >= LOCAL * SMALLEST * unit
+    return good & jnp.all(enough) & jnp.all(jnp.asarray(atol) > 0)
+
+
+def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directions"]:
+    """Size of a derivative (in magnitudes of the state) above which its error is controlled relative to itself.
+
+    It is a thousandth of the motion for a change of the number by itself (by one, for a zero). Without a floor, a
+    derivative that grows from zero after a touch as a power of time could not be resolved.
+    """
+    total = jnp.zeros(jax.tree.leaves(directions)[0].shape[0])
+    model, y0 = eqx.filter(varied, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
+    moved, pushed = directions
+    for value, rows in zip(jax.tree.leaves(model), jax.tree.leaves(moved), strict=True):
+        size = jnp.where(value == 0, 1.0, jnp.abs(value))
+        total += jnp.sum(jnp.abs(rows) / size[None], axis=tuple(range(1, rows.ndim)))
+    if y0 is not None:
+        magnitude = jnp.where(jnp.isfinite(unit), unit, 1.0)[: y0.shape[0]]
+        total += jnp.sum(jnp.abs(pushed) / magnitude[None], axis=1)
+    return FLOOR * total
+
+
+def event_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = False) -> Scalar:
+    """How far past an event a cut step may end, as a fraction of the uncut step. The event left inside the step causes
+    an error of second order in the margin; of first order if a force jumps, and in derivatives if its slope jumps.
+    """
+    laws = [law for joint in mechanism.clearance_joints() for law in joint.laws]
+    jumps = any(law.smoothness == "C-1" for law in laws)
+    return jnp.clip(rtol if jumps or varied else jnp.sqrt(rtol), SHORTEST, LONGEST)
+
+
+def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
+    """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
+    (velocities, and penetrations that may exceed a tiny clearance). `atol` (by component of the state) overrides the
+    absolute ones; `y0`: the state of the motion at the start.
+
+    The energy balance judges a solve but does not control its steps, which would not improve it; only a mechanism
+    without states takes its steps from it. Integrals are controlled by their signals' scales.
+    """
+    mechanism = problem.mechanism
+    size, joints = scales(mechanism, y0, t0, t1), mechanism.clearance_joints()
+    position, velocity, adapt = [], [], []
+    for coordinate in mechanism.free_coordinates():
+        turns, c = coordinate.slides is None, coordinate.play
+        if c is not None:
+            slow = size.spin * c
+            position.append(c)
+            velocity.append(slow if turns else jnp.maximum(slow, jnp.sqrt(2 * size.acceleration * c)))
+        else:
+            position += [jnp.asarray(1.0) if turns else size.length] * len(coordinate.positions)
+            velocity += [size.spin if turns else size.spin * size.length] * len(coordinate.velocities)
+        adapt += [0.0 if c is None else 1.0] * len(coordinate.positions)
+    memory = [scale for joint in joints for scale in joint.clearance.memory_scale()]
+    memory += [jnp.asarray(jnp.inf)] * layout(mechanism).held  # which a step does not change
+    unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
+    local = LOCAL * rtol
+    absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
+    grows = [growth for joint in joints for growth in joint.clearance.memory_growth()]
+    grows += [0.0] * (len(memory) - len(grows))
+    relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *grows])
+    energy_balance = len(BALANCE_TERMS) if problem.energy_balance else 0
+    judged = jnp.where((not adapt) & (size.energy > 0), size.energy, jnp.inf)
+    signals = [
+        jnp.broadcast_to((t1 - t0) * f.scale(mechanism), (width,))
+        for f, width in zip(problem.integrands, widths(problem), strict=True)
+    ]
+    added = jnp.concatenate([jnp.broadcast_to(judged, (energy_balance,)), *signals])
+    allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (energy_balance,)), *(rtol * unit for unit in signals)])
+    # The surfaces' places are known to the round-off of lengths and of angles turned, however short the step.
+    turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
+    smallest = jnp.min(jnp.stack([joint.size for joint in joints])) if joints else jnp.inf
+    noise = 64 * _EPS * size.length * turned / smallest
+    return Tolerances(
+        absolute=jnp.concatenate([absolute, allowed]),
+        relative=jnp.concatenate([relative, jnp.zeros_like(added)]),
+        unit=jnp.concatenate([unit, added]),
+        margin=event_margin(mechanism, rtol, problem.varies),
+        fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
+        noise=noise,
+        rate=size.spin,
+    )
