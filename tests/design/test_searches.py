@@ -12,6 +12,7 @@ from clearance_jax import design, metrics
 from clearance_jax.design.judge.verify import HAIR, moved_inside
 from clearance_jax.design.search.infeasible import unreachable, why_infeasible
 from clearance_jax.design.search.methods import METHODS
+from clearance_jax.design.search.model_management import MATCHED_VALUES
 from clearance_jax.design.search.run import SPENT, by_values, trade
 from clearance_jax.design.search.scaling import UselessSlopes, followed
 from experiments.common import SCENES
@@ -143,6 +144,23 @@ def test_a_search_goes_on_to_the_limit_or_to_the_bounds(gradients):
     assert program.best.x[1] < 0.02
     assert_allclose(program.best.objective, 2.001, rtol=0.01)
     assert not by_values(program, SLSQP._replace(gradients=gradients))
+
+
+@pytest.mark.parametrize(("is_dear", "most", "short"), [(True, 6, 0.05), (False, 12, 1e-4)])
+def test_a_search_by_expensive_values_ends_within_the_slack_of_its_method(is_dear, most, short):
+    def program(cheap):
+        def evaluate(x, gradient):
+            return design.Evaluation(x, float(1 / x[0]), np.array([2 * x[0] ** 1.3 - 1]))
+
+        return design.Program(evaluate, ["a"], np.full(1, 1e-3), np.ones(1), ["error"], cheap=cheap)
+
+    searched = program(program(None) if is_dear else None)
+    for x in (0.2, 0.3):
+        searched.at(np.array([x]), False)
+    assert by_values(searched, MATCHED_VALUES)
+    assert searched.best is not None
+    assert searched.evaluations <= most
+    assert -short < searched.best.worst <= 0
 
 
 # By another solver ---------------------------------------------------------------------------------------------------

@@ -110,11 +110,11 @@ def by_values(program: Program, method: Method) -> bool:
     """
     if is_settled(program, method):
         return False
-    _outwards(program, method.gradients)
+    _outwards(program, method)
     if len(program.names) > 1 and program.cheap is None and not is_settled(program, method):
         with suppress(StandsStill):
             cobyqa(program, _best(program).x, LEAST_RADIUS, radius=RADIUS, most=EACH * len(program.names))
-        _outwards(program, method.gradients)
+        _outwards(program, method)
     return True
 
 
@@ -124,19 +124,22 @@ def _best(program: Program) -> Evaluation:
     return best
 
 
-def _outwards(program: Program, gradient: bool) -> None:
-    """Change all variables by the same factor towards a lower objective, until a limit is met or all are at bounds."""
-    best = _best(program)
+def _outwards(program: Program, method: Method) -> None:
+    """Change all variables by the same factor towards a lower objective, until a limit is met or all are at bounds.
+
+    Where evaluations are expensive, a limit counts as met within the method's `slack`.
+    """
+    best, met = _best(program), MET if program.cheap is None else method.slack
     z, way = np.log(best.x), _gaining(program, best)
     end = float(_room(program, best, way).max())
     low, high, step, narrow = (0.0, _excess(program, best)), None, STEP, np.inf
-    while low[0] < end and (high is None or (low[1] < -MET and high[0] - low[0] > SHORT)):
+    while low[0] < end and (high is None or (low[1] < -met and high[0] - low[0] > SHORT)):
         if high is None:
             # Errors are about proportional to clearances.
             s, step = min(low[0] + max(step, -1.01 * low[1]), end), LONGER * step
         else:
             s, narrow = _between(low, high, narrow), high[0] - low[0]
-        value = _excess(program, program.at(np.exp(z + s * way), gradient))
+        value = _excess(program, program.at(np.exp(z + s * way), method.gradients))
         low, high = ((s, value), high) if value <= 0 else (low, (s, value))
 
 
