@@ -1,5 +1,6 @@
 """The film of a short bearing against its closed form, and against a quadrature of Reynolds' equation."""
 
+import re
 from typing import Any
 
 import jax
@@ -7,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from formulas import Formula, plain
+from places import ROOT
 
 from clearance_jax import laws
 from clearance_jax.errors import ClearanceError
@@ -150,3 +153,61 @@ def test_a_profile_by_quadrature_and_its_derivatives():
 def test_a_sleeve_that_is_worn_by_stations_has_no_film():
     with pytest.raises(ClearanceError, match="worn by stations"):
         worn(jnp.zeros((4, 360)), (jnp.zeros(()),) * 2, (jnp.zeros(()),) * 2, jnp.zeros(()))
+
+
+FOUND_IN_DOCS = r"A film has the height .*?(?=\n\nA preloaded bearing has)"
+
+
+def docs_formulas() -> dict[str, str]:
+    """The formulas of the film in docs/joints.md: height, pressure, moment, and the held eccentricity with its s."""
+    (text,) = re.findall(FOUND_IN_DOCS, (ROOT / "docs" / "joints.md").read_text(encoding="utf-8"), re.DOTALL)
+    text = text.replace(r"\frac{\partial h}{\partial \varphi}", "h_t")
+    (height,) = re.findall(r"height \$h = ([^$]*)\$ at", text)
+    (pressure,) = re.findall(r"\$\$([^$]*)\$\$", text)
+    (moment,) = re.findall(r"moment on the pin is \$([^$]*)\$", text)
+    (held,) = re.findall(r"smaller eccentricity \$([^$]*)\$", text)
+    (s,) = re.findall(r"with \$s = ([^$]*)\$, at most 1", text)
+    return {name: plain(told) for name, told in locals().items() if name != "text"}
+
+
+def of_docs(name: str, **symbols):
+    """The value of a formula of the docs, which must be read to its end."""
+    told = docs_formulas()[name]
+    formula = Formula(told, {"pi", *symbols})
+    assert not told[formula.end :].strip()
+    return formula.value({"pi": np.pi, **symbols}.__getitem__)
+
+
+@pytest.mark.parametrize("reach", [0.5, 0.9, 0.999, 1.2])
+def test_the_film_of_the_docs(reach):
+    """From free motion to a pin that is nearer to the wall than the roughness."""
+    least, angle = 1e-5, np.linspace(0, 2 * np.pi, 50_001)[:-1]
+    rough = jax.jit(
+        lambda p, u, w: ShortBearing(VISCOSITY, least).wrench(
+            Offset((*p, 0.0), (*u, 0.0), (0.0,) * 3, 1.0, (0.0,) * 3, w), GEOMETRY
+        )
+    )
+    places, weights = np.polynomial.legendre.leggauss(4)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        way, (u, v), turning = rng.uniform(0, 2 * np.pi), 0.01 * rng.uniform(-1, 1, 2), rng.uniform(-100, 100)
+        p, part = reach * CLEARANCE, least / CLEARANCE
+        if reach > 1 - 2 * part:
+            s = min(of_docs("s", p=p, c=CLEARANCE, l=part), 1.0)
+            p = of_docs("held", c=CLEARANCE, l=part, s=s)
+        x, y = p * np.cos(way), p * np.sin(way)
+        height = of_docs("height", c=CLEARANCE, p_x=x, p_y=y, varphi=angle)
+        assert height.min() > 0.999 * least
+        rate = -u * np.cos(angle) - v * np.sin(angle)
+        slope = x * np.sin(angle) - y * np.cos(angle)
+        given = {"mu": VISCOSITY, "L": LENGTH, "omega": turning, "h": height, "h'": rate, "h_t": slope}
+        lines = [np.maximum(of_docs("pressure", z=LENGTH / 2 * z, **given), 0.0) for z in places]
+        line = LENGTH / 2 * np.tensordot(weights, lines, 1)
+        fx, fy = (-RADIUS * 2 * np.pi * np.mean(line * f(angle)) for f in (np.cos, np.sin))
+        moment = of_docs(
+            "moment", p_x=x, p_y=y, f_x=fx, f_y=fy, mu=VISCOSITY, r=RADIUS, L=LENGTH, omega=turning, c=CLEARANCE
+        )
+        true_place = (reach * CLEARANCE * np.cos(way), reach * CLEARANCE * np.sin(way))
+        (a, b, _), (_, _, torque) = rough(true_place, (u, v), turning)
+        np.testing.assert_allclose([a, b], [fx, fy], rtol=1e-6, atol=1e-6 * np.hypot(fx, fy))
+        assert float(torque) == pytest.approx(moment, rel=1e-6)
