@@ -121,7 +121,7 @@ def test_too_few_samples_are_said_before_the_search(monkeypatch):
     with pytest.warns(design.YieldWarning, match=said), pytest.raises(Begun):
         problem.solve()
     assert not design.Yield({NAME: SCATTER}, 0.99).doubt
-    with refused("Yield", "(0.9, 1.0, 1000)"):
+    with refused("Yield", "(0.99, 1.0, None)"):
         design.Yield({}, confidence=1.0).check()
 
 

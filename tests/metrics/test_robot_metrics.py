@@ -168,7 +168,7 @@ def test_a_settling_time_of_lanes_and_of_poses(block):
     expected = [exact_entry(float(band), 3.0) - 0.2 for band in bands[:2]]
     np.testing.assert_allclose(found[:2], expected, rtol=1e-7)
     assert found[2] == np.inf
-    with refused("SettlingTime"):
+    with refused("EntryFinder"):
         metrics.SettlingTime(metrics.PositionError("tip"), 1e-6, 0.05)(
             cj.load(SCENES / "arm.toml"), T1, fidelity="quasi-static"
         )

@@ -88,7 +88,7 @@ def test_another_question_is_refused_in_words(tmp_path, monkeypatch):
     # More outputs than the store has would stay empty there.
     with monkeypatch.context() as patch:
         patch.setattr(sweeping, "OUTPUTS", {**sweeping.OUTPUTS, "more": "piston.position"})
-        with refused(tmp_path / "a.zarr", "x"):
+        with refused(path, "structure of the model (output more)"):
             swept(path, resume=True)
 
 
@@ -103,12 +103,13 @@ def test_a_function_of_the_users_is_part_of_the_question(tmp_path, monkeypatch):
         monkeypatch.setattr(sweeping, "OUTPUTS", {"end": end})
         return swept(path, clearances=CLEARANCES[:2], speeds=SPEEDS[:2], **options)
 
+    code = "code of test_a_function_of_the_users_is_part_of_the_question.<locals>.asked.<locals>.end (output end)"
     first = asked(2.0).load()
     same(asked(2.0, resume=True), first)
-    with refused(tmp_path / "a.zarr", "x"):
+    with refused(tmp_path / "a.zarr", code):
         asked(3.0, resume=True)
     monkeypatch.setitem(globals(), "helped", lambda value: 2 * value)
-    with refused(tmp_path / "a.zarr", "x"):
+    with refused(tmp_path / "a.zarr", code):
         asked(2.0, resume=True)
 
 

@@ -310,17 +310,18 @@ def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
         assert (found.end, found.evaluations) == (whole.end, whole.evaluations)
         assert np.array_equal(found.depth, whole.depth)
     assert path.read_bytes() == before
-    for name, other in (
-        ("coefficient (law of wear)", of(wear=wear.Archard(2e-13))),
-        ("spread (pressure)", of(pressure=wear.Uniform(0.1))),
-        ("stiffness (pressure)", of(pressure=wear.Foundation(2e13))),
-        ("bound (until)", {"until": wear.Deepest(2e-7)}),
-        ("bound (until)", {"until": lambda depth: depth[0] - 1e-7}),
-        ("by", {"by": ("wear.coefficient",)}),
-        ("solver", {"solver": "auto"}),
+    for name, also, other in (
+        ("coefficient (law of wear)", "", of(wear=wear.Archard(2e-13))),
+        ("spread (pressure)", "", of(pressure=wear.Uniform(0.1))),
+        ("spread (pressure)", "`stiffness (pressure)`", of(pressure=wear.Foundation(2e13))),
+        ("bound (until)", "", {"until": wear.Deepest(2e-7)}),
+        ("bound (until)", "<lambda> (until)` is", {"until": lambda depth: depth[0] - 1e-7}),
+        ("by", "", {"by": ("wear.coefficient",)}),
+        ("solver", "", {"solver": "auto"}),
     ):
-        with refused(path, name):
+        with refused(path, name) as caught:
             lived(**other)
+        assert also in str(caught.value)
         assert path.read_bytes() == before
 
 
@@ -379,11 +380,11 @@ def test_lives_over_numbers_are_their_closed_forms(tmp_path):
     np.testing.assert_allclose(found.end, 2 * 0.2 * 25.1e-3 * 1e-6 / (drawn * 196.2 * 3.0 * reach), rtol=1e-4)
     assert found.interval(0.0) == found.end.min()
     assert found.interval(0.25) == np.sort(found.end)[2]
-    with refused(tmp_path / "lives", "x"):
+    with refused(tmp_path / "lives" / "0.jsonl", "coefficient (law of wear)"):
         wear.service_lives(*given, {"wear.coefficient": [2e-13]}, journal=tmp_path / "lives", **asked)
     for bound in (1e-6, 2e-6):
         other = {**asked, "until": lambda depth, bound=bound: jnp.max(depth) - bound}
-        with refused(tmp_path / "lives", "x"):
+        with refused(tmp_path / "lives" / "0.jsonl", "bound (until)"):
             wear.service_lives(*given, coefficients, journal=tmp_path / "lives", **other)
     plays = {"pin.radial_clearance": np.array([1e-4, 4e-4])}
     told: list[float] = []
