@@ -1,16 +1,42 @@
 """Errors of structure and values, which raise; failures inside a solve are result codes."""
 
+import re
+from collections.abc import Collection, Iterable, Mapping, Set
+from typing import Any
+
 # A message is one or two sentences; a longer one contains a long value or path from the input.
 LONGEST = 600
+# Its subject: what its first clause names in backticks.
+SUBJECT = re.compile(r"[\w -]*`([^`]+)`")
 
 
 class ClearanceError(ValueError):
     """An error in a scene, a mechanism or an argument. The `message` names the place and says what to do, in no more
-    than `LONGEST` characters.
+    than `LONGEST` characters. Its fields are for programs (`None`: not known): the `name` of the key, number or part
+    that is wrong, as a user writes it (`hip.radial_clearance`), by default the message's subject; the `value` that was
+    given; what is `allowed`: words, a bound, or a part of the sentence. Another object: as in messages (`quote`).
     """
+
+    value: Any = None
+    allowed: Any = None
 
     def __init__(self, message: object = ""):
         super().__init__(cut(str(message), LONGEST))
+        subject = SUBJECT.match(str(self))
+        self.name = None if subject is None else subject[1]
+
+    def about(self, name: object = None, value: object = None, allowed: object = None) -> "ClearanceError":
+        """The error itself, with its fields."""
+        self.name = self.name if name is None else _last(str(name))
+        # Another object may hold a trace, and not every one can be sent to another process.
+        self.value = _plain(value)
+        several = isinstance(allowed, tuple | list | Mapping | Set)
+        self.allowed = tuple(map(str, allowed)) if several else _plain(allowed)
+        return self
+
+    def at(self, where: str) -> "ClearanceError":
+        """The error with a place (a file, a key) before its message."""
+        return ClearanceError(f"{where}: {self}").about(self.name or where, self.value, self.allowed)
 
 
 class WearFailure(ClearanceError):
@@ -29,6 +55,35 @@ def cut(text: str, longest: int) -> str:
         return text
     end = (longest - 5) // 3
     return f"{text[: longest - 5 - end]} ... {text[len(text) - end :]}"
+
+
+def _plain(value: Any) -> Any:
+    return value if value is None or isinstance(value, str | int | float) else quote(value)
+
+
+def _last(place: str) -> str:
+    """The name in a place of a message: what stands last in backticks, or else after the file."""
+    parts = place.split("`")
+    return parts[-2] if len(parts) > 2 else place.rpartition(": ")[2]
+
+
+def wrong_value(where: str, allowed: str, value: Any, shown: str = "", fix: str = "", name: str = "") -> ClearanceError:
+    """An error of a `value`; `shown`: as the message has it; `fix`: the last sentence; `name`: if `where` has none."""
+    text = f"{where} must be {allowed}, but it is {shown or quote(value)}." + f" {fix}" * bool(fix)
+    return ClearanceError(text).about(name or where, value, allowed)
+
+
+def wrong_word(where: str, value: object, allowed: Collection[str]) -> ClearanceError:
+    """An error of a `value` that is none of the allowed words."""
+    text = f"{where} must be one of the allowed words, but it is {quote(value)}."
+    word = value if isinstance(value, str) else ""
+    return unknown_name(text, word, allowed).about(where, value, tuple(allowed))
+
+
+def unknown_name(message: str, word: str, allowed: Iterable[str], name: str | None = None) -> ClearanceError:
+    """An error of a `word` that there is not, with the nearest ones behind the `message`; `name`: its key."""
+    allowed = tuple(allowed)
+    return ClearanceError(f"{message} {suggest(word, allowed)}").about(name or word, word or None, allowed)
 
 
 def quote(value: object) -> str:

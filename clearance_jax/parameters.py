@@ -22,7 +22,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Flag
-from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
+from clearance_jax.errors import ClearanceError, quote, require_float64, unknown_name, wrong_value
 
 PARAMETER = "the parameter's"
 """The unit of a number of a study that a parameter's name decides."""
@@ -226,7 +226,7 @@ def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
     """The leaf with a name, and the entry (`name.i`) of an array. **Raises** `ClearanceError` if there is none."""
     leaf, entry = lookup(known, name)
     if leaf is None:
-        raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
+        raise unknown_name(f"There is no parameter `{name}`.", name, known)
     shape = np.shape(leaf.value)
     if entry is not None and not (len(shape) == 1 and entry < shape[0]):
         raise ClearanceError(f"`{name.rpartition('.')[0]}` has shape {shape}: there is no entry {entry}.")
@@ -265,7 +265,7 @@ def replace(module: Any, values: Mapping[str, Any]) -> Any:
             raise ClearanceError(
                 f"`{name}` must have shape {np.shape(old)}, but a value of shape {np.shape(new)} was "
                 f"given. Name one entry as `{name}.0`."
-            )
+            ).about(name, np.shape(new))
         module = eqx.tree_at(lambda m, path=path: follow(m, path), module, new)
     return module
 
@@ -329,7 +329,7 @@ def check_values(module: eqx.Module) -> None:
         except (TypeError, ValueError):
             raise ClearanceError(f"`{name}` must be a number in {leaf.unit}, not {leaf.value!r}.") from None
         if not np.all(np.isfinite(value)):
-            raise ClearanceError(f"`{name}` must be finite, but it is {value.tolist()}.")
+            raise wrong_value(f"`{name}`", "finite", value.tolist(), shown=str(value.tolist()))
         # A unit is looked up for a message only: for all numbers that takes longer than a solve.
         if not all(np.all(holds) for *_, holds in violations(value, leaf.metadata)):
             check_bounds(value, leaf.metadata, f"`{name}`", leaf.unit)
@@ -361,5 +361,5 @@ def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str,
     if metadata.get("above") is not None and metadata.get("below") is not None:
         demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]
     shown = quote(given)[1:-1] if isinstance(given, str) else f"{quote(value.tolist())} {unit}".rstrip()
-    instead = f" {metadata['instead']}" if metadata.get("instead") else ""
-    raise ClearanceError(f"{where} must be {' and '.join(demanded)}, but it is {shown}.{instead}")
+    plain = value.tolist() if given is None else given
+    raise wrong_value(where, " and ".join(demanded), plain, shown, metadata.get("instead") or "")

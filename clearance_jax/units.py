@@ -7,7 +7,7 @@ from importlib.metadata import version
 from typing import Any
 
 from clearance_jax._compile.files import remember
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, wrong_value
 
 # The allowed forms of a quantity. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and which
 # takes "mm" for one millimetre: it reads only the unit, and only these forms.
@@ -48,12 +48,12 @@ def to_si(value: Any, unit: str, where: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             if isinstance(value, str):
                 check_comma(value, where)
-            raise ClearanceError(f"{where} must be a bare number, but it is {quote(value)}.")
+            raise wrong_value(where, "a bare number", value)
         return _float(value, where)
     if isinstance(value, bool) or not isinstance(value, str):
         number = isinstance(value, int | float) and not isinstance(value, bool)
         shown, other = (quote(value), "") if number else ("2.5", f", not as {quote(value)}")
-        raise ClearanceError(f'{where} needs a unit: write it as a string such as "{shown} {unit}"{other}.')
+        raise _needs(where, value, f'a unit: write it as a string such as "{shown} {unit}"{other}')
     text = _check(value, unit, where)
     question = f"pint {_pint()}: {text[0]!r} {text[1]} in {unit}"
     return _finite(remember(question, lambda: _convert(value, text, unit, where)), where)
@@ -69,15 +69,14 @@ def _convert(value: str, text: tuple[float, str], unit: str, where: str) -> floa
         magnitude = float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
         if not text[1]:
-            raise ClearanceError(f'{where} needs a unit: write it as "{text[0]:g} {unit}".') from None
-        raise ClearanceError(
-            f"{where} must be in {unit} or a unit of that dimension, but {quote(value)} is in {error.units1}."
-        ) from None
+            raise _needs(where, value, f'a unit: write it as "{text[0]:g} {unit}"') from None
+        message = f"{where} must be in {unit} or a unit of that dimension, but {quote(value)} is in {error.units1}."
+        raise ClearanceError(message).about(where, value, unit) from None
     except Exception as error:  # pint's parser raises errors of many kinds
-        raise ClearanceError(_unread(value, unit, where, quote(str(error)))) from None
+        raise _unread(value, unit, where, quote(str(error))) from None
     # For pint an angle is a bare number: "30" would pass for radians, hertz for rad/s.
     if unit in ("rad", "rad/s", "rad/s^2") and not any(word in str(quantity.units) for word in ANGLES):
-        raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}".')
+        raise _needs(where, value, f'a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}"')
     return magnitude
 
 
@@ -101,12 +100,12 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
 def _check(value: str, unit: str, where: str) -> tuple[float, str]:
     """A quantity that pint may read, of the form NUMBER UNIT (or NUMBER / (NUMBER UNIT)): its number, and the rest."""
     if len(value) > LONGEST:
-        raise ClearanceError(_unread(value, unit, where, f"longer than {LONGEST} characters"))
+        raise _unread(value, unit, where, f"longer than {LONGEST} characters")
     check_comma(value, where)
     match = _QUANTITY.fullmatch(" ".join(value.split()))  # one space at a time, or the pattern would try them all
     if match is None:
         lacks = "it lacks a number" if not re.search(r"\d", value) else "it must read NUMBER UNIT"
-        raise ClearanceError(_unread(value, unit, where, lacks))
+        raise _unread(value, unit, where, lacks)
     # pint would take a long row of digits for a whole number without end.
     number = _float(match[1].replace("_", ""), where)
     return number, (match[2] or "").replace("·", "*")
@@ -118,21 +117,26 @@ def check_comma(text: str, where: str) -> None:
     if match is not None:
         raise ClearanceError(
             f"{where} has a comma in its number: {quote(text)}. Write a decimal point: {match[1].replace(',', '.')}."
-        )
+        ).about(where, text)
 
 
-def _unread(value: str, unit: str, where: str, why: str) -> str:
-    return f'{where} is not a quantity: {quote(value)} ({why}). Write it as "2.5 {unit}".'
+def _needs(where: str, value: object, what: str) -> ClearanceError:
+    return ClearanceError(f"{where} needs {what}.").about(where, value)
+
+
+def _unread(value: str, unit: str, where: str, why: str) -> ClearanceError:
+    text = f'{where} is not a quantity: {quote(value)} ({why}). Write it as "2.5 {unit}".'
+    return ClearanceError(text).about(where, value)
 
 
 def _float(value: Any, where: str) -> float:
     try:
         return _finite(float(value), where)
     except OverflowError:  # a whole number beyond all floats
-        raise ClearanceError(f"{where} must be finite, but it is {quote(value)}.") from None
+        raise wrong_value(where, "finite", value) from None
 
 
 def _finite(value: float, where: str) -> float:
     if not math.isfinite(value):
-        raise ClearanceError(f"{where} must be finite, but it is {value}.")
+        raise wrong_value(where, "finite", value, shown=str(value))
     return value

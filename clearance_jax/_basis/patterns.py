@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from fnmatch import fnmatchcase
 from typing import TypeVar
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import unknown_name
 
 Given = TypeVar("Given")
 
@@ -23,6 +23,6 @@ def expand(given: Mapping[str, Given], known: Iterable[str]) -> dict[str, Given]
             continue
         fitting = [match for match in names if fnmatchcase(match, name)]
         if not fitting:
-            raise ClearanceError(f"`{name}` fits no parameter. " + suggest(name, names))
+            raise unknown_name(f"`{name}` fits no parameter.", name, names)
         out |= {match: value for match in fitting if match not in given and match not in out}
     return out

@@ -67,6 +67,6 @@ def periodic_motion(
             raise ClearanceError(
                 f"The drive of `{name}` does not repeat after the period of {float(period):g} s: it misses its start "
                 f"by {float(gap):.2g} (radians or largest lengths). Give the drives' common period, to full precision."
-            )
+            ).about(name, float(period))
     search = CycleSearch(mechanism, t0, period, settings.rtol, guess, turns)
     return find(search, CycleOptions(settings.as_options(), settle, max_iterations))

@@ -93,7 +93,8 @@ def sensitivities(
     """
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     if mode not in ("auto", "forward", "reverse", "screening"):
-        raise ClearanceError(f"There is no mode {mode!r}. Allowed: auto, forward, reverse, screening.")
+        text = f"There is no mode {mode!r}. Allowed: auto, forward, reverse, screening."
+        raise ClearanceError(text).about("mode", mode)
     metric, settings = as_metric(metric), settings_of(mechanism, t1, options)
     values = values_of(mechanism, wrt)
     many = sum(number.size for number in values.values()) >= MANY

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.module import Module
 from clearance_jax.analysis.periodic import periodic_motion
 from clearance_jax.analysis.scatter import MetricSamples, SamplingPlan, Statistics, divergence, sample, statistics
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import as_metric
 from clearance_jax.metrics.reductions import AbstractMetric
@@ -128,7 +128,7 @@ def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ..
     if samples < p + 3:
         raise ClearanceError(f"{p} parameters need `samples` of at least {p + 3}, not {samples}.")
     if probes < 0:
-        raise ClearanceError(f"`probes` must be 0 or more, but it is {probes}.")
+        raise wrong_value("`probes`", "0 or more", probes, str(probes))
     if on_untrusted not in ("ignore", "warn", "raise", "smooth"):
         raise ClearanceError(f"There is no on_untrusted={on_untrusted!r}. Allowed: ignore, warn, raise, smooth.")
     return names, np.array([float(v) for v in given.values()])

@@ -19,7 +19,7 @@ import numpy as np
 
 from clearance_jax._basis.extras import missing_extra
 from clearance_jax.ask.question import Answer, Columns, Question, answer, lanes
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, wrong_value
 from clearance_jax.solve.drivers.batch import cores_here, side_by_side, usual_cores
 from clearance_jax.solve.drivers.lanes import LANES
 
@@ -54,7 +54,7 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
         yield cluster
         return
     if not isinstance(cluster, str):
-        raise ClearanceError(f"`cluster` must be an address or a dask client, but it is {quote(cluster)}.")
+        raise wrong_value("`cluster`", "an address or a dask client", cluster)
     with ExitStack() as made:
         if cluster == LOCAL:
             workers = max(1, cores_here() // cores)
@@ -68,7 +68,7 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
             raise ClearanceError(
                 f"No scheduler answers at `{cluster}`: {reason}. Start it, or mend the address (`{LOCAL}`: workers on "
                 "this machine)."
-            ) from None
+            ).about("cluster", str(cluster)) from None
         yield client
 
 

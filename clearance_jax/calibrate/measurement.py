@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from clearance_jax.ask.question import Question, answer
 from clearance_jax.dynamics.quantities import OBSERVED, OF_COORDINATES, quantities
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, suggest, unknown_name, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import signal_at
@@ -83,7 +83,7 @@ def read_measurement(
     readings = _readings(dataset, signals)
     for name in deviations:
         if name not in readings:
-            raise ClearanceError(f"`deviations`: there is no signal `{name}`. {suggest(str(name), readings)}")
+            raise unknown_name(f"`deviations`: there is no signal `{name}`.", str(name), readings)
     known = _numbers(mechanism, books)
     for name, reading in readings.items():
         deviation = _deviation(name, deviations.get(name))
@@ -123,7 +123,7 @@ def _readings(dataset: xr.Dataset, signals: Any) -> dict[str, str | AbstractSign
         raise ClearanceError("The dataset has no variable over `time`: there is nothing to compare the motion with.")
     for name in readings:
         if name not in dataset:
-            raise ClearanceError(f"The dataset has no variable `{name}`. {suggest(str(name), map(str, dataset))}")
+            raise unknown_name(f"The dataset has no variable `{name}`.", str(name), map(str, dataset))
     return readings
 
 
@@ -155,9 +155,9 @@ def _deviation(name: str, given: Any) -> float | None:
     try:
         number = float(given)
     except (TypeError, ValueError):
-        raise ClearanceError(f"The deviation of `{name}` must be one number, but it is {quote(given)}.") from None
+        raise wrong_value(f"The deviation of `{name}`", "one number", given) from None
     if not 0 < number < np.inf:
-        raise ClearanceError(f"The deviation of `{name}` must be finite and above zero, but it is {number:g}.")
+        raise wrong_value(f"The deviation of `{name}`", "finite and above zero", number, shown=f"{number:g}")
     return number
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from clearance_jax._basis.module import Module
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import quote, unknown_name, wrong_value
 from clearance_jax.parameters import describe
 
 LossName = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
@@ -106,10 +106,10 @@ class FitOptions(Module):
 def fit_options(loss: Any, starts: Any, seed: Any, most: Any) -> FitOptions:
     """The options, checked. **Raises** `ClearanceError` naming what is wrong."""
     if loss not in LOSSES:
-        raise ClearanceError(f"There is no loss {quote(loss)}. {suggest(str(loss), LOSSES)}")
+        raise unknown_name(f"There is no loss {quote(loss)}.", str(loss), LOSSES, "loss")
     limits = {"seed": (seed, 0, 10**9), "most": (most, 2, MOST_MOTIONS)}
     limits |= {} if starts is None else {"starts": (starts, 1, MOST_STARTS)}
     for name, (value, low, high) in limits.items():
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ClearanceError(f"`{name}` must be a whole number from {low} to {high}, but it is {quote(value)}.")
+            raise wrong_value(f"`{name}`", f"a whole number from {low} to {high}", value)
     return FitOptions(loss, starts, seed, most)

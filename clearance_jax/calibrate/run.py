@@ -148,9 +148,8 @@ def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
 def _check_count(measurement: Measurement, variables: Variables) -> None:
     count, wanted = int(np.sum(measurement.known)), len(variables.names)
     if count < wanted:
-        raise ClearanceError(
-            f"{count} measured numbers cannot determine {wanted} parameters. Measure more, or look for fewer."
-        )
+        text = f"{count} measured numbers cannot determine {wanted} parameters. Measure more, or look for fewer."
+        raise ClearanceError(text)
     if count == wanted and any(series.deviation is None for series in measurement.series):
         raise ClearanceError(
             f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "

@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.pace import Interruption, Pace, ProgressDisplay, shown_duration
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import wrong_value
 
 # Free coordinates of a plane mechanism above which compiling takes minutes.
 MANY = 16
@@ -66,7 +66,7 @@ def check_choices(method: str | None, fidelity: str | None) -> None:
 
     for option, word, choices in (("method", method, METHOD_CHOICES), ("fidelity", fidelity, FIDELITY_CHOICES)):
         if word is not None and word not in choices:
-            raise ClearanceError(f"`--{option}` must be {', '.join(choices)}, but it is {word!r}.")
+            raise wrong_value(f"`--{option}`", ", ".join(choices), word, shown=repr(word))
 
 
 def _preparation(mechanism: Any) -> str:

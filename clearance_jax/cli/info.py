@@ -24,7 +24,7 @@ from clearance_jax.cli.common import (
     write_figure,
 )
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, is_robot, say_held, usual_end
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 
 # Numbers of one parameter that are listed, at most.
 LISTED = 12
@@ -260,7 +260,7 @@ def _point(mechanism: Any, asked: str | None) -> str:
     """The name of the point of a budget: the one that is asked for, or the only one."""
     names = [point.name for point in mechanism.points]
     if asked is not None and asked not in names:
-        raise ClearanceError(f"`--point`: there is no point `{asked}`. {suggest(asked, names)}")
+        raise unknown_name(f"`--point`: there is no point `{asked}`.", asked, names, "--point")
     if asked is None and len(names) != 1:
         raise ClearanceError(
             f"A budget is about one point, but the mechanism has {len(names)} ({', '.join(names)}). Say which one by "

@@ -28,7 +28,7 @@ from clearance_jax.cli.common import (
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.cli.plot import Magnified, check_film, write_film
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_000_000}
@@ -155,7 +155,7 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
         raise ClearanceError("`--magnify` is about a film, but there is none. Add `--movie FILE`.")
     known = [each.name for each in mechanism.clearance_joints()]
     if joint not in known:
-        raise ClearanceError(f"`--magnify`: there is no clearance joint {quote(joint)}. {suggest(joint, known)}")
+        raise unknown_name(f"`--magnify`: there is no clearance joint {quote(joint)}.", joint, known, "--magnify")
 
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
@@ -165,7 +165,7 @@ def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
 
     for name, words in (("solver", SOLVER_WORDS), ("start", STARTS), ("fidelity", OF_MOTIONS)):
         if given.get(name) not in (None, *words):
-            raise ClearanceError(f"`--{name}` must be {' or '.join(words)}, but it is {given[name]!r}.")
+            raise wrong_value(f"`--{name}`", " or ".join(words), given[name], shown=repr(given[name]))
     return DEFAULTS | given | {"t1": end_of(scene_file, given.get("t1"))}
 
 

@@ -68,9 +68,8 @@ def accelerations(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tup
     """
     loops = motion.mechanism.closures()
     if loops and not layout(motion.mechanism).free:
-        raise ClearanceError(
-            f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
-        )
+        text = f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
+        raise ClearanceError(text)
     if motion.is_solved_implicitly:
         acceleration, multipliers = _solve(motion, pairs, efforts)
     else:

@@ -62,7 +62,7 @@ def check_driven(mechanism: AbstractMechanism) -> None:
         raise ClearanceError(
             "A mechanism without play is where its drives put it, whatever the load. Give a joint clearance, or use "
             '`fidelity = "dynamics"`.'
-        )
+        ).about("clearance")
     for joint in mechanism.clearance_joints():
         for part in (*joint.clearance.laws, joint.clearance.element):
             if part is not None and not part.has_static_force:
@@ -70,7 +70,7 @@ def check_driven(mechanism: AbstractMechanism) -> None:
                     f"A quasi-static pose needs forces that follow from places and slips, but those of "
                     f"`{type(part).__name__}` in the joint `{joint.name}` depend on what was before, or on how the pin "
                     'moves in its play. Use another one, or `fidelity = "dynamics"`.'
-                )
+                ).about(joint.name, type(part).__name__)
     ideal = mechanism.ideal()
     free, loops = ideal.free_coordinates(), ideal.closures()
     bound = 2 * len(loops) if ideal.is_plane else sum(loop.joint_constraint().count for loop in loops)
@@ -78,7 +78,7 @@ def check_driven(mechanism: AbstractMechanism) -> None:
         raise ClearanceError(
             f"A quasi-static pose follows from drives, but without its play `{free[0].name}` moves freely, or by a "
             'drive that gives way. Drive it firmly, or use `fidelity = "dynamics"`.'
-        )
+        ).about(free[0].name)
 
 
 def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) -> Array:

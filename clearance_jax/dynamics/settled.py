@@ -167,12 +167,12 @@ def _check(mechanism: PreparedMechanism) -> None:
             raise ClearanceError(
                 f'`start = "settled"` does not know how far `{type(joint.clearance.normal.law).__name__}` in the joint '
                 f'`{joint.name}` has given way before. Use `start = "centre"`.'
-            )
+            ).about(joint.name, type(joint.clearance.normal.law).__name__)
     if not mechanism.assemble:
         raise ClearanceError(
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
             "values. Leave one of them out."
-        )
+        ).about("assemble", False)
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, wrong_value
 from clearance_jax.io.keys.kinds import check_text
 
 LARGEST_TOML, LARGEST_TABLE = 2_000_000, 50_000_000
@@ -114,9 +114,8 @@ def _lines(path: Path, meant: Meant) -> list[CsvLine]:
     """The lines with content: the header, then the rows."""
     text = read_text(path, meant.what, LARGEST_TABLE).removeprefix("\ufeff")
     if "\0" in text:
-        raise ClearanceError(
-            f"`{path}` is no text, but binary data. Give a CSV file with a header such as {meant.example}."
-        )
+        text = f"`{path}` is no text, but binary data. Give a CSV file with a header such as {meant.example}."
+        raise ClearanceError(text)
     numbered = enumerate(re.split(r"\r\n|\r|\n", text), start=1)
     lines = [CsvLine(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
     if not lines:
@@ -144,9 +143,8 @@ def _cells(line: CsvLine, meant: Meant) -> list[str]:
 def _header(line: CsvLine, meant: Meant) -> list[Head]:
     cells, where = _cells(line, meant), line.where
     if all(_is_number(cell) for cell in cells):
-        raise ClearanceError(
-            f"{where} must be a header such as {meant.example}, but it has numbers only. Add one above it."
-        )
+        text = f"{where} must be a header such as {meant.example}, but it has numbers only. Add one above it."
+        raise ClearanceError(text)
     columns: dict[str, Head] = {}
     for i, cell in enumerate(cells, start=1):
         column = _head(cell, f"{where}, column {i}")
@@ -156,16 +154,15 @@ def _header(line: CsvLine, meant: Meant) -> list[Head]:
     if TIME not in columns:
         raise ClearanceError(f"{where}: no column is called `{TIME}`. Call one so, as in {meant.example}.")
     if len(columns) < 2:
-        raise ClearanceError(
-            f"{where}: the header has no {meant.column} beside `{TIME}`. Add a column for each {meant.column}."
-        )
+        text = f"{where}: the header has no {meant.column} beside `{TIME}`. Add a column for each {meant.column}."
+        raise ClearanceError(text)
     return list(columns.values())
 
 
 def _head(cell: str, where: str) -> Head:
     match = _HEAD.fullmatch(cell)
     if match is None:
-        raise ClearanceError(f"{where} must be a name with a unit in brackets, `hip [deg]`, but it is {quote(cell)}.")
+        raise wrong_value(where, "a name with a unit in brackets, `hip [deg]`", cell)
     name, unit = match[1].strip(), match[2]
     if not name:
         raise ClearanceError(f"{where} has no name. Name it, or take the comma beside it away.")
@@ -189,7 +186,7 @@ def _number(cell: str, where: str, gaps: bool) -> float:
         raise ClearanceError(f"{where} must be a number, but {content}.")
     value = float(cell)
     if not math.isfinite(value):
-        raise ClearanceError(f"{where} must be finite, but it is {quote(cell)}.")
+        raise wrong_value(where, "finite", cell)
     return value
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.io.keys.declare import Keys
 from clearance_jax.io.keys.kinds import Word, Words, check_name
 
@@ -26,7 +26,7 @@ class TomlTable:
         for name in self.values:
             check_renamed(name, self.where, keys)
             if name not in self._keys:
-                raise ClearanceError(f"{self.key(name)} is not a known key. " + suggest(name[:200], self._keys))
+                raise unknown_name(f"{self.key(name)} is not a known key.", name[:200], self._keys, self.key(name))
 
     def key(self, name: str) -> str:
         """How a message names a key of this table."""
@@ -40,13 +40,13 @@ class TomlTable:
         """Raise if one of the keys is absent."""
         for name in names:
             if not self.has(name):
-                raise ClearanceError(f"{self.where} lacks the key `{name}`. Add it.")
+                raise ClearanceError(f"{self.where} lacks the key `{name}`. Add it.").about(self.key(name))
 
     def refuse(self, *names: str, why: str) -> None:
         """Raise if one of the keys is present."""
         for name in names:
             if self.has(name):
-                raise ClearanceError(f"{self.key(name)} {why}")
+                raise ClearanceError(f"{self.key(name)} {why}").about(self.key(name))
 
     def get(self, name: str, words: Words = NO_WORDS) -> Any:
         """The key's value, or its default; `words`: further units by placeholder."""
@@ -99,7 +99,7 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
     if head.name not in values and head.default is None:
         for name in values:
             check_renamed(name, where, first)
-        raise ClearanceError(f"{where} lacks the key `{head.name}`. Add it. " + suggest("", tables))
+        raise unknown_name(f"{where} lacks the key `{head.name}`. Add it.", "", tables, below(where, head.name))
     word = Word(head.help, head.example, allowed=tuple(tables)).read(
         values.get(head.name, head.default), below(where, head.name), words
     )
@@ -118,13 +118,14 @@ def _check_kind(values: Mapping[str, Any], where: str, tables: Mapping[str, Keys
                 f"{below(where, key)} is not a known key of the {head} `{word}`, but of "
                 + ", ".join(f"`{name}`" for name in having)
                 + f". Remove it, or {fix} the key `{head}`."
-            )
+            ).about(below(where, key), allowed=having)
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:
     """Raise for the former name of a key."""
     if name in keys.renamed:
-        raise ClearanceError(f"{below(where, name)} is called `{keys.renamed[name]}` now. Rename it.")
+        there = below(where, name)
+        raise ClearanceError(f"{there} is called `{keys.renamed[name]}` now. Rename it.").about(there, name)
 
 
 def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
@@ -136,7 +137,7 @@ def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
 def check_table(values: Any, where: str) -> dict[str, Any]:
     """The values, which must be a table."""
     if not isinstance(values, dict):
-        raise ClearanceError(f"{where} must be a table of keys, but it is {quote(values)}.")
+        raise wrong_value(where, "a table of keys", values)
     return values
 
 
@@ -154,4 +155,4 @@ def naming(where: str) -> Iterator[None]:
     except ClearanceError as error:
         if where in str(error):
             raise
-        raise ClearanceError(f"{where}: {error}") from None
+        raise error.at(where) from None

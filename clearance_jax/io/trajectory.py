@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.io.files import MOST_ROWS, TIME, CsvLine, Head, Meant, read_columns
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Spline
@@ -73,9 +73,8 @@ def _of_motors(drives: dict[str, Spline], mechanism: Mechanism, path: Path) -> d
     for name, drive in drives.items():
         moved = motor_of(name) if gives_way(known[name].motion) else name
         if moved != name and moved in drives:
-            raise ClearanceError(
-                f"`{path}`: the columns `{name}` and `{moved}` move the same motor. Take one of them away."
-            )
+            message = f"`{path}`: the columns `{name}` and `{moved}` move the same motor. Take one of them away."
+            raise ClearanceError(message).about(name, moved)
         motors[moved] = drive
     return motors
 
@@ -96,9 +95,7 @@ def _scale(column: Head, units: Mapping[str, str] | None) -> float:
     elif column.name in units:
         allowed = [units[column.name]]
     else:
-        raise ClearanceError(
-            f"{column.where}: there is no coordinate `{column.name}` to drive. " + suggest(column.name, units)
-        )
+        raise unknown_name(f"{column.where}: there is no coordinate `{column.name}` to drive.", column.name, units)
     if column.unit is None:
         return 1.0
     for si in allowed:
@@ -107,7 +104,8 @@ def _scale(column: Head, units: Mapping[str, str] | None) -> float:
         except ClearanceError:
             continue
     meant = " or ".join(MEANT[si] for si in allowed)
-    raise ClearanceError(f"{column.where}: `{column.name}` must be in a unit of {meant}, not in {quote(column.unit)}.")
+    message = f"{column.where}: `{column.name}` must be in a unit of {meant}, not in {quote(column.unit)}."
+    raise ClearanceError(message).about(column.name, column.unit)
 
 
 def _check_times(times: np.ndarray, lines: list[CsvLine]) -> None:
@@ -148,7 +146,7 @@ def write_trajectory(
     if not float(t1) > float(t0):
         raise ClearanceError(f"`t1` must be later than `t0`, but they are {t1!r} and {t0!r}.")
     if not LEAST_ROWS <= samples <= MOST_ROWS:
-        raise ClearanceError(f"`samples` must be between {LEAST_ROWS} and {MOST_ROWS}, but it is {samples}.")
+        raise wrong_value("`samples`", f"between {LEAST_ROWS} and {MOST_ROWS}", samples, str(samples))
     times = jnp.linspace(float(t0), float(t1), samples)
     columns = [times]
     for drive in drives.values():

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.joints.checks import check_known, check_sizes
 from clearance_jax.joints.elements import ROLLING_DAMPING, PreloadedBearing
 from clearance_jax.joints.fitting import Tolerance
@@ -69,19 +69,18 @@ def tabulated_clearance(bore: Any, group: str = "CN", rollers: bool = False) -> 
     """
     check_known("bore", bore, "the tables of ISO 5753-1 go by steps")
     if group not in GROUPS:
-        raise ClearanceError(f"`group` must be one of ISO 5753-1, but it is {group!r}. " + suggest(str(group), GROUPS))
+        raise unknown_name(f"`group` must be one of ISO 5753-1, but it is {group!r}.", str(group), GROUPS, "group")
     size = round(1e3 * float(bore), 6)
     if not SMALLEST <= size <= LARGEST:
         raise ClearanceError(
             f"`bore` must be from {SMALLEST} to {LARGEST} mm for a `group` of clearance, but it is {size:g} mm. Give "
             "the internal clearance instead."
-        )
+        ).about("bore", bore)
     known = OF_ROLLERS if rollers else OF_BALLS
     row = known[next(bound for bound in known if size <= bound)]
     if GROUPS.index(group) >= len(row):
-        raise ClearanceError(
-            f"There is no `group` {group} of a bore of {size:g} mm. Take {GROUPS[len(row) - 1]} at most."
-        )
+        message = f"There is no `group` {group} of a bore of {size:g} mm. Take {GROUPS[len(row) - 1]} at most."
+        raise ClearanceError(message).about("group", group)
     least, greatest = row[GROUPS.index(group)]
     return least * 1e-6, greatest * 1e-6
 
@@ -248,13 +247,13 @@ def angular_contact_pair(
     given = {"pitch_diameter": pitch_diameter, "ball_diameter": ball_diameter, "spread": spread}
     sizes = _check(preload, **given, radial_clearance=radial_clearance)
     if not isinstance(contact_angle, Tracer) and not 0 < contact_angle < np.pi / 2:
-        raise ClearanceError(f"`contact_angle` must be above 0 and below pi/2 rad, but it is {contact_angle!r}.")
+        raise wrong_value("`contact_angle`", "above 0 and below pi/2 rad", contact_angle, shown=repr(contact_angle))
     if not any(isinstance(x, Tracer) for x in sizes.values()) and not (
         count * sizes["ball_diameter"] < np.pi * sizes["pitch_diameter"]
     ):
         raise ClearanceError(
             f"{count} `balls` of {sizes['ball_diameter']:g} m do not fit on a circle of {sizes['pitch_diameter']:g} m."
-        )
+        ).about("balls", count)
     factor = sizes["ball_diameter"] ** 0.5 / BALLS**1.5
     rows = Rows(count, factor, 1.5, contact_angle, sizes["pitch_diameter"] / 2, sizes["spread"] / 2)
     return rows.with_play(radial_clearance, preload, friction)
@@ -262,7 +261,7 @@ def angular_contact_pair(
 
 def _check_count(name: str, count: Any, least: int) -> int:
     if isinstance(count, bool) or not isinstance(count, int) or count < least:
-        raise ClearanceError(f"A bearing has at least {least} `{name}`, but it is {count!r}.")
+        raise ClearanceError(f"A bearing has at least {least} `{name}`, but it is {count!r}.").about(name, count, least)
     return count
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, wrong_value
 from clearance_jax.spatial import Vector
 from clearance_jax.units import format_quantity
 
@@ -58,12 +58,12 @@ def check_sizes(unit: str = "m", **sizes: Any) -> None:
         try:
             value = np.asarray(size, float)
         except (TypeError, ValueError):
-            raise ClearanceError(f"`{name}` must be a number in {unit}, but it is {quote(size)}.") from None
+            raise wrong_value(f"`{name}`", f"a number in {unit}", size) from None
         if not np.all(np.isfinite(value)):
-            raise ClearanceError(f"`{name}` must be finite, but it is {quote(value.tolist())}.")
+            raise wrong_value(f"`{name}`", "finite", value.tolist())
         if not np.all(value > 0):
-            grips = f" {GRIPS}" * name.endswith("_clearance")
-            raise ClearanceError(f"`{name}` must be greater than 0 {unit}, but it is {_plain(value)} {unit}.{grips}")
+            grips = GRIPS * name.endswith("_clearance")
+            raise wrong_value(f"`{name}`", f"greater than 0 {unit}", value.tolist(), f"{_plain(value)} {unit}", grips)
 
 
 def _plain(value: np.ndarray) -> str:
@@ -75,10 +75,8 @@ def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:
     """Raise, naming both, unless one length [m] is larger than another. Tracers pass."""
     if isinstance(size, Tracer) or isinstance(other, Tracer) or np.all(np.asarray(size) > np.asarray(other)):
         return
-    raise ClearanceError(
-        f"`{name}` must be greater than {than}, {_plain(np.asarray(other, float))} m, {why}, but it is "
-        f"{_plain(np.asarray(size, float))} m."
-    )
+    given, least = np.asarray(size, float), _plain(np.asarray(other, float))
+    raise wrong_value(f"`{name}`", f"greater than {than}, {least} m, {why}", given.tolist(), f"{_plain(given)} m")
 
 
 def check_known(name: str, size: Any, why: str) -> None:
@@ -97,4 +95,4 @@ def check_start(joint: str, place: tuple[Any, ...], slides: Sequence[Vector]) ->
             raise ClearanceError(
                 f"The `eccentricity` of joint `{joint}` along {letter} of its sleeve has no effect: there is no play "
                 "that way. Leave it out."
-            )
+            ).about(f"{joint}.eccentricity", letter)

@@ -120,7 +120,7 @@ class ShortBearing(AbstractElement):
             raise ClearanceError(
                 "A film must be in a round sleeve, or in one that is worn alike all along it (a joint in the plane), "
                 "but this one is worn by stations. Leave out its `depth` or its film."
-            )
+            ).about("depth")
         # As in a round sleeve, a pin nearer than twice the roughness is held off.
         bore = Bore(c, finer(geometry.depth))
         wall = bore.depth_at(*place)

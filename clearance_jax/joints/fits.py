@@ -16,7 +16,7 @@ import dataclasses
 import re
 from typing import SupportsFloat
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 
 LARGEST = 0.5  # [m]; above it the standard has other tables
 # Upper bounds [mm] of the ranges of nominal diameter, "over ... up to and including"; the finer ones for a, b, c, r, s.
@@ -138,7 +138,7 @@ def limit_deviations(diameter: SupportsFloat, tolerance_class: str) -> tuple[flo
         raise ClearanceError(
             f"Argument `tolerance_class` must not be a, b, A, B or of a grade from 14 on for diameters up to 1 mm "
             f"(ISO 286-1), but it is {tolerance_class!r} at {size:g} mm. Take another letter or a finer grade."
-        )
+        ).about("tolerance_class", tolerance_class)
     lower, upper = _shaft(size, letter.lower(), grade)
     if letter in HOLES:
         lower, upper = 0.0 - upper, 0.0 - lower  # not -upper: that of an H would be -0.0
@@ -152,10 +152,8 @@ def fit(diameter: SupportsFloat, name: str) -> Fit:
     """
     hole, slash, shaft = (part.strip() for part in name.partition("/"))
     if not slash or not hole[:1].isupper() or not shaft[:1].islower():
-        raise ClearanceError(
-            f"Argument `name` must be a hole and a shaft (upper case / lower case), but it is {name!r}. "
-            f'Write it as "H7/g6".'
-        )
+        allowed = "a hole and a shaft (upper case / lower case)"
+        raise wrong_value("Argument `name`", allowed, name, repr(name), 'Write it as "H7/g6".')
     return Fit(f"{hole}/{shaft}", float(diameter), limit_deviations(diameter, hole), limit_deviations(diameter, shaft))
 
 
@@ -174,7 +172,7 @@ def fits_within(
         raise ClearanceError(
             f"Argument `greatest_radial_clearance` must be at least `least`, and `least` at least 0 (both in metres), "
             f"but they are {upper:g} and {lower:g}. Give the larger one first; interference fits are not listed."
-        )
+        ).about("greatest_radial_clearance", upper, lower)
     fits = [candidate for candidate in (fit(diameter, name) for name in COMMON) if _is_within(candidate, lower, upper)]
     return tuple(sorted(fits, key=lambda candidate: candidate.radial_clearance[1], reverse=True))
 
@@ -190,28 +188,30 @@ def _millimetres(diameter: SupportsFloat) -> float:
         raise ClearanceError(
             f"Argument `diameter` must be above 0 and at most {LARGEST} m (the tables of ISO 286-1 used here), but it "
             f"is {metres:g} m. Give it in metres: 25 mm are 0.025."
-        )
+        ).about("diameter", metres, LARGEST)
     return round(1e3 * metres, 6)  # 18 mm, however computed, belongs to the range up to 18
 
 
 def _letter_and_grade(tolerance_class: str) -> tuple[str, int]:
     match = re.fullmatch(r"([A-Za-z]+)([0-9]+)", tolerance_class)
     if match is None:
-        raise ClearanceError(
-            f"Argument `tolerance_class` must be a letter and a grade, but it is {tolerance_class!r}. "
-            f'Write it as "H7" (a hole) or "g6" (a shaft).'
+        where, shown, fix = (
+            "Argument `tolerance_class`",
+            repr(tolerance_class),
+            'Write it as "H7" (a hole) or "g6" (a shaft).',
         )
+        raise wrong_value(where, "a letter and a grade", tolerance_class, shown, fix)
     letter, grade = match[1], int(match[2])
     if letter not in HOLES and letter not in SHAFTS:
         raise ClearanceError(
             f"Argument `tolerance_class` must begin with a known letter, but it is {tolerance_class!r}. "
             f"Allowed: {', '.join(HOLES)} (holes); {', '.join(SHAFTS)} (shafts)."
-        )
+        ).about("tolerance_class", tolerance_class, (*HOLES, *SHAFTS))
     if grade not in TOLERANCES:
         raise ClearanceError(
             f"Argument `tolerance_class` must end with a known grade, but it is {tolerance_class!r}. "
             f"Allowed: {', '.join(map(str, TOLERANCES))}."
-        )
+        ).about("tolerance_class", tolerance_class, TOLERANCES)
     return letter, grade
 
 

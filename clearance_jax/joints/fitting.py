@@ -163,5 +163,5 @@ class Fitting(Module):
             raise ClearanceError(
                 f"The `fit` {running.name} leaves no play: with mean sizes its radial clearance is {float(mean):g} m. "
                 "Take a looser one."
-            )
+            ).about("fit", running.name)
         return mean, Tolerance(least, greatest)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypedDict, cast
 
 import jax.numpy as jnp
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, suggest, wrong_value
 from clearance_jax.joints._base import AbstractClearance
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.checks import check_larger, check_sizes
@@ -78,7 +78,7 @@ def pin_clearance(
         radial_clearance=radial_clearance, axial_clearance=axial_clearance, length=length, pin_radius=pin_radius
     )
     if kind not in PINS:
-        raise ClearanceError(f"`kind` must be {' or '.join(PINS)}, but it is {quote(kind)}.")
+        raise wrong_value("`kind`", " or ".join(PINS), kind)
     if length is None and "length" in required(PINS[kind]):
         raise ClearanceError(f"A {kind} needs its `length`. Give it.")
     if axial_clearance is not None and "axial_clearance" not in PINS[kind].sizes():

@@ -31,7 +31,7 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
         raise ClearanceError(
             "How far play lets a pin go that tilts must be asked of a round sleeve, but this one is worn by stations. "
             "Leave out its `depth`, or ask for the motion itself."
-        )
+        ).about("depth")
     across, tilts, alone = _groups(play)
     radial, tilt = play[across[0]].scale, play[tilts[0]].scale
     half = radial / tilt

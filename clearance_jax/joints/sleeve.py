@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.numerics import safe_unit
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.barriers import with_barriers
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore, finer
 from clearance_jax.joints.checks import GRIPS
@@ -113,17 +113,17 @@ class SleeveClearance(AbstractPin):
 
     def __check_init__(self):
         if not 2 <= self.stations <= MOST:
-            raise ClearanceError(f"`stations` must be from 2 to {MOST}, but it is {self.stations}.")
+            raise wrong_value("`stations`", f"from 2 to {MOST}", self.stations, str(self.stations))
         shape = () if self.depth is None else np.shape(self.depth)
         if shape and (shape[:-1] != (self.stations,) or shape[-1] < FEWEST):
             raise ClearanceError(
                 f"`depth` must be one number a station and sector, {self.stations} stations with at least {FEWEST} "
                 f"sectors, but it has shape {shape}."
-            )
+            ).about("depth", shape)
         if not 3 <= self.ring <= MOST:
-            raise ClearanceError(f"`ring` must be from 3 to {MOST}, but it is {self.ring}.")
+            raise wrong_value("`ring`", f"from 3 to {MOST}", self.ring, str(self.ring))
         if self.pin not in PINS:
-            raise ClearanceError(f"`pin` must be {' or '.join(PINS)}, but it is {quote(self.pin)}.")
+            raise wrong_value("`pin`", " or ".join(PINS), self.pin)
         if self.collar_radius is not None and self.axial_clearance is None:
             raise ClearanceError("`collar_radius` has no effect without `axial_clearance`: only then are there faces.")
 

@@ -74,7 +74,7 @@ def stiffness_of(given: Any, geometry: Geometry | None, linear: bool = False) ->
         raise ClearanceError(
             f"A law that is linear in the penetration has a stiffness in N/m, but `{type(given).__name__}` computes "
             f"one in N/m^{given.exponent:g}. Give a number."
-        )
+        ).about("stiffness", type(given).__name__)
     return given.value(geometry)
 
 

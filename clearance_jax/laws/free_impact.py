@@ -79,7 +79,8 @@ def damping_for(delivered: Callable[[float], Any], restitution: Any, guess: Any)
     low = next((-d for d in range(DECADES) if above(float(-d))), None)
     high = next((d for d in range(DECADES) if not above(float(d))), None)
     if low is None or high is None:
-        raise ClearanceError(f"No damping of this law delivers a restitution of {wanted:g}.")
+        text = f"No damping of this law delivers a restitution of {wanted:g}."
+        raise ClearanceError(text).about("restitution", wanted)
     low, high = float(low), float(high)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

@@ -43,9 +43,8 @@ class InternalHertz(AbstractStiffness):
 
     def value(self, geometry: Geometry) -> Scalar:
         if geometry.kind == "flat":
-            raise ClearanceError(
-                "The stiffness of corners on flat walls does not follow from radii: give the normal law a number."
-            )
+            message = "The stiffness of corners on flat walls does not follow from radii: give the normal law a number."
+            raise ClearanceError(message).about("stiffness")
         clearance = geometry.radial_clearance if self.reference_clearance is None else self.reference_clearance
         pin, sleeve = Material(self.pin_modulus, self.pin_poisson), Material(self.sleeve_modulus, self.sleeve_poisson)
         radius = geometry.pin_radius

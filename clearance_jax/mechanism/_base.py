@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import structural_property
 from clearance_jax._basis.types import Scalar
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import unknown_name
 from clearance_jax.mechanism.actuators import instants
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController, Reference
@@ -143,7 +143,7 @@ class AbstractMechanism(Parametrised):
         for joint in (*self.joints, *self.loops):
             if joint.name == name:
                 return joint
-        raise ClearanceError(f"There is no joint `{name}`. " + suggest(name, [j.name for j in self.all_joints()]))
+        raise unknown_name(f"There is no joint `{name}`.", name, [j.name for j in self.all_joints()])
 
     def all_joints(self) -> tuple[AbstractJoint, ...]:
         """Joints of the tree, then loops."""

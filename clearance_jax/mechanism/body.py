@@ -249,9 +249,8 @@ class Wrench(Parametrised):
 
     def __check_init__(self):
         if self.axes not in get_args(Axes):
-            raise ClearanceError(
-                f"The axes of load `{self.name}` must be `world` or `body`, but they are {quote(self.axes)}."
-            )
+            text = f"The axes of load `{self.name}` must be `world` or `body`, but they are {quote(self.axes)}."
+            raise ClearanceError(text)
         if self.body == GROUND:
             raise ClearanceError(f"Load `{self.name}` acts on the ground, which nothing moves: name another body.")
 

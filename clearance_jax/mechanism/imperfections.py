@@ -16,7 +16,7 @@ import dataclasses
 from collections.abc import Iterable
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Body, Motion, Motor
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -68,9 +68,8 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
     if joint.motion.is_free and compliance.rotor_inertia is None:
         raise ClearanceError(f"The motor of joint `{name}` is moved by actuators: give its `rotor_inertia`.")
     if not joint.motion.is_free and compliance.rotor_inertia is not None:
-        raise ClearanceError(
-            f"`rotor_inertia` has no effect in joint `{name}`: its drive is followed exactly, whatever its motor is."
-        )
+        text = f"`rotor_inertia` has no effect in joint `{name}`: its drive is followed exactly, whatever its motor is."
+        raise ClearanceError(text)
     inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
     spring = Motion(actuators=(DriveSpring(compliance.stiffness, compliance.damping, name="compliance"),))
     return mechanism.with_joint(dataclasses.replace(joint, motor=Motor(**vars(joint.motion) | inertia), motion=spring))
@@ -95,7 +94,7 @@ def with_misalignment(mechanism: Mechanism, names: Iterable[str] | None = None) 
     wanted = moving if names is None else list(names)
     for name in wanted:
         if name not in known:
-            raise ClearanceError(f"There is no joint `{name}` of the tree to be misaligned. " + suggest(name, known))
+            raise unknown_name(f"There is no joint `{name}` of the tree to be misaligned.", name, known)
         if f"{name}_misalignment" in known:
             raise ClearanceError(f"Joint `{name}` has a misalignment already. Name it once.")
     plane, bodies, joints = mechanism.is_plane, list(mechanism.bodies), []

@@ -12,7 +12,7 @@ from jax.core import Tracer
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.symmetric import Symmetric
 from clearance_jax._basis.types import Scalar
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.parameters import as_leaf, physical
 from clearance_jax.spatial import IDENTITY, UNIT, Matrix, Rotation, Term, Vector, X, Y, Z, across, scale
 
@@ -153,7 +153,7 @@ def as_axis(value: Any) -> Any:
         return value
     if isinstance(value, str):
         if value.removeprefix("+") not in LETTERS:
-            raise ClearanceError(f"An axis must be x, y, z, -x, -y, -z or three numbers, but it is {quote(value)}.")
+            raise wrong_value("An axis", "x, y, z, -x, -y, -z or three numbers", value, name="axis")
         return Axis(value.removeprefix("+"))
     numbers = list(value.vector if isinstance(value, Position) else value)
     if len(numbers) != 3:
@@ -161,7 +161,7 @@ def as_axis(value: Any) -> Any:
     if not any(isinstance(n, Tracer) for n in numbers):
         plain = np.asarray([float(n) for n in numbers])
         if not np.all(np.isfinite(plain)) or not np.any(plain):
-            raise ClearanceError(f"An axis must be finite and not zero, but it is {plain.tolist()}.")
+            raise wrong_value("An axis", "finite and not zero", plain.tolist(), str(plain.tolist()), name="axis")
         if np.count_nonzero(plain) == 1:
             k = int(np.flatnonzero(plain)[0])
             return Axis(("-" if plain[k] < 0 else "") + "xyz"[k])

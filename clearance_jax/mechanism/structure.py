@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.placement import Inertia, Position
@@ -61,7 +61,7 @@ def check_loose(loops: Sequence[AbstractJoint]) -> None:
                 f"in {SPACE - directions} of {SPACE} directions. Give it play there (a sleeve `axial_clearance`, a "
                 "guide `width`), or put it into the tree and close the loop at another joint."
                 + ("" if key is None else f" If the mechanism is a plane one, leave the joint's `{key}` out.")
-            )
+            ).about(loop.name, directions)
 
 
 def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
@@ -82,7 +82,7 @@ def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> No
                 f"Joint `{joint.name}` {what}, so that what it carries may turn out of the plane, but body "
                 f"`{body.name}` has one moment of inertia (about z). Leave `{key}` out, or give the body three or six "
                 "moments (xx, yy, zz, xy, xz, yz)."
-            )
+            ).about(f"{body.name}.inertia")
 
 
 def _tilting(joint: AbstractJoint) -> str | None:
@@ -118,9 +118,8 @@ def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> N
             )
         hanging = [joint.name for joint in joints if joint.parent == body.name and joint.own_coordinates()]
         if hanging:
-            raise ClearanceError(
-                f"`{body.name}` is a payload that comes or goes: joint `{hanging[0]}` may not move on it."
-            )
+            text = f"`{body.name}` is a payload that comes or goes: joint `{hanging[0]}` may not move on it."
+            raise ClearanceError(text)
         begin, end = body.picked_up, body.put_down
         if begin is None or end is None or isinstance(begin, Tracer) or isinstance(end, Tracer):
             continue
@@ -145,7 +144,7 @@ def check_control(controllers: Sequence[AbstractController], coordinates: Sequen
         for reference in controller.references:
             name, what = reference.name, f"Controller `{controller.name}`"
             if name not in free:
-                raise ClearanceError(f"{what} commands `{name}`, which is no free coordinate. " + suggest(name, free))
+                raise unknown_name(f"{what} commands `{name}`, which is no free coordinate.", name, free)
             if name in owner:
                 raise ClearanceError(f"{what} commands `{name}`, which controller `{owner[name]}` commands already.")
             owner[name] = controller.name
@@ -155,7 +154,7 @@ def check_control(controllers: Sequence[AbstractController], coordinates: Sequen
 def _check_encoder(what: str, encoder: Sequence[str], coordinate: Coordinate, every: dict[str, Coordinate]) -> None:
     for name in encoder:
         if name not in every:
-            raise ClearanceError(f"{what} measures `{name}`, but there is no such coordinate. " + suggest(name, every))
+            raise unknown_name(f"{what} measures `{name}`, but there is no such coordinate.", name, every)
         if (every[name].slides is None) != (coordinate.slides is None):
             raise ClearanceError(f"{what} measures `{name}`: an angle and a length cannot stand for each other.")
 
@@ -177,13 +176,11 @@ def check_model(controller: AbstractController, model: Any) -> Any:
 
 def _check_known(owner: str, key: str, word: str, allowed: set[str]) -> None:
     if word not in allowed:
-        raise ClearanceError(
-            f"`{owner}.{key}` must name a body, but `{word}` is not one that fits. " + suggest(word, allowed)
-        )
+        text = f"`{owner}.{key}` must name a body, but `{word}` is not one that fits."
+        raise unknown_name(text, word, allowed, f"{owner}.{key}")
 
 
 def _distinct(owner: str, key: str, other_key: str, first: str, second: str) -> None:
     if first == second:
-        raise ClearanceError(
-            f"`{owner}.{key}` and `{owner}.{other_key}` must name two bodies, but both name `{first}`. Change one."
-        )
+        text = f"`{owner}.{key}` and `{owner}.{other_key}` must name two bodies, but both name `{first}`. Change one."
+        raise ClearanceError(text)

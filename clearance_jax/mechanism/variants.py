@@ -6,7 +6,7 @@ from typing import Any
 
 import equinox as eqx
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name
 from clearance_jax.joints import AbstractClearance, AbstractPin, Tolerance
 from clearance_jax.joints.checks import check_sizes
 from clearance_jax.joints.presets import BALL, FIT, GUIDE, OWN, PIN, SHAFT, Preset, radial_clearance_of
@@ -91,9 +91,8 @@ def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) 
     for name, drive in drives.items():
         _check_driven(known, name, "drive", "a drive of this coordinate would take its spring away. Drive")
         if not isinstance(drive, AbstractMotionLaw):
-            raise ClearanceError(
-                f"`{name}` must be driven by a drive, for instance `Constant(0.5)`, but it was given {quote(drive)}."
-            )
+            text = f"`{name}` must be driven by a drive, for instance `Constant(0.5)`, but it was given {quote(drive)}."
+            raise ClearanceError(text).about(name, drive)
 
 
 def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: str) -> None:
@@ -101,7 +100,7 @@ def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: 
     its motor.
     """
     if name not in known:
-        raise ClearanceError(f"There is no coordinate `{name}` to {to}. " + suggest(str(name), known))
+        raise unknown_name(f"There is no coordinate `{name}` to {to}.", str(name), known)
     if gives_way(known[name].motion):
         raise ClearanceError(f"The drive of `{name}` gives way, and {instead} its motor, `{motor_of(name)}`.")
 
@@ -137,7 +136,7 @@ def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) 
             f"The clearance of joint `{joint.name}` is a whole one, such as `RevoluteClearance(...)`, not "
             f"{quote(clearance)}. Give a number of it by its name: "
             f"`with_clearance({joint.name!r}, radial_clearance=1e-4)`, say."
-        )
+        ).about(f"{joint.name}.clearance", clearance)
     check_demands(clearance, f"{joint.name}.")
     return dataclasses.replace(joint, clearance=clearance)
 
@@ -145,9 +144,8 @@ def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) 
 def no_play_reason(joint: AbstractJoint) -> ClearanceError:
     """The error for play in a joint of a kind that has none."""
     kinds = ", ".join(kind.__name__.lower() for kind in PRESETS)
-    return ClearanceError(
-        f"Joint `{joint.name}` is of a kind that has no play ({type(joint).__name__.lower()}). These have: {kinds}."
-    )
+    text = f"Joint `{joint.name}` is of a kind that has no play ({type(joint).__name__.lower()}). These have: {kinds}."
+    return ClearanceError(text).about(joint.name, type(joint).__name__.lower())
 
 
 def _make(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
@@ -161,7 +159,8 @@ def _make(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
         preset = preset.with_sizes(type(joint.clearance))
     for name in numbers:
         if name not in preset.numbers:
-            raise ClearanceError(f"The play of joint `{joint.name}` has no number `{name}`. " + preset.instead(name))
+            message = f"The play of joint `{joint.name}` has no number `{name}`. " + preset.instead(name)
+            raise ClearanceError(message).about(f"{joint.name}.{name}")
     if joint.clearance is not None:
         return _change(joint, preset, numbers)
     if not numbers:
@@ -189,9 +188,8 @@ def _change(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -
         clearance = _with_tolerance(clearance, None)  # of a fit that these numbers are not of any more
     for name in sizes:
         if getattr(clearance, name, None) is None:
-            raise ClearanceError(
-                f"The clearance of joint `{joint.name}` has no `{name}` to be replaced. Give it a whole clearance."
-            )
+            text = f"The clearance of joint `{joint.name}` has no `{name}` to be replaced. Give it a whole clearance."
+            raise ClearanceError(text).about(f"{joint.name}.{name}")
     return replace(clearance, sizes)
 
 

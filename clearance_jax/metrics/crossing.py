@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Request
@@ -46,9 +46,7 @@ class CrossingTime(AbstractMetric):
 
     def __check_init__(self):
         if self.direction not in DIRECTIONS:
-            raise ClearanceError(
-                f"`direction` must be {' or '.join(map(quote, DIRECTIONS))}, but it is {quote(self.direction)}."
-            )
+            raise wrong_value("`direction`", " or ".join(map(quote, DIRECTIONS)), self.direction)
 
     @property
     def _sign(self) -> float:

@@ -100,7 +100,7 @@ def crossings(attained: Any, commanded: Any) -> Float[Array, "cycles places axes
         raise ClearanceError(
             "Attained paths have shape (cycles, samples, axes), a commanded path (places, axes), with the same axes "
             f"and at least two of each, but their shapes are {paths.shape} and {command.shape}."
-        )
+        ).about("commanded", command.shape)
     if len(command) < 2 or not bool(jnp.all(jnp.any(jnp.diff(command, axis=0) != 0, axis=1))):
         raise ClearanceError("A commanded path has at least two places, and no two equal ones that follow each other.")
     # Along the path by the places on both sides; at its ends by the one there is.
@@ -129,7 +129,7 @@ def _cloud(attained, least: int = 2) -> Float[Array, "cycles axes"]:
     if cloud.ndim != 2 or len(cloud) < least:
         raise ClearanceError(
             f"Attained poses have shape (cycles, axes), of at least {least} cycles, but their shape is {cloud.shape}."
-        )
+        ).about("attained", cloud.shape)
     return cloud
 
 

@@ -166,7 +166,7 @@ class AbstractMetric(AbstractMeasure):
             raise ClearanceError(
                 f"A static bound is of errors of position, path or orientation, and {type(self).__name__} is of "
                 'something else here: use `fidelity = "quasi-static"` or "dynamics".'
-            )
+            ).about("fidelity", "static")
         return eqx.tree_at(lambda metric: metric.signal, self, Farthest(signal))
 
     @abc.abstractmethod
@@ -219,7 +219,7 @@ class Function(AbstractMetric):
         except (TypeError, ValueError):
             raise ClearanceError(
                 f"The metric `{self.title}` must return a number or an array, but it returned {type(answer).__name__}."
-            ) from None
+            ).about(self.title, type(answer).__name__) from None
 
 
 def as_measure(given: Any) -> AbstractMeasure:
@@ -320,7 +320,7 @@ def begin_of(since: Any, t1: Any, options: Settings) -> Any:
     if not any(isinstance(t, Tracer) for t in (since, t1)) and not float(since) < float(t1):
         raise ClearanceError(
             f"`since` must lie before the end of the motion, but since = {float(since):g} s and t1 = {float(t1):g} s."
-        )
+        ).about("since", float(since), float(t1))
     return jnp.clip(since, options.t0, t1)
 
 

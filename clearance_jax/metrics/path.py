@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.signals import TABLE, AbstractSignal, motion_of, named_point, play_size, point_at
@@ -105,7 +105,7 @@ class PathDeviation(AbstractSignal):
 
     def __check_init__(self):
         if self.samples < 3 or self.samples % 2 == 0:
-            raise ClearanceError(f"`samples` of a path must be an odd number, at least 3, but it is {self.samples}.")
+            raise wrong_value("`samples` of a path", "an odd number, at least 3", self.samples, str(self.samples))
 
     def prepare(self, mechanism, t1, options):
         named_point(mechanism, self.point)  # an unknown name raises here
@@ -114,7 +114,7 @@ class PathDeviation(AbstractSignal):
             raise ClearanceError(
                 f"The ideal path of `{self.point}` turns too often for {self.samples} samples: give `PathDeviation` "
                 f"more `samples`, such as {10 * self.samples - 9}, or look at a shorter motion."
-            )
+            ).about("samples", self.samples)
         return OnPath(self.point, curve)
 
     def value(self, time, y, mechanism, reference):

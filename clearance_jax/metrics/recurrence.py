@@ -53,7 +53,7 @@ def seconds(period: Any, mechanism: Mechanism) -> Array:
         raise ClearanceError(
             "`period` must be a time, or the name of a speed in rad/s of which a turn is a period, but "
             f"`{period}` is in {unit or 'no unit'}."
-        )
+        ).about("period", period)
     return 2 * jnp.pi / jnp.abs(values_of(mechanism, [period])[period])
 
 
@@ -118,7 +118,8 @@ class PoincareSection(AbstractMetric):
         names = [self.quantities] if isinstance(self.quantities, str) else self.quantities
         parts = {name: jnp.asarray(reply.solution[name], float) for name in names}
         for name in (name for name, part in parts.items() if part.ndim != 1):
-            raise ClearanceError(f"A Poincare section is of numbers, but `{name}` has several: name one, `{name}.x`.")
+            text = f"A Poincare section is of numbers, but `{name}` has several: name one, `{name}.x`."
+            raise ClearanceError(text).about(name, allowed=f"{name}.x")
         points = jnp.stack([factor * part for part in parts.values()], axis=-1)
         return points[:, 0] if isinstance(self.quantities, str) else points
 
@@ -177,7 +178,8 @@ class LyapunovExponent(AbstractMetric):
     def request(self, mechanism, t1, options):
         size = layout(mechanism).size
         if not 1 <= self.exponents <= size:
-            raise ClearanceError(f"There are {size} Lyapunov exponents, as many as states, but not {self.exponents}.")
+            text = f"There are {size} Lyapunov exponents, as many as states, but not {self.exponents}."
+            raise ClearanceError(text).about("exponents", self.exponents, size)
         if mechanism.controllers or mechanism.has_payloads or sampling_periods(mechanism):
             raise ClearanceError(
                 "Lyapunov exponents are not computed with controllers, digital servos or payloads that come and go. "

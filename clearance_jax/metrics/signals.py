@@ -17,7 +17,7 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import Frames, frames, relative_motions
 from clearance_jax.dynamics.quantities import evaluate, quantities
 from clearance_jax.dynamics.reactions import reactions
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -103,7 +103,7 @@ class AbstractSignal(Module):
             raise ClearanceError(
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
-            )
+            ).about("y0")
         settings = options._replace(save_at=times, atol=None, energy_balance=False, fidelity=DYNAMICS)
         return run(mechanism.ideal(), t1, settings).y
 
@@ -169,7 +169,7 @@ def play_size(mechanism: AbstractMechanism) -> Scalar:
 def index_of(kind: str, name: str, names: list[str]) -> int:
     """The index of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
     if name not in names:
-        raise ClearanceError(f"There is no {kind} `{name}`. " + suggest(name, names))
+        raise unknown_name(f"There is no {kind} `{name}`.", name, names)
     return names.index(name)
 
 

@@ -61,9 +61,8 @@ def overview(dataset: xr.Dataset) -> Figure:
         else panels(dataset)
     )
     if "time" not in dataset.coords or not shown:
-        raise ClearanceError(
-            "There is nothing to draw: this is no result of `clearance simulate`, or nothing in it moves."
-        )
+        text = "There is nothing to draw: this is no result of `clearance simulate`, or nothing in it moves."
+        raise ClearanceError(text)
     columns = 2 if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
     rows, across = -(-len(shown) // columns), 1 if len(joints) <= 2 else 2
     size = (11 + 2.2 * across, 7.5) if joints else (4.5 * columns, 3.5 * rows)
@@ -182,9 +181,8 @@ def save_figure(figure: Figure, path) -> None:
         partial.replace(path)
     except (OSError, ValueError) as error:
         partial.unlink(missing_ok=True)
-        raise ClearanceError(
-            f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
-        ) from error
+        text = f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
+        raise ClearanceError(text) from error
 
 
 @STYLED

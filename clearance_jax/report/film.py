@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from scipy.spatial import KDTree
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.report.figures import timeline
 from clearance_jax.report.magnified import CrossSection, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
@@ -126,9 +126,8 @@ class AbstractFilm(abc.ABC):
                         writer.grab_frame()
             partial.replace(path)
         except OSError as error:
-            raise ClearanceError(
-                f"Cannot write the film `{path}`: {error.strerror or error}. Choose another path."
-            ) from None
+            text = f"Cannot write the film `{path}`: {error.strerror or error}. Choose another path."
+            raise ClearanceError(text) from None
         finally:
             partial.unlink(missing_ok=True)
         return path
@@ -300,7 +299,7 @@ def animate(
     for name, value, least in (("slowdown", slowdown, 0.0), ("exaggeration", exaggeration, 1.0), ("fps", fps, 0.0)):
         if value is not None and not (np.isfinite(value) and value > 0 and value >= least):
             bound = "at least 1" if least else "greater than 0"
-            raise ClearanceError(f"`{name}` must be {bound}, but it is {value:g}.")
+            raise wrong_value(f"`{name}`", bound, value, shown=f"{value:g}")
     if "time" not in dataset.coords:
         raise ClearanceError("There is nothing to film: this is no result of a simulation.")
     name = _most_loaded(dataset) if joint is None else require_joint(dataset, joint)
@@ -326,7 +325,7 @@ def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
         raise ClearanceError(
             f"A film needs two samples at least, but from {first:g} s to {last:g} s there are {len(chosen)}. "
             f"The result has {len(time)}, from {time[0]:g} s to {time[-1]:g} s."
-        )
+        ).about("span", len(chosen))
     return chosen
 
 

@@ -49,9 +49,8 @@ def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
     if len(dims) == 1:
         return [points]
     if len(dims) != 2:
-        raise ClearanceError(
-            f"`{name}` is no Poincare section: beside those of samples it has {len(dims)} dimensions, not 1 or 2."
-        )
+        text = f"`{name}` is no Poincare section: beside those of samples it has {len(dims)} dimensions, not 1 or 2."
+        raise ClearanceError(text)
     units = str(points.attrs.get("units", "")).split(", ")
     units = units if len(units) == points.sizes[dims[1]] else units[:1] * points.sizes[dims[1]]
     labels = points[dims[1]].values  # where there are no labels, whole numbers

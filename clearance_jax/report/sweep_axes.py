@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 
 CODE = "code"
 # What every lane has beside its results.
@@ -131,14 +131,14 @@ def exponent_of(dataset: xr.Dataset, name: str) -> Exponent:
 def result(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """A result. **Raises** `ClearanceError` for an unknown name."""
     if name not in dataset.data_vars:
-        raise ClearanceError(f"This sweep has no result `{name}`. " + suggest(name, map(str, dataset.data_vars)))
+        raise unknown_name(f"This sweep has no result `{name}`.", name, map(str, dataset.data_vars))
     return dataset[name]
 
 
 def number(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """A number that varies. **Raises** `ClearanceError` for another one."""
     if name not in variables(dataset):
-        raise ClearanceError(f"`{name}` does not vary in this sweep. " + suggest(name, variables(dataset)))
+        raise unknown_name(f"`{name}` does not vary in this sweep.", name, variables(dataset))
     return dataset[name]
 
 

@@ -270,7 +270,8 @@ def animate(dataset: xr.Dataset, *, frames: int = FRAMES, fps: float = SLOW) -> 
     **Raises:** `ClearanceError` for another dataset, and for other numbers.
     """
     if frames < 2 or not (np.isfinite(fps) and fps > 0):
-        raise ClearanceError(f"A film has at least 2 frames, and more than 0 a second, but not {frames} and {fps:g}.")
+        text = f"A film has at least 2 frames, and more than 0 a second, but not {frames} and {fps:g}."
+        raise ClearanceError(text).about("frames", frames)
     return WearFilm(dataset, frames, fps)
 
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.joints import JointOutline
 from clearance_jax.joints.bore import finer
 from clearance_jax.results.episodes import SHORTEST
@@ -62,7 +62,7 @@ def require_joint(dataset: xr.Dataset, joint: str) -> str:
     """The name of a clearance joint. **Raises** `ClearanceError` where there is no such joint."""
     known = names_of(dataset, "joint")
     if joint not in known:
-        raise ClearanceError(f"There is no clearance joint `{joint[:100]}` in this result. {suggest(joint, known)}")
+        raise unknown_name(f"There is no clearance joint `{joint[:100]}` in this result.", joint, known)
     return joint
 
 

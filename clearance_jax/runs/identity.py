@@ -17,6 +17,7 @@ import numpy as np
 
 from clearance_jax._compile.library import source_digest
 from clearance_jax._compile.structure import Reader
+from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import parameters
 
 SOURCE, STRUCTURE = "source of clearance_jax", "structure of the model"
@@ -76,8 +77,8 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str
     }
 
 
-def refusal(path: Any, changes: Mapping[str, str]) -> str:
-    """The message that refuses to continue a run at a path, by the `differences` of the questions."""
+def refusal(path: Any, changes: Mapping[str, str]) -> ClearanceError:
+    """The error that refuses to continue a run at a path, by the `differences` of the questions: its `allowed`."""
     computes = [name for name in changes if name in VERSIONS]
     # Another version of the library may give models another structure.
     asked = [name for name in changes if name not in VERSIONS and not (computes and name.startswith(STRUCTURE))]
@@ -85,11 +86,13 @@ def refusal(path: Any, changes: Mapping[str, str]) -> str:
     more = f"; and {len(names) - 3} more" if len(names) > 3 else ""
     reasons = "; ".join(changes[name] for name in names[:3]) + more
     if asked or not computes:
-        return f"`{path}` belongs to another question: {reasons}. Choose another path."
-    return (
+        return ClearanceError(f"`{path}` belongs to another question: {reasons}. Choose another path.").about(
+            path, names[0]
+        )
+    return ClearanceError(
         f"`{path}` was begun by another version of the library: {reasons}. The digits of its answers may differ. "
         "Choose another path, or go on with the version that began it."
-    )
+    ).about(path, names[0])
 
 
 def _put(value: Any) -> str:

@@ -60,9 +60,8 @@ class Lock:
             content = b"" if itself else os.read(self.place, 200)
             holder = content.decode(errors="replace") or "another process"
             os.close(self.place)
-            raise ClearanceError(
-                f"`{named}` is being written by {holder}. Wait until that has ended, or stop it."
-            ) from None
+            message = f"`{named}` is being written by {holder}. Wait until that has ended, or stop it."
+            raise ClearanceError(message).about(named, holder) from None
         if not itself:
             os.ftruncate(self.place, 0)
             os.write(self.place, f"process {os.getpid()} on {platform.node()}".encode())
@@ -155,7 +154,7 @@ class Journal:
             )
         changes = self.differences(question)
         if changes:
-            raise ClearanceError(refusal(self.path, changes))
+            raise refusal(self.path, changes)
 
     def add(self, **record: Any) -> None:
         """Write a record and flush it to the disk. **Raises** `ClearanceError` if that fails; the file is then

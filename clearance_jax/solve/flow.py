@@ -168,7 +168,7 @@ def refuse_jumps(mechanism: Mechanism) -> None:
                 raise ClearanceError(
                     f"The law {type(law).__name__} of joint `{joint.name}` jumps (class C-1): its derivatives are "
                     f"wrong at every tolerance. Use {law.smooth_alternative} where derivatives are wanted."
-                )
+                ).about(joint.name, type(law).__name__)
 
 
 # The solve -----------------------------------------------------------------------------------------------------------

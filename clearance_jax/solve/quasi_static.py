@@ -262,11 +262,9 @@ def _code(asked: PoseTask, posed: Poses) -> Code:
 def check_poses(mechanism: Mechanism, settings: Settings) -> None:
     """**Raises** `ClearanceError` for options and mechanisms without a quasi-static motion."""
     if settings.y0 is not None:
-        raise ClearanceError(
-            'A quasi-static motion has no initial state: leave `y0` out, or use `fidelity = "dynamics"`.'
-        )
+        message = 'A quasi-static motion has no initial state: leave `y0` out, or use `fidelity = "dynamics"`.'
+        raise ClearanceError(message).about("y0")
     if settings.energy_balance:
-        raise ClearanceError(
-            'A quasi-static motion has no energy balance: leave what needs it out, or use `fidelity = "dynamics"`.'
-        )
+        text = 'A quasi-static motion has no energy balance: leave what needs it out, or use `fidelity = "dynamics"`.'
+        raise ClearanceError(text).about("energy_balance", True)
     check_driven(mechanism)

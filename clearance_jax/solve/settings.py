@@ -19,7 +19,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax.dynamics.field import BALANCE_TERMS
-from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
+from clearance_jax.errors import ClearanceError, quote, require_float64, unknown_name, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf, check_values
@@ -54,7 +54,7 @@ def choose_solver(model: Any, rtol: Any) -> str:
         raise ClearanceError(
             f'`solver="{AUTO}"` chooses by `rtol`, but its number is not known here (it is traced by JAX). Name the '
             f'solver: "{LOW}" or "{HIGH}".'
-        )
+        ).about("solver", AUTO)
     return HIGH if float(rtol) <= LIMITS[kind_of(model)] else LOW
 
 
@@ -135,9 +135,8 @@ class Settings(NamedTuple):
     def as_options(self, observers: tuple = ()) -> Options:
         """The options for which a solve is compiled. **Raises** `ClearanceError` for a `fidelity` without steps."""
         if self.fidelity != DYNAMICS:
-            raise ClearanceError(
-                f'This follows the steps of a motion, and `fidelity = "{self.fidelity}"` has none: use "{DYNAMICS}".'
-            )
+            text = f'This follows the steps of a motion, and `fidelity = "{self.fidelity}"` has none: use "{DYNAMICS}".'
+            raise ClearanceError(text).about("fidelity", self.fidelity, DYNAMICS)
         solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
         return Options(
             solver, self.locate_events, self.energy_balance, self.max_steps, self.derivatives, observers, self.start
@@ -161,11 +160,12 @@ def settings_of(
     asked = Settings(**{**usual, **given})
     check_arguments(mechanism, asked.t0, t1, asked.rtol, asked.solver)
     if asked.derivatives not in DERIVATIVES:
-        raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
+        text = f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}."
+        raise ClearanceError(text).about("derivatives", asked.derivatives, DERIVATIVES)
     if asked.start not in STARTS:
-        raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quote(asked.start)}.")
+        raise wrong_value("`start`", " or ".join(STARTS), asked.start)
     if asked.fidelity not in FIDELITIES:
-        raise ClearanceError(f"`fidelity` must be {' or '.join(FIDELITIES)}, but it is {quote(asked.fidelity)}.")
+        raise wrong_value("`fidelity`", " or ".join(FIDELITIES), asked.fidelity)
     solver = choose_solver(mechanism, asked.rtol) if _is_auto(asked.solver) else asked.solver
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
     return asked._replace(
@@ -194,7 +194,7 @@ def check_names(given: Iterable[str], known: Iterable[str]) -> None:
     """Raise for an unknown option, with a suggestion."""
     unknown = sorted(set(given) - set(known))
     if unknown:
-        raise ClearanceError(f"There is no option `{unknown[0]}` here. " + suggest(unknown[0], known))
+        raise unknown_name(f"There is no option `{unknown[0]}` here.", unknown[0], known)
 
 
 def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: Any) -> None:
@@ -203,19 +203,17 @@ def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: A
     check_values(mechanism)
     t0, t1, rtol = (_number(name, x) for name, x in {"t0": t0, "t1": t1, "rtol": rtol}.items())
     if not any(isinstance(t, Tracer) for t in (t0, t1)) and not -np.inf < float(t0) < float(t1) < np.inf:
-        raise ClearanceError(f"`t1` must be finite and greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}.")
+        text = f"`t1` must be finite and greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}."
+        raise ClearanceError(text).about("t1", float(t1), "greater than t0")
     if not isinstance(rtol, Tracer) and not SMALLEST <= float(rtol) < 1:
-        raise ClearanceError(
-            f"`rtol` must be between {SMALLEST:g} (64-bit numbers resolve no less) and 1, for instance 1e-8, but it is "
-            f"{float(rtol):g}."
-        )
+        allowed = f"between {SMALLEST:g} (64-bit numbers resolve no less) and 1, for instance 1e-8"
+        raise wrong_value("`rtol`", allowed, float(rtol), f"{float(rtol):g}")
     if isinstance(solver, str) and solver not in SOLVER_WORDS:
-        raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVER_WORDS))
+        raise unknown_name(f"There is no solver {solver!r}.", solver, SOLVER_WORDS, "solver")
     if not isinstance(solver, str | diffrax.AbstractERK):
-        raise ClearanceError(
-            f"`solver` must be {' or '.join(map(repr, SOLVER_WORDS))} or an explicit diffrax Runge-Kutta solver such "
-            f"as `diffrax.Dopri5()`, but it is {solver!r}."
-        )
+        words = " or ".join(map(repr, SOLVER_WORDS))
+        allowed = f"{words} or an explicit diffrax Runge-Kutta solver such as `diffrax.Dopri5()`"
+        raise wrong_value("`solver`", allowed, solver, repr(solver))
 
 
 def _number(name: str, value: Any) -> Any:
@@ -225,7 +223,7 @@ def _number(name: str, value: Any) -> Any:
     try:
         return float(value)
     except (TypeError, ValueError):
-        raise ClearanceError(f"`{name}` must be one number, but it is {quote(value)}.") from None
+        raise wrong_value(f"`{name}`", "one number", value) from None
 
 
 def _initial(mechanism: Mechanism, y0: Any) -> Array | None:
@@ -244,9 +242,7 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
         return None
     if isinstance(save_at, int | np.integer) and not isinstance(save_at, bool):
         if not 2 <= save_at <= MOST_SAMPLES:
-            raise ClearanceError(
-                f"`save_at` must be between 2 and {MOST_SAMPLES}, the number of samples, but it is {quote(save_at)}."
-            )
+            raise wrong_value("`save_at`", f"between 2 and {MOST_SAMPLES}, the number of samples", save_at)
         return evenly(t0, t1, int(save_at))
     times = jnp.asarray(save_at, float)
     if times.ndim != 1:
@@ -258,7 +254,7 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
             raise ClearanceError(
                 f"The times in `save_at` must lie between t0 = {float(t0):g} s and t1 = {float(t1):g} s, but one is "
                 f"{outside[0]:g} s."
-            )
+            ).about("save_at", float(outside[0]))
     return times
 
 

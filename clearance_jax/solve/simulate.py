@@ -57,9 +57,8 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     """
     books = options.get("fidelity", DYNAMICS) == DYNAMICS
     if options.get("fidelity") == STATIC:
-        raise ClearanceError(
-            "A static bound is of metrics, each by places of the pins of its own: it is no motion. Ask `measure`."
-        )
+        message = "A static bound is of metrics, each by places of the pins of its own: it is no motion. Ask `measure`."
+        raise ClearanceError(message).about("fidelity", "static")
     solution = _run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=books), throw)
     warn_of_energy(solution)
     warn_of_validity(solution)

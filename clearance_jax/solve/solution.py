@@ -16,7 +16,7 @@ from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.field import BALANCE_TERMS
 from clearance_jax.dynamics.quantities import QuantityEntry, evaluate, quantities
 from clearance_jax.dynamics.seated import Seated
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, words
@@ -128,9 +128,8 @@ class Solution(Module):
         """
         every = quantities(self.mechanism, self.energy_balance)
         if name in every and every[name].place is None:
-            raise ClearanceError(
-                f'`{name}` is no state: it is driven, or follows from states. Use `solution["{name}"]`.'
-            )
+            text = f'`{name}` is no state: it is driven, or follows from states. Use `solution["{name}"]`.'
+            raise ClearanceError(text)
         return self._read(self._lookup(name, {k: q for k, q in every.items() if q.place is not None}, "state"))
 
     def _read(self, quantity: QuantityEntry) -> Array:
@@ -140,7 +139,7 @@ class Solution(Module):
         if not isinstance(name, str):
             raise ClearanceError(f'A solution is asked by name, `solution["piston.position"]`, not by {name!r}.')
         if name not in known:
-            raise ClearanceError(f"`{self.mechanism.name}` has no {kind} `{name}`. " + suggest(name, known))
+            raise unknown_name(f"`{self.mechanism.name}` has no {kind} `{name}`.", name, known)
         return known[name]
 
     def _over_time(self, values: Array) -> Array:

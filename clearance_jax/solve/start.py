@@ -46,7 +46,7 @@ def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
         f"finds no rest under the load of the ideal joint: it does not bear {100 * unborne[worst]:.3g} % of it, and "
         f"its play still changes by {100 * moved[worst]:.3g} % from round to round. Give it a stiffer normal law, or "
         'begin with `start = "centre"`.'
-    )
+    ).about(name)
 
 
 def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
@@ -75,8 +75,9 @@ def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
     if np.all(gaps <= CLOSED * float(largest_length(mechanism, np))):
         return
     worst = int(np.argmax(gaps))
+    loop = mechanism.loops[worst].name
     message = (
-        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays "
+        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{loop}` stays "
         f"open by {float(gaps[worst]) * 1e3:.4g} mm. "
     )
     finite = np.all(np.isfinite(gaps))
@@ -97,7 +98,7 @@ def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
         )
     else:
         message += "Change"
-    raise ClearanceError(f"{message} lengths, or the joints' `position`, to start nearer to a closed one.")
+    raise ClearanceError(f"{message} lengths, or the joints' `position`, to start nearer to a closed one.").about(loop)
 
 
 def refusal_of(

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.stats import qmc
 
 from clearance_jax.ask.question import OPTIONS
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_bounds, find, parameters
 from clearance_jax.sweep.scatter import check_scatter, in_words
@@ -71,7 +71,7 @@ class Sampled(NamedTuple):
         for pair, value in self.correlation.items():
             for name in pair:
                 if name not in places:
-                    raise ClearanceError(f"`correlation`: `{name}` does not scatter. {suggest(str(name), places)}")
+                    raise unknown_name(f"`correlation`: `{name}` does not scatter.", str(name), places)
             i, k = (places[name] for name in pair)
             if i == k:
                 raise ClearanceError(f"`correlation` is between two numbers, but {quote(pair)} is one twice.")
@@ -160,13 +160,13 @@ def _values(name: str, given: Any) -> np.ndarray:
     try:
         values = np.array(given, float)
     except (TypeError, ValueError):
-        raise ClearanceError(f"The axis `{name}` must be numbers, but it is {quote(given)}.") from None
+        raise wrong_value(f"The axis `{name}`", "numbers", given) from None
     if values.ndim != 1:
         raise ClearanceError(f"The axis `{name}` must be a list of numbers, but it has the shape {values.shape}.")
     if values.size == 0:
         raise ClearanceError(f"The axis `{name}` is empty. Give it at least one value.")
     if not np.all(np.isfinite(values)):
-        raise ClearanceError(f"The values of the axis `{name}` must be finite.")
+        raise ClearanceError(f"The values of the axis `{name}` must be finite.").about(name, allowed="finite")
     return values
 
 
@@ -200,7 +200,7 @@ def units_of_columns(model: Mechanism, dims: Sequence[Dimension]) -> dict[str, s
             try:
                 leaf, _ = find(known, name)
             except ClearanceError as error:
-                raise ClearanceError(f"The axis `{dimension.name}`: {error}") from None
+                raise error.at(f"The axis `{dimension.name}`") from None
             units[name] = leaf.unit
             for bad in (values.min(), values.max()):
                 check_bounds(bad, leaf.metadata, f"`{name}`", units[name])

@@ -80,7 +80,7 @@ def check_room(path: Path, needed: int) -> None:
         raise ClearanceError(
             f"`{path}` may take {size(needed)}, but there are {size(free)} free. Ask for fewer samples or outputs, "
             "or choose another disk."
-        )
+        ).about(path, needed)
 
 
 def size(count: int) -> str:
@@ -107,9 +107,10 @@ def check_memory(needed: int) -> None:
     except (AttributeError, ValueError, OSError):  # not every system tells
         return
     if needed > whole:
-        raise ClearanceError(
+        text = (
             f"The answers take {size(needed)}, but this machine has {size(whole)} of memory. Give a `store` to write."
         )
+        raise ClearanceError(text).about("store", needed)
 
 
 # A pilot is run if there are at least so many times its lanes.

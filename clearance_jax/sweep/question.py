@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance_jax.ask.question import OPTIONS, Question, shapes_of
 from clearance_jax.dynamics.quantities import OBSERVED, labels, quantities
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Function, MetricForm, as_metric
 from clearance_jax.parameters import find, parameters
@@ -65,9 +65,8 @@ def _settings(model: Mechanism, t1: Any, dims: Sequence[Dimension], options: Map
     for dimension in dims:
         for name in OPTIONS:
             if name in dimension.columns and np.min(dimension.columns[name]) <= (settings.t0 if name == "t1" else 0):
-                raise ClearanceError(
-                    f"`{name}` must be greater than its least, but the axis `{dimension.name}` is not."
-                )
+                text = f"`{name}` must be greater than its least, but the axis `{dimension.name}` is not."
+                raise ClearanceError(text)
     return settings
 
 
@@ -110,7 +109,7 @@ def _derivative_names(outputs: Any, wrt: tuple[str, ...], given: Sequence[str] |
     names = tuple(_outputs(outputs)) if given is None else (given,) if isinstance(given, str) else tuple(given)
     for name in names:
         if name not in outputs:
-            raise ClearanceError(f"`derivatives_of`: there is no output `{name}`. {suggest(str(name), outputs)}")
+            raise unknown_name(f"`derivatives_of`: there is no output `{name}`.", str(name), outputs)
     return tuple(sorted(names))
 
 
@@ -156,9 +155,11 @@ def _kinds(
     taken |= {dim for kind in kinds.values() for dim in kind.dims}
     for name in (*outputs, *(slope_name(name) for name in question.differentiated)):
         if not isinstance(name, str) or not name.isprintable() or "/" in name or not name.strip("."):
-            raise ClearanceError(f"An output cannot be called {quote(name)}: it must be a word. Choose another.")
+            text = f"An output cannot be called {quote(name)}: it must be a word. Choose another."
+            raise ClearanceError(text).about(name)
         if name in taken:
-            raise ClearanceError(f"An output cannot be called {quote(name)}: the name is taken. Choose another.")
+            text = f"An output cannot be called {quote(name)}: the name is taken. Choose another."
+            raise ClearanceError(text).about(name)
         taken.add(name)
     return kinds, coordinates
 

@@ -76,14 +76,15 @@ def sweep(
     is writing, or that belongs to another question. Ctrl-C leaves a store that can be resumed.
     """
     if "save_at" in options:
-        raise ClearanceError("A sweep is given `times` instead of `save_at`.")
+        raise ClearanceError("A sweep is given `times` instead of `save_at`.").about("save_at")
     grid = grid_of(mechanism, axes, outputs, t1, wrt, derivatives_of, times, options)
     side_by_side, provenance = cores or usual_cores(), provenance or {}
     repeat = None if again is None else {**options, **again}
     needed = grid.count * grid.bytes_a_lane
     if store is None:
         if cluster is not None:
-            raise ClearanceError("On a cluster each worker writes its own part: give a `store` that all of them reach.")
+            text = "On a cluster each worker writes its own part: give a `store` that all of them reach."
+            raise ClearanceError(text).about("store")
         check_memory(2 * needed)
         answers = InMemory(grid, provenance)
         run_here(answers, side_by_side, plan, progress, repeat)

@@ -10,7 +10,7 @@ import scipy.stats
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, wrong_value
 
 
 def normal(mean: float, deviation: float, lower: float | None = None, upper: float | None = None) -> Any:
@@ -28,7 +28,7 @@ def log_normal(mean: float, deviation: float) -> Any:
     """A log-normal distribution, by the mean and the standard deviation of the number itself."""
     _check_deviation(mean, deviation)
     if mean <= 0:
-        raise ClearanceError(f"The mean of a log-normal scatter must be above zero, but it is {mean:g}.")
+        raise wrong_value("The mean of a log-normal scatter", "above zero", mean, shown=f"{mean:g}")
     wide = math.log1p((deviation / mean) ** 2)
     return scipy.stats.lognorm(math.sqrt(wide), scale=mean * math.exp(-0.5 * wide))
 
@@ -62,7 +62,7 @@ def scatter(
     **Raises:** `ClearanceError` for numbers that make no distribution.
     """
     if distribution not in DISTRIBUTIONS:
-        raise ClearanceError(f"`distribution` must be {', '.join(DISTRIBUTIONS)}, but it is {quote(distribution)}.")
+        raise wrong_value("`distribution`", ", ".join(DISTRIBUTIONS), distribution)
     given = {"mean": mean, "deviation": deviation, "lower": lower, "upper": upper}
     given = {name: number for name, number in given.items() if number is not None}
     known = arguments_of(distribution)
@@ -86,7 +86,7 @@ def check_scatter(name: str, given: Any) -> None:
         raise ClearanceError(
             f"`{name}` must scatter by `cj.scatter(...)` or by a frozen distribution of `scipy.stats`, not by "
             f"{quote(given)}."
-        )
+        ).about(name, given)
     if not np.all(np.isfinite(given.ppf(np.array([0.1, 0.9])))):
         raise ClearanceError(f"The distribution by which `{name}` is to scatter has no finite numbers.")
 
@@ -101,7 +101,7 @@ def in_words(given: Any) -> list[Any]:
 
 def _check_deviation(mean: float, deviation: float) -> None:
     if not (math.isfinite(mean) and 0 < deviation < math.inf):
-        raise ClearanceError(f"`deviation` must be greater than zero and finite, but it is {deviation:g}.")
+        raise wrong_value("`deviation`", "greater than zero and finite", deviation, shown=f"{deviation:g}")
 
 
 def _check_bounds(lower: float, upper: float) -> None:
@@ -123,7 +123,7 @@ def sobol_samples(scatter: Mapping[str, Any], count: int, seed: int = 0) -> dict
     **Raises:** `ClearanceError` if `count` is not a power of two, or if nothing scatters.
     """
     if count < 2 or count & (count - 1):
-        raise ClearanceError(f"`count` must be a power of two, for Sobol's sequence, but it is {count}.")
+        raise wrong_value("`count`", "a power of two, for Sobol's sequence", count, str(count))
     if not scatter:
         raise ClearanceError("There is nothing to scatter: give at least one number by its name.")
     for name, law in scatter.items():

@@ -160,7 +160,7 @@ class Regions:
         except UNREADABLE:
             raise ClearanceError(
                 f"The coordinate `{name}` of `{self.path}` is damaged. Go on with the axes that it had: that mends it."
-            ) from None
+            ).about(name, str(self.path)) from None
 
     def mend(self, grid: Grid) -> None:
         """Write coordinates again that are not those of the question, and warn."""

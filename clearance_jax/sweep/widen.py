@@ -35,9 +35,8 @@ def open_store(
     narrower = _narrower(path)
     with refuse_in_words(f"`{path}`"):
         if path.exists() and not resume:
-            raise ClearanceError(
-                f"`{path}` exists already. Go on with it by `resume` (`--resume`), or choose another path."
-            )
+            text = f"`{path}` exists already. Go on with it by `resume` (`--resume`), or choose another path."
+            raise ClearanceError(text)
         if path.exists():
             grid = snap(grid, _regions_of(path, grid, provenance))
         if not path.exists():
@@ -62,7 +61,8 @@ def _check_names(grid: Grid) -> None:
             why = f"it is longer than {LONGEST_NAME} bytes"
         else:
             continue
-        raise ClearanceError(f"{quote(name)} cannot be the name of an output or axis in a store: {why}. Rename it.")
+        text = f"{quote(name)} cannot be the name of an output or axis in a store: {why}. Rename it."
+        raise ClearanceError(text).about(name)
 
 
 def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Regions:
@@ -87,7 +87,7 @@ def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
     more = {name for name in changes if name not in described and name not in VERSIONS and name.endswith(suffixes)}
     others = {name: words for name, words in changes.items() if name not in grown and name not in more}
     if others or _places(old, grid) is None:
-        raise ClearanceError(refusal(path, others or changes))
+        raise refusal(path, others or changes)
     if narrower.exists():
         raise ClearanceError(f"`{path}` is being widened already: finish that with its own axes, and then go on.")
     return True

@@ -17,7 +17,7 @@ from clearance_jax._basis.numerics import safe_sqrt
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import relative_motions
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.joints import AbstractPin, Relative, Sections
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -63,14 +63,14 @@ def sections_of(mechanism: Mechanism, joint: str) -> Sections:
     try:
         return pin.sections()
     except ClearanceError as error:
-        raise ClearanceError(f"Joint `{joint}`: {error}") from None
+        raise error.at(f"Joint `{joint}`") from None
 
 
 def pin_of(mechanism: Mechanism, name: str) -> AbstractPin:
     """The clearance of a joint. **Raises** `ClearanceError` for a joint that is no pin in a sleeve."""
     known = {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
-        raise ClearanceError(f"There is no clearance joint `{name}`. {suggest(name, known)}")
+        raise unknown_name(f"There is no clearance joint `{name}`.", name, known)
     if not isinstance(pin := known[name], AbstractPin):
         raise ClearanceError(f"`{name}` is no pin in a sleeve: its wear is not known.")
     return pin

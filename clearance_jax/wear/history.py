@@ -20,7 +20,7 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from clearance_jax.errors import ClearanceError, WornThrough
+from clearance_jax.errors import ClearanceError, WornThrough, wrong_value
 from clearance_jax.parameters import values_of
 from clearance_jax.runs.identity import numbers, settings, versions
 from clearance_jax.runs.journal import Journal
@@ -137,7 +137,7 @@ def march(
 
 def _lived(cycles: int) -> int:
     if cycles < 1:
-        raise ClearanceError(f"`cycles` must be at least 1, but it is {cycles}.")
+        raise wrong_value("`cycles`", "at least 1", cycles, str(cycles))
     return cycles
 
 
@@ -227,9 +227,8 @@ def _beyond(until: Callable[[Profile], float], stack: np.ndarray, cycles: int) -
     """The criterion minus its bound: a number, for the root between blocks and for the journal."""
     beyond = float(until(_profile(stack)))
     if not np.isfinite(beyond):
-        raise ClearanceError(
-            f"What ends the life (`until`) must be a finite number, but after {cycles} cycles it is {beyond}."
-        )
+        message = f"What ends the life (`until`) must be a finite number, but after {cycles} cycles it is {beyond}."
+        raise ClearanceError(message).about("until", beyond)
     return beyond
 
 
@@ -283,9 +282,8 @@ def simulate_wear(
     values_of(model, names)  # an unknown name raises here
     how_to_solve = with_solver(model, options)
     if names and criterion is not None and not criterion.has_derivatives:
-        raise ClearanceError(
-            f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
-        )
+        text = f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
+        raise ClearanceError(text)
 
     def rate(depth: Profile, after: int) -> np.ndarray:
         worn = model.cycle_wears(np.atleast_2d(depth), names, after, how_to_solve)

@@ -158,5 +158,5 @@ def _coefficient(given: Any, fix: str) -> Any:
         raise ClearanceError(
             f"A coefficient of wear of {given:g} without a unit may mean 1/Pa, mm^2/N, mm^3/(N m) or a number that "
             f"goes with a hardness. {fix}"
-        )
+        ).about("coefficient", given)
     return to_si(given, COEFFICIENT, "`coefficient`") if isinstance(given, str) else as_leaf(given)

@@ -61,9 +61,8 @@ class WearModel(Module):
 
     def __check_init__(self):
         if self.clearance.section_count > 1:
-            raise ClearanceError(
-                f"`{self.joint}` is no revolute joint with clearance in a plane: its life is not known."
-            )
+            text = f"`{self.joint}` is no revolute joint with clearance in a plane: its life is not known."
+            raise ClearanceError(text)
 
     @property
     def clearance(self) -> AbstractPin:

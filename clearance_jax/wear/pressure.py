@@ -108,9 +108,8 @@ def hertz_half_angle(geometry: Geometry, force: Scalar) -> Scalar:
     """
     pin, sleeve = geometry.pin_material, geometry.sleeve_material
     if pin is None or sleeve is None:
-        raise ClearanceError(
-            "Hertz's line contact needs `pin_material` and `sleeve_material` of the joint (`laws.Material`)."
-        )
+        message = "Hertz's line contact needs `pin_material` and `sleeve_material` of the joint (`laws.Material`)."
+        raise ClearanceError(message).about("pin_material")
     radius = geometry.sleeve_radius * geometry.pin_radius / geometry.radial_clearance
     return 2 * safe_sqrt(force * radius * (pin.compliance + sleeve.compliance) / np.pi) / geometry.sleeve_radius
 

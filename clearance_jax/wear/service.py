@@ -10,7 +10,7 @@ import numpy as np
 import scipy.stats
 import xarray as xr
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.parameters import check_values, replace, units_of
 from clearance_jax.runs.journal import refuse_in_words
 from clearance_jax.solve.drivers.batch import cores_here
@@ -54,7 +54,7 @@ class ServiceLives(NamedTuple):
     def failures(self, confidence: float = 0.95) -> Failures:
         """The probability of failure over the life, if the values are samples of scattering numbers."""
         if not 0 < confidence < 1:
-            raise ClearanceError(f"`confidence` must be between 0 and 1, but it is {confidence}.")
+            raise wrong_value("`confidence`", "between 0 and 1", confidence, shown=str(confidence))
         n = len(self.end)
         ends = np.sort(self.end[np.isfinite(self.end)])
         failed = np.arange(len(ends) + 1)
@@ -69,7 +69,7 @@ class ServiceLives(NamedTuple):
         if fewer fail within `cycles`.
         """
         if not 0 <= failing < 1:
-            raise ClearanceError(f"The share that may fail must be at least 0 and below 1, but it is {failing}.")
+            raise wrong_value("The share that may fail", "at least 0 and below 1", failing, str(failing))
         ends = np.sort(self.end)
         return float(ends[int(np.floor(failing * len(ends) * (1 + 1e-12)))])
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
-from clearance_jax.errors import ClearanceError, WearFailure, quote
+from clearance_jax.errors import ClearanceError, WearFailure, wrong_value
 from clearance_jax.joints import Sections
 from clearance_jax.solve.drivers.trace import Trace
 from clearance_jax.units import format_quantity
@@ -240,7 +240,7 @@ def wear_of(
     of `wear`; `depth`: the earlier wear, (sectors,) or (sections, sectors) [m].
     """
     if of not in SURFACES:
-        raise ClearanceError(f"`of` must be {' or '.join(SURFACES)}, but it is {quote(of)}.")
+        raise wrong_value("`of`", " or ".join(SURFACES), of)
     depth = jnp.broadcast_to(jnp.atleast_2d(depth), (sleeve.lengths.shape[0], depth.shape[-1]))
     totals = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
     _check(jax.tree.map(float, totals._replace(depth=0.0)), law, pressure)
@@ -279,9 +279,8 @@ def _check(totals: WearTotals, law: AbstractWearLaw, pressure: AbstractPressure)
     # What leans presses with more than its part of the force: only a flat patch has none of it.
     lacks, beyond = totals.flat_volume - totals.volume, MISSED * totals.flat_volume
     if lacks > beyond or (pressure.is_narrow and -lacks > beyond):
-        raise ClearanceError(
-            f"The volume {totals.volume:.9g} m^3 worn off is not that of the law, {totals.flat_volume:.9g} m^3."
-        )
+        text = f"The volume {totals.volume:.9g} m^3 worn off is not that of the law, {totals.flat_volume:.9g} m^3."
+        raise ClearanceError(text)
 
 
 @eqx.filter_jit

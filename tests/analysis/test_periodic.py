@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from places import SCENES
+from places import SCENES, refused
 
 import clearance_jax as cj
 from clearance_jax.analysis.periodic import periodic_motion
@@ -114,9 +114,9 @@ def test_the_cycle_of_a_crank_with_clearance():
 
 def test_what_cannot_be_searched_raises():
     mechanism = shaken((50.0, 1.5, 4.0))
-    with pytest.raises(ClearanceError, match=r"drive of `shaker` does not repeat after the period of 1\.5 s"):
+    with refused("shaker", 1.5):
         periodic_motion(mechanism, 1.5)
-    with pytest.raises(ClearanceError, match=r"`turns` must have shape \(1,\)"):
+    with refused("turns"):
         periodic_motion(mechanism, TURN / 4.0, turns=[0, 0])
     driven = cj.Motion(cj.drives.ConstantSpeed(1.0))
     pivot = cj.Revolute("pivot", "ground", "wheel", motion=driven)

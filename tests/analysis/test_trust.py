@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -103,13 +104,13 @@ def test_regression():
 
 
 def test_messages():
-    with pytest.raises(ClearanceError, match=r"Did you mean `play\.radial_clearance`"):
+    with refused("play.radal_clearance", allowed=NAME):
         cj.gradient_report(CALM, place, ["play.radal_clearance"], SHORT)
-    with pytest.raises(ClearanceError, match="least 4"):
+    with refused("samples"):
         cj.gradient_report(CALM, place, [NAME], SHORT, samples=3)
-    with pytest.raises(ClearanceError, match="`probes` must be 0 or more"):
+    with refused("probes", -1):
         cj.gradient_report(CALM, place, [NAME], SHORT, probes=-1)
-    with pytest.raises(ClearanceError, match="C-1"):
+    with refused("play", "LinearKelvinVoigt"):
         cj.gradient_report(scene(REGULAR["R1, periodic"], laws.LinearKelvinVoigt), place, [NAME], SHORT)
     drive = cj.Motion(cj.drives.StepSum([0.0, 1.0], [0.5, 1.5], [0.1, 0.1]))
     driven = cj.Mechanism((cj.Body("a"),), (cj.Prismatic("slide", "ground", "a", motion=drive),))

@@ -1,6 +1,7 @@
 """`clearance info --budget`: of scenes and of robots, with a table, advice and a picture; what it refuses."""
 
 import pytest
+from places import refused
 from typer.testing import CliRunner
 
 from clearance_jax.cli.info import _point, _with_point
@@ -38,9 +39,9 @@ def test_a_budget_is_about_one_point():
     with pytest.raises(ClearanceError, match=r"has 2 \(jaw_left_frame, jaw_right_frame\)"):
         info(str(robot), "--budget")
     assert [point.name for point in _with_point(load_scene(robot).mechanism, robot, "tcp").points] == ["tcp"]
-    with pytest.raises(ClearanceError, match=r"no link 'tpc'. Did you mean `tcp`"):
+    with refused("end_effector", "tpc", "tcp"):
         info(str(robot), "--budget", "--point", "tpc")
-    with pytest.raises(ClearanceError, match=r"there is no point `pistn`. Did you mean `piston`"):
+    with refused("--point", "pistn", "piston"):
         info(TWO, "--budget", "--point", "pistn")
 
 
@@ -60,5 +61,5 @@ def test_what_says_nothing_of_a_budget_is_refused(arguments, message):
 
 
 def test_a_robot_without_play_has_no_budget():
-    with pytest.raises(ClearanceError, match="without play has no error"):
+    with refused("clearance"):
         info(str(SCENES / "six_axes.urdf"), "--budget", "--point", "tcp")

@@ -3,12 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.asked.conditions import Payload, condition_product
 from clearance_jax.design.asked.specification import scenarios_of
-from clearance_jax.errors import ClearanceError
 
 TIMES = [0.1, 0.25, 0.4]
 DRIVES = {
@@ -114,7 +114,7 @@ def test_a_product_names_its_conditions_and_they_are_solved_together():
         conditions=condition_product(played, trajectories, None, {"slow": 0.5, "fast": 1.0}),
     )
     assert next(s.title for s in scenarios_of(problem.specification)) == " (up, slow)"
-    with pytest.raises(ClearanceError, match=r"move until 0\.4 s.*t1 = 0\.4"):
+    with refused("t1", 0.3, 0.4):
         design.ToleranceProblem(
             played, 0.3, {"fore.mass": (0.5, 2.0)}, [limit], conditions=condition_product(played, speeds=[0.5])
         )
@@ -122,19 +122,19 @@ def test_a_product_names_its_conditions_and_they_are_solved_together():
 
 def test_what_makes_no_condition_is_refused():
     mechanism = two_links(DRIVES["quintic"])
-    with pytest.raises(ClearanceError, match="another form"):
+    with refused("pick"):
         condition_product(mechanism, {"pick": {"shoulder": DRIVES["trapezoid"]}})
-    with pytest.raises(ClearanceError, match="another form"):
+    with refused("pick"):
         condition_product(mechanism, {"pick": {"shoulder": cj.drives.Quintic([0.0, 1.0], [0.0, 1.0], [0.0, 0.0])}})
-    with pytest.raises(ClearanceError, match="no body `for`"):
+    with refused("for", allowed="fore"):
         condition_product(mechanism, payloads={"a": Payload("for", 1.0)})
-    with pytest.raises(ClearanceError, match="must not be negative"):
+    with refused("mass", -1.0):
         Payload("fore", -1.0)
-    with pytest.raises(ClearanceError, match=r"changes `fore\.center_of_mass\.z`"):
+    with refused("fore.center_of_mass.z"):
         condition_product(mechanism, payloads={"a": Payload("fore", 1.0, (0.1, 0.0, 0.2))})
-    with pytest.raises(ClearanceError, match="positive number"):
+    with refused("speed 0", 0.0):
         condition_product(mechanism, speeds=[0.0])
-    with pytest.raises(ClearanceError, match="another part"):
+    with refused("b"):
         condition_product(mechanism, payloads={"a": Payload("fore", 1.0)}, others={"b": {"fore.mass": 3.0}})
 
 
@@ -180,10 +180,10 @@ def test_a_table_that_covers_the_motion_stays_as_it_is():
 
 def test_a_table_that_ends_in_motion_or_begins_late_is_refused():
     moving = two_links(DRIVES["spline"])
-    with pytest.raises(ClearanceError, match=r"In `speed 2`: the table of `drive\.shoulder` ends.*not at rest"):
+    with refused("drive.shoulder", 0.25):
         asked_of(moving, condition_product(moving, speeds=[2.0]), t1=0.5)
     late = two_links(cj.drives.Spline(GRID + 0.1, AT_REST.values))
-    with pytest.raises(ClearanceError, match=r"begins at 0\.1 s, after the motion"):
+    with refused("drive.shoulder", 0.1):
         asked_of(late)
 
 
@@ -211,15 +211,15 @@ def test_a_relative_scatter_is_about_the_value_of_the_condition():
 
 def test_a_distribution_in_place_of_a_condition_s_value_is_refused():
     scatter = {"fore.mass": cj.scatter(1.0, 0.01)}
-    with pytest.raises(ClearanceError, match=r"In `full`: `fore\.mass` scatters by a distribution.*in percent"):
+    with refused("fore.mass", 3.0):
         sampled(scatter, {"full": {"fore.mass": 3.0}})
     assert len(scenarios_of(sampled(scatter, {"empty": {"upper.inertia": 0.05}}))) == 4
 
 
 def test_a_relative_scatter_of_zero_is_refused():
-    with pytest.raises(ClearanceError, match=r"`fore\.center_of_mass\.y` is zero, and so a relative scatter"):
+    with refused("fore.center_of_mass.y", 0.0):
         sampled({"fore.center_of_mass.y": 0.1}, None)
-    with pytest.raises(ClearanceError, match=r"In `none`: `fore\.center_of_mass\.x` is zero"):
+    with refused("fore.center_of_mass.x", 0.0):
         sampled({"fore.center_of_mass.x": 0.1}, {"none": {"fore.center_of_mass.x": 0.0}})
 
 
@@ -229,5 +229,5 @@ def test_entries_of_arrays_are_scaled_with_them():
     np.testing.assert_allclose(found["drive.shoulder.times"], [0.0, 0.05, 0.15, 0.225, 0.25])
     assert "drive.shoulder.times.3" not in found
     up = {"shoulder": DRIVES["spline"]}
-    with pytest.raises(ClearanceError, match="another part"):
+    with refused("b"):
         condition_product(mechanism, {"up": up}, others={"b": {"drive.shoulder.values.1": 3.0}})

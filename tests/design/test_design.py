@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from catalogue import slider_crank
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
@@ -101,7 +102,7 @@ def test_stochastic_approximation_finds_the_best_yield(target):
     assert len(sampled.history) <= 14  # the start, and the answer made to hold the limit
     looser = sampled.with_bound("yield", 2.0).fresh(start, 50, 1).limits
     np.testing.assert_allclose(looser, (1 + sampled.fresh(start, 50, 1).limits) / 2 - 1)
-    with pytest.raises(ClearanceError, match="drawn afresh"):
+    with refused("manufacture=Yield(...)"):
         design.run(known, "stochastic-approximation", start)
 
 
@@ -146,7 +147,7 @@ def test_a_model_of_manufacture_is_one_class():
     assert [one.factors.tolist() for one in found] == [[0.5], [1.0]]
     assert design.formulate(specification).limit_names == ("of both ends",)
     assert [part.is_design for part in design.AsDesigned().parts((NAME,))] == [True]
-    with pytest.raises(ClearanceError, match="`no`"):
+    with refused("no"):
         asked(manufacture=design.Yield({"no": 0.1}))
 
 
@@ -223,7 +224,7 @@ def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
     fresh = program()
     design.run(fresh, "slsqp", np.full(5, 1e-3))
     assert second.gradients == fresh.gradients - 6  # the first six were remembered
-    with pytest.raises(ClearanceError, match=r"`variables` is \[.other.\] here and \[.c0., .*\] there"):
+    with refused(file, "variables"):
         design.Program(problem._evaluate, ["other"], np.ones(1), 2 * np.ones(1), ["error"], record=file)
 
 
@@ -253,21 +254,21 @@ def asked(mechanism=None, variables=None, limits=None, **options):
 
 
 def test_messages():
-    with pytest.raises(ClearanceError, match=r"Did you mean `wrist\.radial_clearance`"):
+    with refused("wrist.radial_clearence", allowed=NAME):
         asked(variables={"wrist.radial_clearence": (1e-5, 1e-3)})
-    with pytest.raises(ClearanceError, match="contradict"):
+    with refused(NAME, "(0.001, 1e-05)"):
         design.formulate(asked(variables={NAME: (1e-3, 1e-5)}).specification)
-    with pytest.raises(ClearanceError, match=r"In `fast`.*finite"):
+    with refused("drive.main.speed"):
         asked(conditions={"fast": {"drive.main.speed": np.nan}})
-    with pytest.raises(ClearanceError, match="is a variable"):
+    with refused(NAME, "wide"):
         asked(conditions={"wide": {NAME: 1e-4}})
-    with pytest.raises(ClearanceError, match="positive number"):
+    with refused("bound"):
         design.Limit(PEAK, np.nan)
-    with pytest.raises(ClearanceError, match="Two limits are called"):
+    with refused("Peak PositionError of piston"):
         asked(limits=[design.Limit(PEAK, 1e-4), design.Limit(PEAK, 2e-4)])
-    with pytest.raises(ClearanceError, match="no cost for"):
+    with refused(NAME, None):
         asked(cost={"other": design.Reciprocal(1.0)})
-    with pytest.raises(ClearanceError, match=r"no design method `?'newton'"):
+    with refused("method", "newton"):
         asked().solve("newton")
     with pytest.raises(ClearanceError, match=r"whole number.*cobyqa"):
         asked(limits=[design.Limit(metrics.Impacts("wrist"), 3.0)]).solve()
@@ -320,7 +321,7 @@ def test_conditional_value_at_risk():
     assert yields.estimate_yield(np.ones(299, bool)).least >= 0.99
     assert yields.estimate_yield(np.ones(298, bool)).least < 0.99
     assert yields.samples_needed(0.99) == 299
-    with pytest.raises(ClearanceError, match="must be relative"):
+    with refused(NAME, 1.0):
         design.Yield({NAME: 1.0}).draws((NAME,))
 
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design
@@ -319,13 +320,13 @@ def test_what_classes_there_are():
 def test_a_class_without_cost_is_refused():
     whole = slider_crank().specification
     bare = design.ToleranceProblem(whole.mechanism, whole.t1, whole.variables, list(whole.limits))
-    with pytest.raises(ClearanceError, match="chosen by cost"):
+    with refused("crankpin.radial_clearance", None):
         bare.solve(classes={"wrist.radial_clearance": {"H7/g6": 2.0, "H7/f7": 1.0}})
 
 
 def test_classes_whose_costs_rise_are_refused(asked):
     rising = {ARM[0]: {"H7/g6": 3.0, "H7/f7": 4.0}}
-    with pytest.raises(ClearanceError, match=r"H7/f7 of `joint1.*` costs more \(4\) than the tighter one H7/g6 \(3\)"):
+    with refused(ARM[0], "H7/f7"):
         asked.solve(classes=rising)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from catalogue import playful_servo
 from numpy.testing import assert_allclose
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
@@ -17,7 +18,6 @@ from clearance_jax.design.judge.verify import expected_evaluations
 from clearance_jax.design.search.model_management import MATCHED, MATCHED_VALUES
 from clearance_jax.design.search.run import BY_VALUES, STILL, USELESS
 from clearance_jax.design.search.scaling import StandsStill, UselessSlopes, followed, optimality
-from clearance_jax.errors import ClearanceError
 from experiments.common import SCENES
 from optimize.allocate_slider_crank import BOUND, COSTS, problem
 
@@ -97,7 +97,7 @@ def test_an_interrupted_search_goes_on_from_its_record(asked, auto, tmp_path):
     assert_allclose(rest.evaluation.x, auto.evaluation.x, rtol=1e-9)
     again = asked.solve(fidelity="auto", record=file)
     assert again.program.gradients == again.program.cheap.gradients == 0
-    with pytest.raises(ClearanceError, match="option fidelity"):
+    with refused(file, "option fidelity"):
         asked.solve(record=file)
     few = asked.solve(fidelity="auto", most=1)
     assert "as many evaluations as allowed" in few.stop_reason
@@ -110,7 +110,7 @@ def test_what_poses_cannot_give_is_left_to_the_dynamics(asked):
         asked.specification.mechanism, 1e-3, {PLAY[0]: (1e-5, 1e-3)}, [design.Limit(metrics.Impacts("wrist"), 3.0)]
     )
     assert "quasi-static" in formulation.unposed(impacts.specification)
-    with pytest.raises(ClearanceError, match="quasi-static poses have none"):
+    with refused("TouchCounter"):
         impacts.solve("cobyqa", fidelity="quasi-static", most=1)
     free = design.ToleranceProblem(
         playful_servo(),
@@ -123,9 +123,9 @@ def test_what_poses_cannot_give_is_left_to_the_dynamics(asked):
     assert "by the dynamics alone" in found.note
     assert "moves freely" in found.note
     assert found.program.cheap is None
-    with pytest.raises(ClearanceError, match="a method of its own"):
+    with refused('fidelity = "auto"'):
         asked.solve("cobyqa", fidelity="auto")
-    with pytest.raises(ClearanceError, match="`fidelity` must be dynamics, quasi-static, auto"):
+    with refused("fidelity", "static"):
         asked.solve(fidelity="static")
 
 
@@ -268,9 +268,9 @@ def test_a_study_and_the_command_say_the_fidelity(tmp_path):
         assert asked is not None
         assert asked.problem.specification.fidelity == expected
     file.write_text(text.replace('"auto"', '"static"'))
-    with pytest.raises(ClearanceError, match="fidelity"):
+    with refused("design.fidelity", "static", "auto"):
         cj.load_study(file)
-    with pytest.raises(ClearanceError, match="`--fidelity` must be dynamics, quasi-static, auto"):
+    with refused("--fidelity", "static"):
         check_choices(None, "static")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from places import ROOT
+from places import ROOT, refused
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -19,7 +19,6 @@ from clearance_jax import design, metrics
 from clearance_jax.cli.main import app, main
 from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.design.asked import formulation
-from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study.study import load_study
 from clearance_jax.report.html import write_report
 
@@ -304,7 +303,7 @@ def test_a_trade_off_begins_with_the_answer_and_goes_on_from_the_record(study, t
     assert len(calls) == done
     assert answer.program.history[-1].x[0] == pytest.approx(1e-4, rel=1e-3)  # the answer's own search is as it was
     assert "bound 80 um: cost 1.25, wrist.radial_clearance = 80 um" in str(found)
-    with pytest.raises(ClearanceError, match="must be positive"):
+    with refused("factors"):
         design.tradeoff(answer, factors=(-1.0,))
 
 
@@ -357,5 +356,5 @@ def test_infeasible_designs_report_what_is_violated(study, tmp_path):
     assert "No design holds every limit" in found.notes[0]
     write_report(found, tmp_path / "r.html")
     assert "No feasible design: piston is 1.5 times its bound" in (tmp_path / "r.html").read_text()
-    with pytest.raises(ClearanceError, match="Cannot write the report"):
+    with refused(tmp_path / "missing" / "r.html"):
         write_report(found, tmp_path / "missing" / "r.html")

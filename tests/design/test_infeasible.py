@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from places import refused
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -9,7 +10,6 @@ from clearance_jax import design, metrics
 from clearance_jax.cli.main import app
 from clearance_jax.design.search import infeasible
 from clearance_jax.design.search.infeasible import why_infeasible
-from clearance_jax.errors import ClearanceError
 from experiments.common import SCENES
 from optimize.allocate_slider_crank import problem
 
@@ -177,8 +177,9 @@ def answer(result):
 def test_contradictory_bounds_are_refused_before_a_solve(tmp_path):
     file = tmp_path / "study.toml"
     file.write_text(STUDY.replace('upper = "100 um"', 'upper = "5 um"', 1))
-    with pytest.raises(ClearanceError, match="its bounds contradict each other"):
+    with refused("design.variable.wrist.radial_clearance", pytest.approx(5e-6)):
         cj.load_study(file)
     file.write_text(STUDY.replace('upper = "100 um"', 'upper = "11 um"', 1))
-    with pytest.raises(ClearanceError, match="within the variable's bounds"):
+    with refused("wrist.radial_clearance") as caught:
         cj.load_study(file)
+    assert "within the variable's bounds" in str(caught.value)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.stats
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design, laws, wear
@@ -98,7 +99,7 @@ def test_a_yield_over_scattering_wear_is_its_closed_form(lasting):
     made = Scenario("", {"wear.coefficient": np.asarray(-1e-12)}, np.ones(1), designed={})
     assert simulations.worst(x, [made]) == np.inf
     for wrong in (made._replace(designed=None), made._replace(designed=made.values)):
-        with pytest.raises(cj.ClearanceError, match=r"`wear.coefficient` must be at least 0"):
+        with refused("wear.coefficient", -1e-12):
             simulations.worst(x, [wrong])
 
 

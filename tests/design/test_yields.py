@@ -12,7 +12,7 @@ import scipy.stats
 from catalogue import slider_crank
 from made_findings import piston_limit, rows_of
 from numpy.testing import assert_allclose
-from places import ROOT, SCENES
+from places import ROOT, SCENES, refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
@@ -22,7 +22,6 @@ from clearance_jax.design.judge.findings import known_findings
 from clearance_jax.design.judge.observed import joint_drawings
 from clearance_jax.design.search import yields
 from clearance_jax.design.search.evaluate import Simulations
-from clearance_jax.errors import ClearanceError
 from clearance_jax.report.html import render
 
 NAME = "wrist.radial_clearance"
@@ -122,7 +121,7 @@ def test_too_few_samples_are_said_before_the_search(monkeypatch):
     with pytest.warns(design.YieldWarning, match=said), pytest.raises(Begun):
         problem.solve()
     assert not design.Yield({NAME: SCATTER}, 0.99).doubt
-    with pytest.raises(ClearanceError, match="a confidence from 0"):
+    with refused("Yield", "(0.99, 1.0, None)"):
         design.Yield({}, confidence=1.0).check()
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from places import refused
 from scipy.integrate import simpson
 
 import clearance_jax as cj
 from clearance_jax import metrics
-from clearance_jax.errors import ClearanceError
 
 FRICTION = cj.actuators.JointFriction(2.0, 0.01)
 TIMES = np.linspace(0.0, 0.5, 4001)
@@ -84,5 +84,5 @@ def test_losses_in_space_beside_a_joint_that_is_prescribed():
 
 def test_a_joint_has_a_drive_or_actuators():
     motion = cj.Motion(cj.drives.ConstantSpeed(1.0), actuators=(FRICTION,))
-    with pytest.raises(ClearanceError, match="must have a drive or actuators, but it has both"):
+    with refused("axle"):
         cj.Mechanism((cj.Body("wheel", 1.0, 0.4),), (cj.Revolute("axle", "ground", "wheel", motion=motion),))

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import slider_crank
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws, metrics
@@ -163,9 +164,9 @@ def test_what_cannot_start_settled_is_refused():
     play = mechanism.clearance_joints()[0].clearance
     twice = cj.Revolute("twin", "conrod", "slider", cj.Position(0.12), clearance=play)
     tight = cj.Mechanism(mechanism.bodies, mechanism.joints, (*mechanism.loops, twice))
-    with pytest.raises(ClearanceError, match="assemble"):
+    with refused("assemble", False):
         cj.simulate(loose, 1e-3, start="settled")
-    with pytest.raises(ClearanceError, match="centre or settled"):
+    with refused("start", "center"):
         cj.simulate(mechanism, 1e-3, start="center")
     with pytest.raises(ClearanceError, match="over-constrained"):
         cj.simulate(tight, 1e-3, start="settled")

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -144,7 +145,7 @@ def test_a_start_that_cannot_be_settled_is_refused():
     assert bool(cj.simulate(light, 1e-6, start="settled").succeeded)
     for mass in (2e3, 7e3):
         heavy = cj.replace(light, {"block.mass": mass})
-        with pytest.raises(cj.ClearanceError, match=r"cannot be settled: at t = 0 s joint `guide` finds no rest"):
+        with refused("guide"):
             cj.simulate(heavy, 1e-6, start="settled")
         assert "or settled" in cj.simulate(heavy, 1e-6, start="settled", throw=False).message
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from lagrangian import accelerations, inertia_tensor, random_state
+from places import refused
 from scipy.special import ellipj, ellipk
 from spatial import arm, bennett, body, delta, four_bar, platform
 
@@ -302,7 +303,7 @@ def test_what_is_no_part_of_a_mechanism_is_refused(make, words):
 
 def test_bodies_that_turn_in_space_need_their_inertia():
     one = cj.Mechanism((cj.Body("b", 1.0, 1.0),), (cj.Revolute("j", "ground", "b", axis="x"),))
-    with pytest.raises(cj.ClearanceError, match=r"`b`.*three or six"):
+    with refused("b"):
         cj.simulate(one, 0.1)
 
 
@@ -324,10 +325,9 @@ def test_a_rounded_linkage_is_said_to_be_over_constrained(digits):
     angles = {name: leaf.value for name, leaf in cj.parameters(exact).items() if "roll" in name}
     rounded = cj.replace(exact, {name: np.round(np.asarray(angle), digits) for name, angle in angles.items()})
     assert cj.mobility(rounded) == (3, 5, 2)
-    with pytest.raises(
-        cj.ClearanceError, match=r"`j4` stays open by .* mm\. It is over-constrained: 3 of the"
-    ) as raised:
+    with refused("j4") as raised:
         cj.simulate(rounded, 0.1)
+    assert "It is over-constrained: 3 of the conditions" in str(raised.value)
     assert "all digits" in str(raised.value)
     assert "a `Spherical` instead" in str(raised.value)
 
@@ -335,7 +335,7 @@ def test_a_rounded_linkage_is_said_to_be_over_constrained(digits):
 def test_a_loop_that_repeats_nothing_is_not_said_to():
     """Crank, rod and rocker, 1 m together, cannot span 2 m."""
     far = cj.replace(four_bar(cj.Revolute, False), {"rocker.at_parent.x": 2.0})
-    with pytest.raises(cj.ClearanceError, match="cannot be assembled") as raised:
+    with refused("close") as raised:
         cj.simulate(far, 0.1)
     assert "over-constrained" not in str(raised.value)
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from places import SCENES
+from places import SCENES, refused
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -281,7 +281,7 @@ def test_drive_efforts_are_named_by_their_coordinates_whatever_the_order_of_the_
 
 def test_a_coordinate_that_moves_nothing_is_refused():
     m = cj.Mechanism((cj.Body("a"),), (cj.Prismatic("slide", "ground", "a"),))
-    with pytest.raises(ValueError, match="moves with the free coordinate `slide`"):
+    with refused("slide"):
         cj.simulate(m, 1.0)
 
 

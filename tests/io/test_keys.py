@@ -7,7 +7,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from places import ROOT
+from places import ROOT, refused
 
 import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
@@ -82,7 +82,7 @@ def test_readers_know_no_key_that_is_not_declared():
     for ask in (table.get, table.has, table.need):
         with pytest.raises(KeyError):
             ask("colour")
-    with pytest.raises(ClearanceError, match=r"body.x.masss is not a known key. Did you mean `mass`"):
+    with refused("body.x.masss", allowed="mass"):
         TomlTable({"masss": "1 kg"}, "body.x", scene_keys.BODY)
 
 
@@ -181,15 +181,15 @@ def test_examples_of_a_robot_and_of_a_controller_are_read(tmp_path):
     few = robot.replace('length = "40 mm" }', 'length = "40 mm", stations = 4, pin = "inside" }')
     few = load(tmp_path, few + control)
     assert few.mechanism.clearance_joints()[0].clearance.count == 12
-    with pytest.raises(cj.ClearanceError, match=r"robot.joint.axis_7: the robot has no joint of this name"):
+    with refused("robot.joint.axis_7", "axis_7"):
         load(tmp_path, robot.replace("axis_5 = { kind", "axis_7 = { kind") + control)
     with pytest.raises(cj.ClearanceError, match="has the free coordinate `axis_2`"):
         load(tmp_path, robot + payload + control.replace('axis_2 = "0.2 * time"\n', ""))
-    with pytest.raises(cj.ClearanceError, match=r"robot.payload.cutter.on must name a body or a point .* `tpc`"):
+    with refused("robot.payload.cutter.on", "tpc", "tcp"):
         load(tmp_path, robot + payload.replace('"tcp"', '"tpc"'))
-    with pytest.raises(cj.ClearanceError, match=r"robot.clearance is called `robot.joint` now"):
+    with refused("robot.clearance"):
         load(tmp_path, robot + "clearance.axis_5.radial_clearance = '50 um'\n")
-    with pytest.raises(cj.ClearanceError, match=r"robot.joint.axis_9: the robot has no joint of this name"):
+    with refused("robot.joint.axis_9", "axis_9"):
         load(tmp_path, robot.replace("axis_2 =", "axis_9 ="))
 
 
@@ -200,7 +200,7 @@ def test_examples_of_normal_laws_are_read(word, stiffness, tmp_path):
     if stiffness == "from materials":
         if word == "winkler":
             values["stiffness"] = inline(example(play_keys.STIFFNESS))
-            with pytest.raises(cj.ClearanceError, match=r"pin.normal.stiffness must be a quantity"):
+            with refused("joint.pin.normal.stiffness"):
                 load(tmp_path, scene(pin=lines({**PIN, "normal": inline(values)})))
             return
         if "stiffness" not in values:  # such a law has its materials itself
@@ -325,7 +325,7 @@ def test_examples_of_an_arms_bearings_are_read(tmp_path):
         for word in ("radial_clearance", "pin_radius", "length"):
             assert float(getattr(bearing, word)) == pytest.approx(float(getattr(given, word)), rel=1e-12)
         assert float(bearing.element.tilt_stiffness) == pytest.approx(float(given.element.tilt_stiffness), rel=1e-12)
-    with pytest.raises(ClearanceError, match=r"bearing lacks the key `radial_clearance`"):
+    with refused("robot.joint.axis_2.bearing.radial_clearance"):
         load(tmp_path, robot + 'bearing = { type = "crossed-roller", pitch_diameter = "0.1 m" }\n')
 
 
@@ -390,23 +390,23 @@ def test_the_example_of_a_limit_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cycles", "wear", "words"),
+    ("cycles", "wear", "about"),
     [
-        ("[0, 100]", "", "limit.piston.cycles has no effect without a section `wear`"),
-        ("", WEAR, "wear has no effect: it lacks the key `cycles`, how many it lives, and no limit"),
-        ("[100, 100]", WEAR, "limit.piston.cycles must be a list of whole numbers that grow, such as"),
-        ("[0, 100]", WEAR.replace('"wrist"', '"rist"'), "wear.joint: no joint with clearance has this name. Did you"),
-        ("[0, 100]", WEAR.replace('"12 ms"', '"-1 ms"'), "wear.cycle must be greater than the scene's t0"),
-        ("[0, 100]", WEAR + "until = 3\n", "wear.until has no effect without `cycles`"),
+        ("[0, 100]", "", ("design.limit.piston.cycles", None)),
+        ("", WEAR, ("wear",)),
+        ("[100, 100]", WEAR, ("design.limit.piston.cycles", "[100, 100]")),
+        ("[0, 100]", WEAR.replace('"wrist"', '"rist"'), ("wear.joint", "rist", "wrist")),
+        ("[0, 100]", WEAR.replace('"12 ms"', '"-1 ms"'), ("wear.cycle", -1e-3, "greater than the scene's t0 = 0 s")),
+        ("[0, 100]", WEAR + "until = 3\n", ("wear.until",)),
         (
             "[0, 100]",
             WEAR + '[design.condition.a]\n"wear.coefficient" = "1 m"\n',
-            "condition.a.wear.coefficient must be in",
+            ("design.condition.a.wear.coefficient", "1 m", "1/Pa"),
         ),
     ],
 )
-def test_a_wrong_wear_of_a_design_is_said(cycles, wear, words, tmp_path):
-    with pytest.raises(ClearanceError, match=words):
+def test_a_wrong_wear_of_a_design_is_said(cycles, wear, about, tmp_path):
+    with refused(*about):
         study(tmp_path, wear, limit=LIMIT + (f"cycles = {cycles}\n" if cycles else ""))
 
 
@@ -422,26 +422,20 @@ def test_a_signal_says_what_it_is_of(word, tmp_path):
     (asked,) = study(tmp_path, metric=metric, limit=limit).problem.specification.limits
     assert getattr(asked.metric.signal, of) == name
     other = "body" if of != "body" else "joint"
-    with pytest.raises(ClearanceError, match=f"metric.piston.{other} has no effect"):
+    with refused(f"metric.piston.{other}"):
         study(tmp_path, metric=metric + f'{other} = "slider"\n', limit=limit)
 
 
 @pytest.mark.parametrize(
-    ("metric", "words"),
+    ("metric", "name", "kind"),
     [
-        (
-            PEAK + 'times = ["1 ms"]\n',
-            "metric.piston.times is not a known key of the kind `peak`, but of `at`. Remove it",
-        ),
-        (PEAK.replace('"peak"', '"at"'), "lacks the key `times`"),
-        (
-            PEAK.replace('"peak"', '"at"') + 'times = ["1 ms"]\nsince = "0 s"\n',
-            "since is not a known key of the kind `at`, but of .*`peak`",
-        ),
+        (PEAK + 'times = ["1 ms"]\n', "times", "at"),
+        (PEAK.replace('"peak"', '"at"'), "times", None),
+        (PEAK.replace('"peak"', '"at"') + 'times = ["1 ms"]\nsince = "0 s"\n', "since", "peak"),
     ],
 )
-def test_times_belong_to_values_at_them(metric, words, tmp_path):
-    with pytest.raises(ClearanceError, match=words):
+def test_times_belong_to_values_at_them(metric, name, kind, tmp_path):
+    with refused(f"metric.piston.{name}", allowed=kind):
         study(tmp_path, metric=metric)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import pytest
+from places import refused
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -156,38 +157,38 @@ def test_a_whole_clearance_must_be_of_the_joints_kind():
         (cj.Revolute, box, "tilt_z"),
         (cj.Spherical, axial, "tilt_x"),
     ):
-        with pytest.raises(cj.ClearanceError, match=f"`{name}`, but so the joint moves by itself"):
+        with refused(f"hip.{name}"):
             alone(kind, clearance=play)
-        with pytest.raises(cj.ClearanceError, match=f"`{name}`, but so the joint moves by itself"):
+        with refused(f"hip.{name}"):
             alone(kind).with_clearance("hip", play)
     short = cj.SleeveClearance(1e-3, 0.015, 0.01, LAW)
-    with pytest.raises(cj.ClearanceError, match=r"`hip.length` must be greater than"):
+    with refused("hip.length"):
         alone(cj.Revolute).with_clearance("hip", short)
     with pytest.raises(cj.ClearanceError, match="a whole clearance and numbers of one"):
         alone(cj.Revolute).with_clearance("hip", axial, radial_clearance=1e-4)
     for size in (1e-4, -1e-5, "0.1 mm"):
-        with pytest.raises(cj.ClearanceError, match=r"Give a number of it by its name: .*_clearance=1e-4"):
+        with refused("hip.clearance"):
             with_play(alone(cj.Revolute).joint("hip"), size, {})
     socket = alone(cj.Revolute, clearance=cj.SphericalClearance(1e-4, 0.01, LAW))
     with pytest.raises(cj.ClearanceError, match="of a kind that has no `fit`"):
         socket.with_clearance("hip", fit="H7/g6")
-    with pytest.raises(cj.ClearanceError, match="has no `axial_clearance` to be replaced"):
+    with refused("hip.axial_clearance"):
         alone(cj.Revolute).with_clearance("hip", cj.RevoluteClearance(1e-4, 0.01, LAW)).with_clearance(
             "hip", axial_clearance=1e-4
         )
 
 
 def test_what_would_have_no_effect_is_refused():
-    with pytest.raises(cj.ClearanceError, match="`collar_radius` has no effect without `axial_clearance`"):
+    with refused("collar_radius"):
         cj.SleeveClearance(1e-4, 0.01, 0.04, LAW, collar_radius=0.02)
     along, pin = cj.Position(z=5e-5), cj.RevoluteClearance(1e-4, 0.01, LAW)
-    with pytest.raises(cj.ClearanceError, match="`eccentricity` of joint `hip` along z of its sleeve has no effect"):
+    with refused("hip.eccentricity", "z"):
         alone(cj.Revolute, clearance=pin, eccentricity=along)
-    with pytest.raises(cj.ClearanceError, match="along z of its sleeve has no effect"):
+    with refused("hip.eccentricity", "z"):
         alone(cj.Revolute, eccentricity=along).with_clearance("hip", pin)
     alone(cj.Revolute, clearance=cj.SleeveClearance(1e-4, 0.01, 0.04, LAW, axial_clearance=1e-4), eccentricity=along)
     aside = cj.Position(y=5e-5)
-    with pytest.raises(cj.ClearanceError, match="along y of its sleeve has no effect"):
+    with refused("hip.eccentricity", "y"):
         alone(cj.Prismatic, clearance=cj.GuideClearance(1e-4, 0.06, 0.03, LAW), eccentricity=aside)
     alone(cj.Prismatic, clearance=cj.GuideClearance(1e-4, 0.06, 0.03, LAW, width=0.03), eccentricity=aside)
 
@@ -198,7 +199,7 @@ def test_the_door_of_a_solve_knows_what_numbers_must_be_for_one_another():
     check_values(loose)
     # The least length is sqrt(20 r c) = 6.32 mm: the section of the pin is an ellipse, longer by r (2c/L)^2 / 2.
     short = cj.replace(loose, {"hip.length": 0.0063})
-    with pytest.raises(cj.ClearanceError, match=r"`hip.length` must be greater than 0.00632 m"):
+    with refused("hip.length"):
         cj.simulate(short, 1e-3)
     holds = jax.jit(lambda length: bounds_hold(cj.replace(loose, {"hip.length": length})))
     assert [bool(holds(length)) for length in (0.0063, 0.0064, -1.0)] == [False, True, False]

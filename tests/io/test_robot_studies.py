@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import refused
 
 from clearance_jax import metrics
 from clearance_jax.design import Yield
@@ -197,5 +198,5 @@ kind = "yield"
     assert masses
     assert set(masses.values()) == {0.02}
     path.write_text(text.replace("*.radial_clearance", "*.radial_clearances"))
-    with pytest.raises(ClearanceError, match=r"`\*\.radial_clearances` fits no parameter"):
+    with refused("*.radial_clearances"):
         load_study(path)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -238,8 +239,9 @@ def test_a_suffix_says_what_a_file_is(written):
         assert cj.load(written(ARM, name)).name == "arm"
     scene = load_scene(written(ARM))
     assert (scene.solve, scene.text) == ({}, ARM)
-    with pytest.raises(ClearanceError, match="not valid TOML"):
-        cj.load(written(ARM, "robot.toml"))
+    path = written(ARM, "robot.toml")
+    with refused(path, None):
+        cj.load(path)
     with pytest.warns(ImplausibleWarning, match="fore.mass"):
         cj.load(written(ARM.replace(MASS, '<mass value="1.5e10"/>')))
 
@@ -269,7 +271,7 @@ def test_end_effectors_are_chosen_by_name(written):
 
 def test_joints_that_follow_others(written):
     text = ARM.replace(AXIS, AXIS + '<mimic joint="shoulder" multiplier="2"/>')
-    with pytest.raises(ClearanceError, match=r"line 25: joint `elbow` follows `shoulder` .*mimic='independent'"):
+    with refused("elbow", "shoulder"):
         cj.load_urdf(written(text))
     assert layout(cj.load_urdf(written(text), mimic="independent")).positions == ("shoulder", "elbow")
     fixed = ARM.replace("</joint>\n  <transmission", '<mimic joint="elbow"/></joint>\n  <transmission')

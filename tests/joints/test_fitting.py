@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax.joints import Fitting, PressFit, rolling_bearing
@@ -89,26 +90,26 @@ def test_a_pressed_bush_narrows_and_a_warm_housing_lets_it_go():
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "about"),
     [
-        (lambda: Fitting("H7/s6").radial_clearance(0.02), "`fit` H7/s6 leaves no play"),
-        (lambda: Fitting("H7").radial_clearance(0.02), "must be a hole and a shaft"),
-        (lambda: Fitting("H7/g6").radial_clearance(0.7), "at most 0.5 m"),
-        (lambda: Fitting("H7/g6", -5.0).radial_clearance(0.02), "`temperature` must be greater than 0 K"),
+        (lambda: Fitting("H7/s6").radial_clearance(0.02), ("fit", "H7/s6")),
+        (lambda: Fitting("H7").radial_clearance(0.02), ("name", "H7")),
+        (lambda: Fitting("H7/g6").radial_clearance(0.7), ("diameter", 0.7, 0.5)),
+        (lambda: Fitting("H7/g6", -5.0).radial_clearance(0.02), ("temperature", -5.0, "greater than 0 K")),
         (
             lambda: Fitting("H7/g6", press=PressFit("H7/p6", 0.026, bush_modulus=-1.0)).radial_clearance(0.02),
-            "`press.bush_modulus` must be greater than 0 Pa",
+            ("press.bush_modulus", -1.0),
         ),
         (
             lambda: jax.grad(lambda d: Fitting("H7/g6").radial_clearance(d)[0])(0.02),
-            "`diameter` must be a plain number, not one to be differentiated",
+            ("diameter", None),
         ),
-        (lambda: PressFit("H7/p6", 0.019).part(0.02), "`diameter` must be greater than the bore"),
-        (lambda: PressFit("H7/p6", 0.026, 0.025).part(0.02), "`housing_diameter` must be greater than the bush"),
+        (lambda: PressFit("H7/p6", 0.019).part(0.02), ("diameter", 0.019)),
+        (lambda: PressFit("H7/p6", 0.026, 0.025).part(0.02), ("housing_diameter", 0.025)),
     ],
 )
-def test_what_cannot_be_fitted_is_said(make, words):
-    with pytest.raises(cj.ClearanceError, match=words):
+def test_what_cannot_be_fitted_is_said(make, about):
+    with refused(*about):
         make()
 
 

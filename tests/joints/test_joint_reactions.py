@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -52,9 +53,9 @@ def closed(joint):
 
 def test_a_loop_in_space_that_would_hold_nothing_in_some_direction_is_refused():
     held = cj.SleeveClearance(1e-4, 0.01, 0.04, HERTZ)
-    with pytest.raises(cj.ClearanceError, match=r"no play in 1 of 6 directions. Give it play there"):
+    with refused("hip", 5):
         closed(cj.Revolute("hip", "ground", "arm", clearance=held))
-    with pytest.raises(cj.ClearanceError, match=r"no play in 3 of 6 directions"):
+    with refused("hip", 3):
         closed(cj.Revolute("hip", "ground", "arm", clearance=cj.RevoluteClearance(1e-4, 0.01, HERTZ)))
     loose = cj.SleeveClearance(1e-4, 0.01, 0.04, HERTZ, axial_clearance=1e-4)
     assert len(closed(cj.Revolute("hip", "ground", "arm", clearance=loose)).loops) == 1
@@ -62,7 +63,7 @@ def test_a_loop_in_space_that_would_hold_nothing_in_some_direction_is_refused():
 
 def test_laws_that_have_no_meaning_in_a_joint_are_refused():
     radii = laws.Hertz(laws.InternalHertz(2e11, 1e11))
-    with pytest.raises(cj.ClearanceError, match="flat walls does not follow from radii"):
+    with refused("stiffness"):
         cj.GuideClearance(1e-4, 0.06, 0.03, radii).prepare()
 
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 from scipy.spatial.transform import Rotation
 from sleeves import AXIAL, FRICTION, HERTZ, LENGTH, RADIAL, RADIUS, act, checked, random_states, relative, sleeve
 from typer.testing import CliRunner
@@ -301,19 +302,19 @@ def test_the_command_line_gives_a_robots_joint_play():
         assert failed.exit_code != 0
         assert words in str(failed.exception) + failed.output, wrong
     fixed = cj.Mechanism((cj.Body("b", 1.0, 0.1),), (cj.Fixed("weld", "ground", "b"),))
-    with pytest.raises(cj.ClearanceError, match="`weld` is of a kind that has no play"):
+    with refused("weld", "fixed"):
         fixed.with_clearance("weld", radial_clearance=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("name", "value"),
     [
-        ({"stations": 1}, "`stations` must be from 2"),
-        ({"ring": 2}, "`ring` must be from 3"),
+        ("stations", 1),
+        ("ring", 2),
     ],
 )
-def test_what_is_no_sleeve_is_refused(change, said):
-    with pytest.raises(cj.ClearanceError, match=said):
-        cj.SleeveClearance(RADIAL, RADIUS, LENGTH, HERTZ, **change)
-    with pytest.raises(cj.ClearanceError, match=r"`hip.axial_clearance` must be greater than 0"):
+def test_what_is_no_sleeve_is_refused(name, value):
+    with refused(name, value):
+        cj.SleeveClearance(RADIAL, RADIUS, LENGTH, HERTZ, **{name: value})
+    with refused("hip.axial_clearance", -1e-5):
         cj.simulate(arm(sleeve(axial=-1e-5)), 0.01)

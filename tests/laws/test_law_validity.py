@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.analysis.validity import ValidityWarning, within_validity
-from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.law_validity import sunk
 
 STEEL = 2.07e11, 2.07e11
@@ -60,7 +60,7 @@ def test_a_batch_has_flags():
 )
 def test_a_linear_law_takes_no_stiffness_of_another_unit(law):
     """N/m^1.5 was taken for N/m, without a word."""
-    with pytest.raises(ClearanceError, match=r"stiffness in N/m, but `InternalHertz` computes one in N/m\^1.5"):
+    with refused("stiffness", "InternalHertz"):
         cj.simulate(pendulum(law), 1e-4)
 
 

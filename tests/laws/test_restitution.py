@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 from scipy.integrate import solve_ivp
 
 from clearance_jax import laws
@@ -147,9 +148,9 @@ def test_derivatives_of_a_restitution():
 
 
 def test_what_a_restitution_needs_is_said():
-    with pytest.raises(ClearanceError, match="`speed` must be given"):
+    with refused("speed"):
         laws.HuntCrossley(K, 0.5).delivered_restitution()
-    with pytest.raises(ClearanceError, match="`mass` must be given"):
+    with refused("mass"):
         laws.LinearKelvinVoigt(LINEAR, 500.0).for_restitution(0.5)
     with pytest.raises(ClearanceError, match=r"give its `geometry`"):
         laws.LinearKelvinVoigt(laws.InternalHertz(2e11, 2e11), 500.0).delivered_restitution(mass=MASS)
@@ -157,9 +158,9 @@ def test_what_a_restitution_needs_is_said():
         laws.AdamsImpact(laws.InternalHertz(2e11, 2e11), 2000.0, 1e-5).delivered_restitution(SPEED, MASS)
     whole = laws.AdamsImpact(laws.InternalHertz(2e11, 2e11), 2000.0, 1e-5).delivered_restitution(SPEED, MASS, GEOMETRY)
     assert 0 < float(whole) < 1
-    with pytest.raises(ClearanceError, match="has no damping"):
+    with refused("Hertz"):
         laws.Hertz(K).for_restitution(0.5, SPEED)
-    with pytest.raises(ClearanceError, match=r"must be above 0\.1353"):
+    with refused("restitution", 0.1, 0.1353):
         laws.Tsuji(K, 0.5, MASS, clipped=True).for_restitution(0.1)
-    with pytest.raises(ClearanceError, match=r"No damping of this law delivers a restitution of 1\.2"):
+    with refused("restitution", 1.2):
         laws.AdamsImpact(K, 2000.0, 1e-5).for_restitution(1.2, SPEED, MASS)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -15,7 +16,6 @@ from clearance_jax.dynamics.field import energies, slope
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.dynamics.postures.chain import chain_of
 from clearance_jax.dynamics.settled import deflect
-from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.state import initial_values, layout
 
 INERTIA, ROTOR, STIFFNESS = 0.03, 0.5, 800.0
@@ -243,10 +243,10 @@ def test_a_trajectory_moves_the_motor_and_the_spring_stays(tmp_path):
     assert list(drives) == ["hub_motor"]
     moved = soft.with_drives(drives)
     assert [c.name for c in moved.free_coordinates()] == ["hub"]
-    with pytest.raises(ClearanceError, match=r"would take its spring away\. Drive its motor, `hub_motor`"):
+    with refused("hub", None):
         soft.with_drives({"hub": cj.drives.Constant(0.0)})
     file.write_text("time [s], hub [deg], hub_motor [deg]\n0, 0, 0\n0.1, 1, 1\n0.2, 3, 3\n0.3, 4, 4\n")
-    with pytest.raises(ClearanceError, match="move the same motor"):
+    with refused("hub", "hub_motor"):
         cj.read_trajectory(file, soft)
 
 
@@ -255,17 +255,18 @@ def test_a_path_moves_the_motor_and_not_its_spring():
     chain = chain_of(soft, "tip", None)
     assert chain.joints == ("hip_motor",)
     # Its spring is no drive that could be taken away.
-    with pytest.raises(ClearanceError, match=r"its spring would be gone\. Free its motor, `hip_motor`"):
+    with refused("hip", None):
         chain_of(soft, "tip", ["hip"])
-    with pytest.raises(ClearanceError, match="There is no coordinate `hop` to be freed"):
+    with refused("hop", allowed="hip"):
         soft.without_drives(["hop"])
 
 
 def test_what_gives_way_does_so_once():
     soft = swinging(1e4)
-    with pytest.raises(ClearanceError, match="gives way already"):
+    with refused("hip") as caught:
         cj.with_compliance(soft, "hip", cj.Compliance(1e4))
-    with pytest.raises(ClearanceError, match="`hip_motor` is used twice"):
+    assert "gives way already" in str(caught.value)
+    with refused("hip_motor"):
         cj.with_compliance(
             dataclasses.replace(swinging(None), points=(cj.Point("hip_motor", "arm"),)), "hip", cj.Compliance(1e4)
         )

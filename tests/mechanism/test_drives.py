@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.extend.core import ClosedJaxpr, Jaxpr
+from places import refused
 from scipy.interpolate import CubicSpline
 
 import clearance_jax as cj
@@ -209,7 +210,7 @@ def test_the_largest_array_is_found_inside_calls_too():
 
 def test_a_spline_needs_four_values_of_one_length():
     for times, values in ((KNOTS[:3], TABLE[:3]), (KNOTS, TABLE[:-1])):
-        with pytest.raises(ValueError, match="at least 4"):
+        with refused("times"):
             cj.drives.Spline(times, values)
 
 

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.asked.specification import scenarios_of
-from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study.study import load_study
 
 SCENES = Path(__file__).parents[2] / "experiments" / "scenes"
@@ -129,9 +129,9 @@ def test_a_urdf_arms_links_and_zeros_have_names_with_units():
     for joint, at in itertools.product(("axis_1", "axis_2"), "xyz"):
         assert known[f"{joint}_misalignment.at_parent.{at}"].unit == "m"
     assert known["axis_2_misalignment.orientation.roll"].unit == "rad"
-    with pytest.raises(ClearanceError, match="no joint `axis_9`"):
+    with refused("axis_9"):
         cj.with_misalignment(arm, ["axis_9"])
-    with pytest.raises(ClearanceError, match="already"):
+    with refused("axis_1"):
         cj.with_misalignment(arm, ["axis_1"])
 
 
@@ -145,9 +145,9 @@ def test_a_yield_scatters_zeros_by_distributions(arm):
     assert abs(drawn.mean()) < 1e-4
     assert drawn.std() == pytest.approx(1e-3, rel=0.1)
     assert masses.std() == pytest.approx(0.05, rel=0.1)
-    with pytest.raises(ClearanceError, match="is a variable"):
+    with refused("upper.mass"):
         design.Yield({"upper.mass": cj.scatter(2.0, 0.1)}).draws(("upper.mass",))
-    with pytest.raises(ClearanceError, match="must scatter by"):
+    with refused(NAMES[0], "wide"):
         design.Yield({NAMES[0]: "wide"}).check()
 
 
@@ -183,5 +183,5 @@ kind = "yield"
     path.write_text(
         study.replace('"arm.mass"]\ndeviation = "2 percent"', '"hip.radial_clearance"]\ndeviation = "1 um"')
     )
-    with pytest.raises(ClearanceError, match="a variable scatters about what is designed"):
+    with refused("scatter.hip.radial_clearance"):
         load_study(path)

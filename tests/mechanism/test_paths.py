@@ -1,11 +1,10 @@
 """Postures and paths: against closed forms of arms and of a Delta robot, and the tolerance that was asked for."""
 
-import re
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 from scipy.spatial.transform import Rotation
 from spatial import arm, delta, platform
 
@@ -191,13 +190,13 @@ def test_poses_out_of_reach_are_refused(case):
 
 
 def test_unknown_names_are_refused():
-    for changes, words in (
-        ({"point": "top"}, "There is no point `top`. Did you mean `tip`"),
-        ({"joints": ["elbo"]}, "There is no coordinate `elbo` to move. Did you mean `elbow`"),
-        ({"start": {"hip": 0.1}}, "There is no coordinate `hip` to start from"),
+    for changes, name, allowed in (
+        ({"point": "top"}, "top", "tip"),
+        ({"joints": ["elbo"]}, "elbo", "elbow"),
+        ({"start": {"hip": 0.1}}, "hip", "elbow"),
     ):
         given = {"point": "tip"} | changes
-        with pytest.raises(cj.ClearanceError, match=re.escape(words)):
+        with refused(name, allowed=allowed):
             cj.inverse_kinematics(two_links(), given.pop("point"), cj.Pose((0.5, 0.2)), **given)
 
 
@@ -206,7 +205,7 @@ def test_what_may_be_prescribed_in_closed_loops_is_said():
     words = r"none has a drive\. Name in `joints` .*, of these: .*`motor0`.*`motor1`.*`motor2`"
     with pytest.raises(cj.ClearanceError, match=words):
         cj.inverse_kinematics(free, "centre", cj.Pose((0.0, 0.0, -0.5)))
-    with pytest.raises(cj.ClearanceError, match=r"No joint is to move point `tip`\. Name some in `joints`: `shoulder`"):
+    with refused("tip"):
         cj.inverse_kinematics(two_links(), "tip", cj.Pose((0.5, 0.2)), joints=[])
 
 
@@ -396,7 +395,7 @@ def test_jumps_of_a_quintic_are_where_it_says():
     )
     np.testing.assert_allclose(np.subtract(after, before)[:, :2], 0, atol=1e-13)
     np.testing.assert_allclose(np.subtract(after, before)[1, 2], jumps[1], atol=1e-12)
-    with pytest.raises(cj.ClearanceError, match="needs `accelerations`"):
+    with refused("accelerations"):
         cj.drives.Quintic(times, times, times, jumps=jumps)
 
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import playful_servo, slider_crank
-from places import SCENES
+from places import SCENES, refused
 from scipy.interpolate import make_interp_spline
 
 import clearance_jax as cj
@@ -336,20 +336,20 @@ def test_a_held_crank_is_one_at_no_speed():
 
 
 @pytest.mark.parametrize(
-    ("drives", "words"),
+    ("drives", "about"),
     [
-        ({"hpi": cj.drives.Constant(0.0)}, "no coordinate `hpi` to drive. Did you mean `hip`"),
-        ({"hip.play_x": cj.drives.Constant(0.0)}, "no coordinate `hip.play_x` to drive. .*Allowed: hip"),
-        ({"hip": 1.0}, r"`hip` must be driven by a drive, for instance `Constant\(0.5\)`, but it was given 1.0"),
+        ({"hpi": cj.drives.Constant(0.0)}, ("hpi", "hpi", "hip")),
+        ({"hip.play_x": cj.drives.Constant(0.0)}, ("hip.play_x", "hip.play_x", "hip")),
+        ({"hip": 1.0}, ("hip", 1.0)),
     ],
 )
-def test_what_cannot_be_driven_is_refused(drives, words):
-    with pytest.raises(cj.ClearanceError, match=words):
+def test_what_cannot_be_driven_is_refused(drives, about):
+    with refused(*about):
         playful_servo().with_drives(drives)
 
 
 def test_a_joint_that_closes_a_loop_is_not_driven():
-    with pytest.raises(cj.ClearanceError, match="no coordinate `wrist` to drive"):
+    with refused("wrist"):
         slider_crank().with_drives({"wrist": cj.drives.Constant(0.0)})
 
 
@@ -379,7 +379,7 @@ def test_each_coordinate_of_a_joint_is_driven_by_its_own_name():
 
 
 def test_an_orientation_in_space_is_not_driven():
-    with pytest.raises(cj.ClearanceError, match=r"no coordinate `ball` to drive. .*Allowed: drill.slide, drill.turn"):
+    with refused("ball", allowed="drill.turn"):
         drill().with_drives({"ball": cj.drives.Constant(0.0)})
 
 
@@ -387,7 +387,7 @@ def test_columns_are_coordinates(tmp_path):
     text = GOOD.replace("slide", "drill.slide").replace("hinge", "drill.turn")
     drives = cj.read_trajectory(written(tmp_path, text), drill())
     assert {c.name for c in drill().with_drives(drives).coordinates() if not c.motion.is_free} == set(drives)
-    with pytest.raises(cj.ClearanceError, match=r"`drill\.slide` must be in a unit of length"):
+    with refused("drill.slide", "deg"):
         cj.read_trajectory(written(tmp_path, text.replace("[mm]", "[deg]")), drill())
 
 
@@ -577,5 +577,5 @@ def test_a_scene_is_driven_from_point_to_point(tmp_path):
     found = drive_of(cj.load(path), "hip")
     np.testing.assert_allclose(found.breaks()[:4], [0.0, 0.25, 0.5, 0.75], rtol=1e-14)
     path = arm(tmp_path, drive % 'acceleration = "720 1/s^2"')
-    with pytest.raises(cj.ClearanceError, match=r"joint.hip.drive.acceleration needs a unit of angle"):
+    with refused("joint.hip.drive.acceleration", "720 1/s^2"):
         cj.load(path)

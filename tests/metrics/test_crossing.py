@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws, metrics
@@ -98,9 +99,9 @@ def test_a_driven_crank_passes_an_angle():
 @pytest.mark.slow
 def test_a_quantity_that_is_none_is_refused(block):
     for name in ("slide.positon", "block.position"):
-        with pytest.raises(cj.ClearanceError, match="no quantity"):
+        with refused(name):
             metrics.Peak(metrics.Quantity(name))(block, 0.1)
-    with pytest.raises(cj.ClearanceError, match="`direction` must be"):
+    with refused("direction", "up"):
         metrics.CrossingTime(metrics.Quantity("slide.position"), direction="up")
     assert float(metrics.Peak(metrics.Quantity("slide.position"))(block, 0.5)) == pytest.approx(START)
     assert jnp.ndim(metrics.Peak(metrics.Quantity("slide.velocity"))(block, 0.5)) == 0

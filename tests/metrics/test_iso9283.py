@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from places import refused
 
 from clearance_jax import metrics
 from clearance_jax.errors import ClearanceError
@@ -69,13 +70,13 @@ def test_paths_across_a_circle_are_met_in_its_planes():
 
 
 def test_what_is_no_cloud_and_no_path_is_refused():
-    with pytest.raises(ClearanceError, match="at least 2 cycles"):
+    with refused("attained", "(1, 3)"):
         metrics.pose_repeatability(np.zeros((1, 3)))
-    with pytest.raises(ClearanceError, match=r"shape \(cycles, axes\)"):
+    with refused("attained", "(3,)"):
         metrics.pose_accuracy(np.zeros(3), np.zeros(3))
     with pytest.raises(ClearanceError, match="no two equal"):
         metrics.path_accuracy(np.zeros((3, 5, 2)), np.zeros((4, 2)))
-    with pytest.raises(ClearanceError, match="their shapes are"):
+    with refused("commanded", "(4, 3)"):
         metrics.path_repeatability(np.zeros((3, 5, 2)), np.zeros((4, 3)))
     with pytest.raises(ClearanceError, match="straight back"):
         metrics.path_accuracy(np.zeros((3, 5, 2)), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]))

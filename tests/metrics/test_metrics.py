@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import playful_servo
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import metrics
@@ -226,7 +227,7 @@ def test_free_ideal_motion_is_solved_for():
     ]
     largest = np.max(np.hypot(*(tips[0] - tips[1]).T))
     np.testing.assert_allclose(value, largest, rtol=1e-4)
-    with pytest.raises(ClearanceError, match="cannot start from `y0`"):
+    with refused("y0"):
         metric(mechanism, 0.2, y0=jnp.zeros(6))
 
 
@@ -274,24 +275,24 @@ def test_hessian_against_the_oscillators_closed_form():
     truth = jax.hessian(exact)(jnp.array([float(cj.parameters(mechanism)[n].value) for n in names]))
     np.testing.assert_allclose(found.matrix, truth, rtol=1e-5)
     assert np.all(np.abs(found.matrix - truth) <= found.error + 1e-9 * np.abs(truth))
-    with pytest.raises(ClearanceError, match="hessian"):
+    with refused("simulate"):
         jax.hessian(lambda k: cj.simulate(cj.replace(mechanism, {names[0]: k}), t1).final[0])(40.0)
 
 
 def test_messages(mechanism):
-    with pytest.raises(ClearanceError, match=r"radal.*Did you mean `wrist\.radial_clearance`"):
+    with refused("wrist.radal_clearance", allowed=CLEARANCE):
         cj.sensitivities(mechanism, final, ["wrist.radal_clearance"], T1)
-    with pytest.raises(ClearanceError, match="mode"):
+    with refused("mode", "backward"):
         cj.sensitivities(mechanism, final, [CLEARANCE], T1, mode="backward")
-    with pytest.raises(ClearanceError, match="point"):
+    with refused("nowhere"):
         metrics.Peak(metrics.PositionError("nowhere"))(mechanism, T1)
-    with pytest.raises(ClearanceError, match="derivatives"):
+    with refused("derivatives", "exact"):
         cj.simulate(mechanism, T1, derivatives="exact")
     with pytest.raises(ClearanceError, match="`Rms` looks at the whole motion"):
         cj.sensitivities(mechanism, metrics.Rms(ERROR), [CLEARANCE], T1, mode="reverse")
     with pytest.raises(ClearanceError, match="does not know `y0`"):
         cj.sensitivities(mechanism, final, [CLEARANCE], T1, mode="reverse", y0=jnp.zeros(4))
-    with pytest.raises(ClearanceError, match=r"no option `rtoll`.*Did you mean `rtol`"):
+    with refused("rtoll", allowed="rtol"):
         metrics.Rms(ERROR)(mechanism, T1, **{"rtoll": 1e-6})  # pyright: ignore[reportCallIssue]
 
 
@@ -349,7 +350,7 @@ def test_samples_of_one_metric_and_where_it_begins_to_count_are_put_in_order():
 
 @pytest.mark.slow
 def test_since_lies_before_the_end(mechanism):
-    with pytest.raises(ClearanceError, match="`since` must lie before the end"):
+    with refused("since", T1):
         metrics.Peak(ERROR, since=T1)(mechanism, T1)
     lanes = jax.vmap(lambda t1: metrics.Mean(ERROR, since=SINCE)(mechanism, t1, rtol=1e-6))(jnp.array([5e-4, 7e-4]))
     assert np.isnan(lanes[0])

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
@@ -181,13 +182,13 @@ def test_what_cannot_be_had_is_said(crank):
         PoincareSection("guide", REVOLUTION, count=9)(crank, 8 * REVOLUTION - 1e-6)
     with pytest.raises(ClearanceError, match="too short for 9 periods"):
         LyapunovExponent(REVOLUTION, count=9)(crank, 8.9 * REVOLUTION)
-    with pytest.raises(ClearanceError, match="4 Lyapunov exponents"):
+    with refused("exponents", 5, 4):
         LyapunovExponent(REVOLUTION, exponents=5)(crank, 1.0)
-    with pytest.raises(ClearanceError, match=r"name one, `piston\.velocity\.x`"):
+    with refused("piston.velocity", allowed="piston.velocity.x"):
         PoincareSection("piston.velocity", REVOLUTION, count=1)(crank, REVOLUTION)
-    with pytest.raises(ClearanceError, match=r"`wrist\.radial_clearance` is in m"):
+    with refused("period", CLEARANCE):
         PoincareSection("guide", CLEARANCE, count=1)(crank, REVOLUTION)
-    with pytest.raises(ClearanceError, match="of at least 4 periods"):
+    with refused("uncertainty"):
         LyapunovExponent(REVOLUTION, count=3, uncertainty=True)
-    with pytest.raises(ClearanceError, match="no quantity"):
+    with refused("wrist.eccentrcity", allowed="wrist.eccentricity"):
         PoincareSection("wrist.eccentrcity", REVOLUTION, count=1)(crank, REVOLUTION)

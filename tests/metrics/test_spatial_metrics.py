@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 from spatial import arm, bennett, delta, four_bar
 
 import clearance_jax as cj
@@ -50,7 +51,7 @@ def test_a_shaft_bears_the_moment_of_what_turns_with_it():
     np.testing.assert_allclose(slope, m * a * w**2, rtol=1e-10)
     force = metrics.Mean(metrics.JointReaction("shaft"))(rotor, 0.4)
     np.testing.assert_allclose(force, m * np.hypot(G, a * w**2), rtol=1e-10)
-    with pytest.raises(cj.ClearanceError, match=r"no joint `shift`.*Did you mean `shaft`"):
+    with refused("shift", allowed="shaft"):
         metrics.Mean(metrics.JointReaction("shift"))(rotor, 0.4)
 
 
@@ -89,9 +90,9 @@ def test_static_weights_of_an_arm_are_one():
     weights = design.static_weights(arm(3).with_drives(drives), "tip", 1.0, 11, joints=("joint2", "joint0"))
     assert list(weights) == ["joint2", "joint0"]
     np.testing.assert_allclose(list(weights.values()), 1.0, rtol=1e-12)
-    with pytest.raises(cj.ClearanceError, match="name the joints"):
+    with refused("joints"):
         design.static_weights(arm(3).with_drives(drives), "tip", 1.0)
-    with pytest.raises(cj.ClearanceError, match=r"no joint `joint9`"):
+    with refused("joint9"):
         design.static_weights(arm(3).with_drives(drives), "tip", 1.0, joints=["joint9"])
 
 
@@ -150,5 +151,5 @@ def test_static_weights_of_a_closed_loop_are_those_of_its_assembly():
 def test_an_over_constrained_mechanism_has_no_static_bound():
     linkage, _ = bennett()
     driven = linkage.with_drives({"j1": cj.drives.ConstantSpeed(2.0)})
-    with pytest.raises(cj.ClearanceError, match="3 of the conditions"):
+    with refused("loops", 3):
         design.static_weights(driven, "any", 1.0, joints=["j2"])

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import slider_crank
+from places import refused
 
 import clearance_jax as cj
 import clearance_jax.parameters  # puts the module beside the function of that name
@@ -111,32 +112,32 @@ DOORS = {
 
 @pytest.mark.parametrize("door", DOORS)
 def test_every_door_refuses_alike(door):
-    for options, words in (
-        ({"rtoll": 1e-8}, r"no option `rtoll` here\. Did you mean `rtol`"),
-        ({"rtol": 2.0}, "`rtol` must be between 1e-14"),
-        ({"rtol": "abc"}, "`rtol` must be one number"),
-        ({"t0": 1.0}, "greater than `t0`"),
-        ({"solver": "tsit6"}, "no solver 'tsit6'. Did you mean `tsit5`"),
-        ({"solver": 5}, "explicit diffrax"),
+    for options, about in (
+        ({"rtoll": 1e-8}, ("rtoll", "rtoll", "rtol")),
+        ({"rtol": 2.0}, ("rtol", 2.0)),
+        ({"rtol": "abc"}, ("rtol", "abc", "one number")),
+        ({"t0": 1.0}, ("t1", T1, "greater than t0")),
+        ({"solver": "tsit6"}, ("solver", "tsit6", "tsit5")),
+        ({"solver": 5}, ("solver", 5)),
     ):
         if door == "periodic_motion" and "t0" in options:
             continue  # it ends a period after whatever t0
-        with pytest.raises(cj.ClearanceError, match=words):
+        with refused(*about):
             DOORS[door](**options)
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "about"),
     [
-        ({"save_at": [1.0, 0.5]}, "must lie between t0 = 0 s and t1"),
-        ({"save_at": 1}, "between 2 and"),
-        ({"save_at": 2.5}, "whole number of samples, or a list"),
-        ({"y0": [1.0]}, r"shape \(4,\)"),
-        ({"derivatives": "exact"}, "no derivatives 'exact'"),
+        ({"save_at": [1.0, 0.5]}, ("save_at", 1.0)),
+        ({"save_at": 1}, ("save_at", 1, "between 2 and 1000000, the number of samples")),
+        ({"save_at": 2.5}, ("save_at", None)),
+        ({"y0": [1.0]}, ("y0",)),
+        ({"derivatives": "exact"}, ("derivatives", "exact", "controlled")),
     ],
 )
-def test_values_are_checked_at_the_door(options, words):
-    with pytest.raises(cj.ClearanceError, match=words):
+def test_values_are_checked_at_the_door(options, about):
+    with refused(*about):
         settings_of(CRANK, T1, options)
 
 
@@ -343,7 +344,7 @@ def test_anything_else_is_refused(metric):
 
 
 def test_what_a_metric_returns_must_be_a_number():
-    with pytest.raises(cj.ClearanceError, match="`<lambda>` must return a number or an array, but it returned dict"):
+    with refused("<lambda>", "dict"):
         cj.measure(CRANK, {"it": lambda s: {}}, T1, **SOLVED)
-    with pytest.raises(cj.ClearanceError, match="metrics by name"):
+    with refused("measure"):
         by_name(PEAK)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.text import Text
 from PIL import Image
-from places import SCENES
+from places import ANY, SCENES, refused
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
@@ -295,9 +295,9 @@ def test_a_figure_of_many_joints_shows_those_that_bear_most(crank, count):
 def test_what_is_no_play_is_refused(crank, lift):
     with pytest.raises(ClearanceError, match="no joint of this result has clearance"):
         figures.play(lift)
-    with pytest.raises(ClearanceError, match=r"no clearance joint `wirst`.*Did you mean `wrist`"):
+    with refused("wirst", allowed="wrist"):
         spans(crank, "wirst")
-    with pytest.raises(ClearanceError, match="no pin in a sleeve"):
+    with refused("wrist"):
         station_paths(crank.assign_attrs({"clearance.wrist": "guide", "outline.wrist.height": 0.02}), "wrist")
 
 
@@ -444,7 +444,7 @@ def test_half_a_film_is_no_film(crank, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         film.save(tmp_path / "film.gif", interrupted)
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(ClearanceError, match="Cannot write the film"):
+    with refused(tmp_path / "missing" / "film.gif"):
         film.save(tmp_path / "missing" / "film.gif")
 
 
@@ -479,22 +479,22 @@ def test_a_block_leans_in_its_guide():
             assert len(side.walls.get_xdata()) == 0
     assert touched > 0
     loose = dataset.sel(coordinate=[name for name in dataset["coordinate"].values if "tilt" not in name])
-    with pytest.raises(ClearanceError, match="`guide` cannot be magnified"):
+    with refused("guide"):
         cj.animate(loose, "guide")
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "about"),
     [
-        ({"joint": "wirst"}, r"no clearance joint `wirst`.*Did you mean `wrist`"),
-        ({"slowdown": 0.0}, "`slowdown` must be greater than 0"),
-        ({"exaggeration": 0.5}, "`exaggeration` must be at least 1"),
-        ({"fps": float("nan")}, "`fps` must be greater than 0"),
-        ({"span": (3e-3, 2e-3)}, "needs two samples at least"),
+        ({"joint": "wirst"}, ("wirst", "wirst", "wrist")),
+        ({"slowdown": 0.0}, ("slowdown", 0.0, "greater than 0")),
+        ({"exaggeration": 0.5}, ("exaggeration", 0.5, "at least 1")),
+        ({"fps": float("nan")}, ("fps", ANY, "greater than 0")),
+        ({"span": (3e-3, 2e-3)}, ("span", 0)),
     ],
 )
-def test_what_cannot_be_filmed_is_said(crank, options, words):
-    with pytest.raises(ClearanceError, match=words):
+def test_what_cannot_be_filmed_is_said(crank, options, about):
+    with refused(*about):
         cj.animate(crank, **options)
 
 
@@ -502,7 +502,7 @@ def test_older_results_and_other_endings_are_refused(crank, monkeypatch, tmp_pat
     with pytest.raises(ClearanceError, match="Simulate again"):
         cj.animate(crank.drop_vars("mark_position"))
     film = cj.animate(crank)
-    with pytest.raises(ClearanceError, match=r"must end in \.gif or \.mp4"):
+    with refused(tmp_path / "film.avi"):
         film.save(tmp_path / "film.avi")
     monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
     with pytest.raises(ClearanceError, match="needs the program ffmpeg"):

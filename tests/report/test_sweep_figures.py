@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.collections import LineCollection
+from places import refused
 from scipy import stats
 
 import clearance_jax as cj
@@ -83,7 +84,7 @@ def test_of_a_linear_function_derivatives_tell_the_indices():
     np.testing.assert_allclose(found.linear(local), shares, atol=5e-3)
     np.testing.assert_allclose(found.first, shares, atol=0.02)
     assert middle_derivatives(swept.drop_vars("y_derivative"), "y") is None
-    with pytest.raises(ClearanceError, match=r"no derivative by `b\.x`"):
+    with refused("b.x"):
         found.linear({"a.x": 2.0})
 
 
@@ -94,11 +95,11 @@ def test_lanes_of_another_design_have_no_indices():
     for ours, theirs in zip(sobol_indices(swept, "y"), sobol_indices(turned, "y"), strict=True):
         np.testing.assert_array_equal(ours, theirs)
     swept["b.x"][70] += 0.1
-    with pytest.raises(ClearanceError, match="not those of `sobol_samples`"):
+    with refused("y"):
         sobol_indices(swept, "y")
-    with pytest.raises(ClearanceError, match="power of two"):
+    with refused("count", 100):
         sobol_samples({"a.x": stats.uniform(0.0, 1.0)}, 100)
-    with pytest.raises(ClearanceError, match=r"must scatter by `cj\.scatter"):
+    with refused("a.x", "(0.0, 1.0)"):
         sobol_samples({"a.x": (0.0, 1.0)}, 64)
 
 
@@ -204,7 +205,7 @@ def test_sections_show_points_in_their_plane():
     points = np.asarray(figure.axes[1].collections[0].get_offsets(), float)
     np.testing.assert_allclose(points, recurrent()["section"][5] * [1, 1e6])
     assert figure.axes[1].get_title() == "wrist radial clearance 60 µm\nexponent +5 1/s"
-    with pytest.raises(ClearanceError, match="one quantity"):
+    with refused("section"):
         recurrence_figures.sections(recurrent().isel(quantity=0), "section")
 
 
@@ -240,7 +241,7 @@ def test_what_fits_a_sweep_is_drawn():
         sweep_figures.figures(over.drop_vars("code"))
     with pytest.raises(ClearanceError, match="no sample has a result"):
         sweep_figures.figures(over.assign(error=np.nan * over["error"]))
-    with pytest.raises(ClearanceError, match="no result `eror`"):
+    with refused("eror", allowed="error"):
         sweep_figures.heat_map(over, "eror")
-    with pytest.raises(ClearanceError, match="does not vary"):
+    with refused("wrist.pin_radius"):
         sweep_figures.curves(over, "error", "wrist.pin_radius")

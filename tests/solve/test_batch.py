@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import ANY, refused
 
 import clearance_jax as cj
 from clearance_jax.solve.codes import Result
@@ -251,28 +252,28 @@ def test_an_interruption_stops_within_a_chunk():
 
 
 @pytest.mark.parametrize(
-    ("lanes", "options", "words"),
+    ("lanes", "options", "about"),
     [
-        (np.zeros(0), {}, "There are no lanes"),
-        ({}, {}, "has no array"),
-        ([1.0, 2.0], {}, r"`lanes\[0\]` is 1\.0\. \(A list is a tree"),
-        ({"a": np.zeros(3), "b": np.zeros((2, 3))}, {}, r"`lanes\['b'\]` has 2 and `lanes\['a'\]` has 3"),
-        (np.array(["1 mm"]), {}, "array of numbers"),
-        (jax.random.split(jax.random.key(0), 3), {}, "array of numbers"),
-        (np.zeros(3), {"cores": 0}, "`cores` must be a whole number, at least 1, but it is 0"),
-        (np.zeros(3), {"cost": "best"}, '`cost` must be "learned", an array of 3 numbers'),
-        (np.zeros(3), {"cost": np.zeros(2)}, '`cost` must be "learned", an array of 3 numbers'),
+        (np.zeros(0), {}, ("lanes", 0)),
+        ({}, {}, ("lanes", None)),
+        ([1.0, 2.0], {}, ("lanes[0]", 1.0, "numbers")),
+        ({"a": np.zeros(3), "b": np.zeros((2, 3))}, {}, ("lanes['b']", 2)),
+        (np.array(["1 mm"]), {}, ("lanes", "array(['1 mm'], dtype='<U4')", "numbers")),
+        (jax.random.split(jax.random.key(0), 3), {}, ("lanes", ANY, "numbers")),
+        (np.zeros(3), {"cores": 0}, ("cores", 0, "a whole number, at least 1")),
+        (np.zeros(3), {"cost": "best"}, ("cost", "best")),
+        (np.zeros(3), {"cost": np.zeros(2)}, ("cost", "array([0., 0.])")),
     ],
 )
-def test_refusals(lanes, options, words):
-    with pytest.raises(cj.ClearanceError, match=words):
+def test_refusals(lanes, options, about):
+    with refused(*about):
         cj.batch(lambda x: x, lanes, **options)
 
 
 def test_refusals_of_the_function_and_the_place():
-    with pytest.raises(cj.ClearanceError, match="must be a function of one lane, but it is 3"):
+    with refused("function", 3):
         cj.batch(3, np.zeros(3))
-    with pytest.raises(cj.ClearanceError, match=r"called from Python.*`jax\.vmap`"):
+    with refused("batch"):
         jax.jit(lambda x: cj.batch(jnp.sin, x))(jnp.zeros(3))
 
     def fails(_x):

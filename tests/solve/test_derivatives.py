@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.field import slope
-from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.checks import ImplausibleWarning
 from experiments import derivatives
 from experiments.derivatives import closed_forms, ladder
@@ -210,7 +210,7 @@ def test_laws_that_jump_are_refused():
     play = cj.RevoluteClearance(1e-3, 0.01, laws.LinearKelvinVoigt(1e6, 100.0))
     m = pin().with_clearance("joint", play)
     assert bool(cj.simulate(m, 1e-3, energy_balance=False).succeeded)
-    with pytest.raises(ClearanceError, match="HuntCrossley"):
+    with refused("joint", "LinearKelvinVoigt"):
         jax.jacfwd(
             lambda c: cj.simulate(cj.replace(m, {"joint.radial_clearance": c}), 1e-3, energy_balance=False).final
         )(1e-3)

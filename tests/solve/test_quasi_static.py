@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from catalogue import playful_servo, slider_crank
+from places import refused
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -18,7 +19,6 @@ from clearance_jax.cli.main import app
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.dynamics.pose import ideal_states, poses
-from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.motion.motion_laws import DriveSum
 from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.parameters import values_of
@@ -303,38 +303,38 @@ def test_an_oscillator_that_is_led_rings_as_its_path_bends():
 
 def test_what_poses_cannot_give_is_refused_in_words():
     mechanism = wheel()
-    with pytest.raises(ClearanceError, match="moves freely"):
+    with refused("hip", None):
         cj.simulate(playful_servo(), 0.1, **POSES)
-    with pytest.raises(ClearanceError, match="moves freely"):
+    with refused("hub", None):
         cj.simulate(mechanism.without_drives(["hub"]), 0.1, **POSES)
-    with pytest.raises(ClearanceError, match="moves freely, or by a drive that gives way"):
+    with refused("hub", None):
         cj.simulate(cj.with_compliance(mechanism, "hub", cj.Compliance(1e4, 10.0)), 0.1, **POSES)
-    with pytest.raises(ClearanceError, match="without play is where its drives put it"):
+    with refused("clearance"):
         cj.simulate(mechanism.ideal(), 0.1, **POSES)
-    with pytest.raises(ClearanceError, match="no initial state"):
+    with refused("y0"):
         cj.simulate(mechanism, 0.1, y0=jnp.zeros(layout(mechanism).size), **POSES)
-    with pytest.raises(ClearanceError, match="no energy balance"):
+    with refused("energy_balance", True):
         cj.simulate(mechanism, 0.1, energy_balance=True, **POSES)
-    with pytest.raises(ClearanceError, match="no energy balance"):
+    with refused("energy_balance", True):
         cj.measure(mechanism, {"lost": metrics.EnergyLost()}, 0.1, **POSES)
-    with pytest.raises(ClearanceError, match="TouchCounter follows a motion step by step"):
+    with refused("TouchCounter"):
         metrics.Impacts("hub")(mechanism, 0.1, **POSES)
-    with pytest.raises(ClearanceError, match="`fidelity` must be dynamics or quasi-static"):
+    with refused("fidelity", "guess"):
         cj.simulate(mechanism, 0.1, fidelity="guess")
-    with pytest.raises(ClearanceError, match="it is no motion"):
+    with refused("fidelity", "static"):
         cj.simulate(mechanism, 0.1, fidelity="static")
 
 
 @pytest.mark.slow
 def test_what_follows_the_steps_of_a_motion_refuses_poses(crank):
     """A trace answered by the dynamics, without a word."""
-    with pytest.raises(ClearanceError, match="follows the steps of a motion"):
+    with refused("fidelity", "quasi-static", "dynamics"):
         cj.trace(crank, TURN, **POSES)
     exponent = metrics.LyapunovExponent(TURN, count=4)
-    with pytest.raises(ClearanceError, match="follows the steps of a motion"):
+    with refused("fidelity", "quasi-static", "dynamics"):
         cj.measure(crank, {"exponent": exponent}, 6 * TURN, **POSES)
     model = cj.wear.WearModel(crank, "wrist", cj.wear.archard("6e-14 1/Pa"), cj.wear.Uniform(0.2), TURN)
-    with pytest.raises(ClearanceError, match="follows the steps of a motion"):
+    with refused("fidelity", "quasi-static", "dynamics"):
         cj.wear.simulate_wear(model, 10, **POSES)
 
 
@@ -387,10 +387,11 @@ def test_forces_that_depend_on_the_past_or_on_motion_have_no_poses(normal, frict
     play = cj.RevoluteClearance(CLEARANCE, RADIUS, normal, friction, element, length=0.02)
     hub = cj.Revolute("hub", "ground", "wheel", motion=cj.Motion(cj.drives.ConstantSpeed(50.0)), clearance=play)
     mechanism = cj.Mechanism((cj.Body("wheel", MASS, 0.01),), (hub,), gravity=cj.Gravity(y=-GRAVITY))
-    with pytest.raises(ClearanceError, match="needs forces that follow from places and slips"):
+    with refused("hub") as caught:
         cj.simulate(mechanism, 0.01, **POSES)
+    assert "needs forces that follow from places and slips" in str(caught.value)
     if isinstance(normal, laws.StandardLinearSolid):
-        with pytest.raises(ClearanceError, match='Use `start = "centre"`'):
+        with refused("hub", "StandardLinearSolid"):
             cj.simulate(mechanism, 0.001, start="settled")
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
-from places import REFERENCE, SCENES
+from places import REFERENCE, SCENES, refused
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -218,9 +218,9 @@ def test_joint5_against_its_reference(solver):
 @pytest.mark.slow
 def test_a_mechanism_that_cannot_be_assembled_is_refused_or_is_a_failed_lane():
     m = cj.replace(catalogue.slider_crank(), {"drive.main.start": 1.5})
-    with pytest.raises(ValueError, match=r"cannot be assembled.*`wrist` stays open by"):
+    with refused("wrist"):
         cj.simulate(cj.replace(m, {"wrist.at_parent.x": 0.03}), 1e-3)
-    with pytest.raises(ValueError, match="cannot be assembled"):
+    with refused("wrist"):
         cj.trace(cj.replace(m, {"wrist.at_parent.x": 0.03}), 1e-3)
 
     def reached(length):
@@ -256,18 +256,18 @@ def test_a_trace_of_many_blocks_is_the_solve():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "about"),
     [
-        ({"rtol": float("nan")}, "`rtol` must be between"),
-        ({"rtol": 0.0}, "`rtol` must be between"),
-        ({"t0": 2.0}, "greater than `t0`"),
-        ({"solver": "tsit"}, "Did you mean `tsit5`"),
-        ({"save_at": [0.0, 2.0]}, "must lie between t0 = 0 s and t1"),
-        ({"y0": [0.0, 0.0]}, "`y0` must have shape"),
+        ({"rtol": float("nan")}, ("rtol",)),
+        ({"rtol": 0.0}, ("rtol", 0.0)),
+        ({"t0": 2.0}, ("t1", 1e-3)),
+        ({"solver": "tsit"}, ("solver", "tsit", "tsit5")),
+        ({"save_at": [0.0, 2.0]}, ("save_at", 2.0)),
+        ({"y0": [0.0, 0.0]}, ("y0",)),
     ],
 )
-def test_bad_arguments_are_refused(arguments, words):
-    with pytest.raises(ValueError, match=words):
+def test_bad_arguments_are_refused(arguments, about):
+    with refused(*about):
         cj.simulate(catalogue.slider_crank(), 1e-3, **arguments)
 
 
@@ -306,18 +306,18 @@ def test_a_preloaded_spring_hides_no_loss_and_round_off_at_rest_is_none():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("name", "value", "allowed"),
     [
-        ({"wrist.radial_clearance": -1e-4}, "greater than"),
-        ({"slider.mass": float("nan")}, "finite"),
-        ({"wrist.radial_clearence": 1e-4}, "Did you mean `wrist.radial_clearance`"),
+        ("wrist.radial_clearance", -1e-4, "greater than 0 m"),
+        ("slider.mass", float("nan"), "finite"),
+        ("wrist.radial_clearence", 1e-4, "wrist.radial_clearance"),
     ],
 )
-def test_bad_numbers_are_refused(change, words):
-    with pytest.raises(ValueError, match=words):
-        cj.simulate(cj.replace(catalogue.slider_crank(), change), 1e-3)
+def test_bad_numbers_are_refused(name, value, allowed):
+    with refused(name, allowed=allowed):
+        cj.simulate(cj.replace(catalogue.slider_crank(), {name: value}), 1e-3)
 
 
 def test_end_before_start_is_refused():
-    with pytest.raises(ValueError, match="greater than `t0`"):
+    with refused("t1", -1.0):
         cj.simulate(catalogue.slider_crank(), -1.0)

@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
+from places import refused
 
 import clearance_jax as cj
-from clearance_jax import ClearanceError, metrics
+from clearance_jax import metrics
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
@@ -178,7 +179,7 @@ def test_sample_times_of_a_minibatch_come_back_in_its_order():
         np.testing.assert_allclose(places, expected if good else np.nan, rtol=1e-9)
         assert int(code) == (0 if good else int(Result.SAMPLE_TIMES))
     for times in BAD.values():
-        with pytest.raises(ClearanceError, match=r"must lie between t0 = 0 s and t1 = 0\.02 s"):
+        with refused("save_at"):
             sampled(np.array(times))
 
 
@@ -198,7 +199,7 @@ def test_a_derivative_by_sample_times_is_the_velocity_there():
 def test_a_tolerance_that_floats_do_not_resolve_is_refused():
     """At 1e-16 a solve said that it had succeeded; at 1e-99 it took ten million steps."""
     for rtol in (1e-16, 1e-99, 0.0):
-        with pytest.raises(ClearanceError, match="`rtol` must be between 1e-14"):
+        with refused("rtol", rtol):
             cj.simulate(PIN, T1, rtol=rtol)
 
     def ending(rtol):

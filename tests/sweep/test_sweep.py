@@ -9,6 +9,7 @@ import pytest
 import scipy.stats
 import sweeping
 import xarray as xr
+from places import refused
 from scipy import stats
 from sweeping import CLEARANCES, SCENE, SPEEDS, swept
 
@@ -189,41 +190,45 @@ def test_a_region_whose_lanes_are_run_again_is_kept_meanwhile(tmp_path, limited,
 
 
 @pytest.mark.parametrize(
-    ("axes", "options", "words"),
+    ("axes", "options", "about"),
     [
-        ({}, {}, "`axes` must be values by name"),
-        ({"wrist.radial_clearance": []}, {}, "`wrist.radial_clearance` is empty"),
-        ({"wrist.radius": [1.0]}, {}, "There is no parameter `wrist.radius`"),
-        ({"wrist.radial_clearance": [1e-4, -1e-4]}, {}, "`wrist.radial_clearance` must be"),
-        ({"slider.mass": [0.1, np.nan]}, {}, "must be finite"),
-        ({"a": cj.Zipped({"slider.mass": [0.1], "conrod.mass": [0.1, 0.2]})}, {}, "must have one length"),
+        ({}, {}, ("axes",)),
+        ({"wrist.radial_clearance": []}, {}, ("wrist.radial_clearance", None)),
+        ({"wrist.radius": [1.0]}, {}, ("wrist.radius", "wrist.radius", "wrist.radial_clearance")),
+        ({"wrist.radial_clearance": [1e-4, -1e-4]}, {}, ("wrist.radial_clearance", -1e-4, "greater than 0 m")),
+        ({"slider.mass": [0.1, np.nan]}, {}, ("slider.mass", None, "finite")),
+        ({"a": cj.Zipped({"slider.mass": [0.1], "conrod.mass": [0.1, 0.2]})}, {}, ("a", None)),
         (
             {"slider.mass": [0.1], "a": cj.Zipped({"slider.mass": [0.1]})},
             {},
-            "varied by the axes `slider.mass` and `a`",
+            ("slider.mass", None, None),
         ),
-        ({"a": cj.Choice({"b": 3})}, {}, "`b` of the axis `a` must be a mechanism"),
-        ({"a": cj.Sampled({"slider.mass": 0.1}, 4)}, {}, "`slider.mass` must scatter by `cj.scatter"),
-        ({"t1": [1e-3]}, {}, "`t1` is an axis and an argument"),
+        ({"a": cj.Choice({"b": 3})}, {}, ("b",)),
+        ({"a": cj.Sampled({"slider.mass": 0.1}, 4)}, {}, ("slider.mass", 0.1)),
+        ({"t1": [1e-3]}, {}, ("t1",)),
         (
             {"slider.mass": np.linspace(0.1, 0.2, 100_000), "conrod.mass": np.linspace(0.1, 0.2, 100_000)},
             {},
-            "Give a `store`",
+            ("store",),
         ),
-        ({"slider.mass": [0.1]}, {"outputs": {"code": PEAK}}, "cannot be called 'code'"),
-        ({"slider.mass": [0.1]}, {"outputs": {"x": "piston.place"}}, "no quantity `piston.place`"),
-        ({"slider.mass": [0.1]}, {"wrt": ["slider.weight"]}, "no parameter `slider.weight`"),
-        ({"slider.mass": [0.1]}, {"save_at": 5}, "`times` instead of `save_at`"),
+        ({"slider.mass": [0.1]}, {"outputs": {"code": PEAK}}, ("code",)),
+        (
+            {"slider.mass": [0.1]},
+            {"outputs": {"x": "piston.place"}},
+            ("piston.place", "piston.place", "piston.position"),
+        ),
+        ({"slider.mass": [0.1]}, {"wrt": ["slider.weight"]}, ("slider.weight", "slider.weight", "slider.mass")),
+        ({"slider.mass": [0.1]}, {"save_at": 5}, ("save_at",)),
     ],
 )
-def test_refusals(axes, options, words):
-    with pytest.raises(cj.ClearanceError, match=words):
+def test_refusals(axes, options, about):
+    with refused(*about):
         cj.sweep(MECHANISM, axes, **{"outputs": {"peak": PEAK}, "t1": 1e-3, **options})
 
 
 def test_a_grid_larger_than_the_disk_is_refused(tmp_path):
     axes = {name: np.linspace(0.1, 0.2, 10_000) for name in ("slider.mass", "conrod.mass", "crank.mass")}
-    with pytest.raises(cj.ClearanceError, match=r"may take 18 TB"):
+    with refused(tmp_path / "a.zarr"):
         cj.sweep(MECHANISM, axes, {"peak": PEAK}, 1e-3, store=tmp_path / "a.zarr")
 
 
@@ -280,5 +285,5 @@ def test_correlation_of_normal_numbers_is_theirs():
     drawn = cj.Sampled(laws, 4096, correlation={("a", "b"): 0.8, ("b", "c"): -0.4}).draw()
     found = np.corrcoef(list(drawn.values()))
     np.testing.assert_allclose(found, [[1, 0.8, 0], [0.8, 1, -0.4], [0, -0.4, 1]], atol=0.02)
-    with pytest.raises(cj.ClearanceError, match="positive definite"):
+    with refused("correlation"):
         cj.Sampled(laws, 8, correlation={("a", "b"): 0.9, ("b", "c"): 0.9, ("a", "c"): -0.9}).draw()

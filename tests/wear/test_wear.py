@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
@@ -138,9 +139,9 @@ def test_coefficients_have_units():
     assert float(wear.archard("6e-5 mm^3/(N*m)").coefficient) == pytest.approx(6e-14)
     assert float(wear.archard(7.8e-5, "1.3 GPa").coefficient) == pytest.approx(6e-14)
     assert float(wear.reye("6e-5 mm^3/J").coefficient) == pytest.approx(6e-14)
-    with pytest.raises(ClearanceError, match="without a unit may mean"):
+    with refused("coefficient", 6e-14):
         wear.archard(6e-14)
-    with pytest.raises(ClearanceError, match="must be in 1/Pa"):
+    with refused("coefficient", "6e-14 m"):
         wear.archard("6e-14 m")
 
 
@@ -164,7 +165,7 @@ def test_what_does_not_wear_and_what_cannot():
     with pytest.raises(ClearanceError, match="further than a flat patch"):
         wear.wear_of(pressing(1e9), SLEEVE, wear.Archard(K), wear.HertzLine(), depth=depths(90))
     soft = Sections(GEOMETRY._replace(pin_material=None), SLEEVE.heights, SLEEVE.lengths)
-    with pytest.raises(ClearanceError, match="needs `pin_material`"):
+    with refused("pin_material"):
         wear.wear_of(pressing(FORCE), soft, wear.Archard(K), wear.HertzLine(), depth=depths(90))
 
 

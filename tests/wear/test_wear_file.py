@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from places import SCENES
+from places import SCENES, refused
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -248,7 +248,7 @@ def test_figures_and_films_of_a_life(dataset, tmp_path):
     assert film.save(tmp_path / "life.gif").stat().st_size > 10_000
     with pytest.raises(cj.ClearanceError, match="no result of a study of wear"):
         cj.wear_figures.overview(dataset.drop_vars("depth"))
-    with pytest.raises(cj.ClearanceError, match="at least 2 frames"):
+    with refused("frames", 1):
         cj.wear_figures.animate(dataset, frames=1)
 
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
+from places import refused
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
@@ -105,13 +106,13 @@ def test_a_journal_of_another_march_is_refused_in_words(tmp_path):
     same = wear.march(slowing, begin, 1000, until=until(1e-6), journal=path)
     assert np.array_equal(first.depth, same.depth)
     before = path.read_bytes()
-    for words, rate, cycles, bound, start in (
-        ("`cycles` is 5000 here and 1000 there", slowing, 5000, 1e-6, begin),
-        (r"`code of slowing \(rate\)` is absent here", faster, 1000, 1e-6, begin),
-        (r"`code of until.<locals>.<lambda> \(until\)` is .* here and .* there", slowing, 1000, 2e-6, begin),
-        (r"`profile` is \(20,\) .* here and \(20,\) .* there", slowing, 1000, 1e-6, begin + 1e-9),
+    for name, rate, cycles, bound, start in (
+        ("cycles", slowing, 5000, 1e-6, begin),
+        ("code of slowing (rate)", faster, 1000, 1e-6, begin),
+        ("code of until.<locals>.<lambda> (until)", slowing, 1000, 2e-6, begin),
+        ("profile", slowing, 1000, 1e-6, begin + 1e-9),
     ):
-        with pytest.raises(ClearanceError, match=f"belongs to another question: .*{words}.*Choose another path"):
+        with refused(path, name):
             wear.march(rate, start, cycles, until=until(bound), journal=path)
     assert path.read_bytes() == before
 
@@ -120,7 +121,7 @@ def test_what_cannot_wear():
     assert np.all(wear.march(lambda depth, _: 0 * depth, np.zeros(20), 10**6).depth == 0)
     with pytest.raises(ClearanceError, match="must be at least 0"):
         wear.march(lambda depth, _: depth - np.nan, np.zeros(20), 10)
-    with pytest.raises(ClearanceError, match="must be a finite number, but after 0 cycles it is -inf"):
+    with refused("until", -np.inf):
         wear.march(slowing, np.zeros(20), 10, until=lambda _: -np.inf)
 
 
@@ -284,7 +285,7 @@ def test_running_in_counts_the_time_that_the_joint_has_run(t0):
         assert slope.max() == pytest.approx(expected / 1e-13, rel=1e-6)
     found = wear.simulate_wear(model, 200, sectors=90, tolerance=1e-3, **asked)
     assert found.depth[-1].max() == pytest.approx(exact(0.0, 10.0), rel=1e-3)
-    with pytest.raises(ClearanceError, match="no derivative by `cycle`"):
+    with refused("cycle"):
         model.cycle_wears(stack, ("cycle",), 0, asked)
 
 
@@ -309,17 +310,18 @@ def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
         assert (found.end, found.evaluations) == (whole.end, whole.evaluations)
         assert np.array_equal(found.depth, whole.depth)
     assert path.read_bytes() == before
-    for words, other in (
-        (r"`coefficient \(law of wear\)` is 2e-13 here and 1e-13 there", of(wear=wear.Archard(2e-13))),
-        (r"`spread \(pressure\)` is 0.1 here and 0.2 there", of(pressure=wear.Uniform(0.1))),
-        (r"`stiffness \(pressure\)` is .* here and absent there", of(pressure=wear.Foundation(2e13))),
-        (r"`bound \(until\)` is 2e-07 here and 1e-07 there", {"until": wear.Deepest(2e-7)}),
-        (r"`code of test.*<lambda> \(until\)` is .* here and absent there", {"until": lambda depth: depth[0] - 1e-7}),
-        (r"`by` is \[.wear.coefficient.\] here and \[\] there", {"by": ("wear.coefficient",)}),
-        ("`solver` is dopri8 here and absent there", {"solver": "auto"}),
+    for name, also, other in (
+        ("coefficient (law of wear)", "", of(wear=wear.Archard(2e-13))),
+        ("spread (pressure)", "", of(pressure=wear.Uniform(0.1))),
+        ("spread (pressure)", "`stiffness (pressure)`", of(pressure=wear.Foundation(2e13))),
+        ("bound (until)", "", {"until": wear.Deepest(2e-7)}),
+        ("bound (until)", "<lambda> (until)` is", {"until": lambda depth: depth[0] - 1e-7}),
+        ("by", "", {"by": ("wear.coefficient",)}),
+        ("solver", "", {"solver": "auto"}),
     ):
-        with pytest.raises(ClearanceError, match=f"belongs to another question: .*{words}"):
+        with refused(path, name) as caught:
             lived(**other)
+        assert also in str(caught.value)
         assert path.read_bytes() == before
 
 
@@ -342,7 +344,7 @@ def test_lives_that_end_at_once_or_never():
     assert wear.simulate_wear(worn, 10, until=wear.Deepest(2e-6), start="settled").end == 0
     with pytest.raises(ClearanceError, match="Check the unit of the law's coefficient"):
         wear.simulate_wear(other(wear=wear.Archard(1e-6)), 10, **still)
-    with pytest.raises(ClearanceError, match="There is no parameter `wear"):
+    with refused("wear.coeficient"):
         wear.simulate_wear(model, 10, by=("wear.coeficient",))
     # 0.4 um off, but 3 times what the pin stands in its sleeve: sectors that stood highest would stand lowest, by more.
     far = 3.0 * 0.05 * 25e-3
@@ -378,11 +380,11 @@ def test_lives_over_numbers_are_their_closed_forms(tmp_path):
     np.testing.assert_allclose(found.end, 2 * 0.2 * 25.1e-3 * 1e-6 / (drawn * 196.2 * 3.0 * reach), rtol=1e-4)
     assert found.interval(0.0) == found.end.min()
     assert found.interval(0.25) == np.sort(found.end)[2]
-    with pytest.raises(ClearanceError, match=r"`coefficient \(law of wear\)` is 2e-13 here and .* there"):
+    with refused(tmp_path / "lives" / "0.jsonl", "coefficient (law of wear)"):
         wear.service_lives(*given, {"wear.coefficient": [2e-13]}, journal=tmp_path / "lives", **asked)
     for bound in (1e-6, 2e-6):
         other = {**asked, "until": lambda depth, bound=bound: jnp.max(depth) - bound}
-        with pytest.raises(ClearanceError, match=r"another question: .*\(until\)` is .* here and .* there"):
+        with refused(tmp_path / "lives" / "0.jsonl", "bound (until)"):
             wear.service_lives(*given, coefficients, journal=tmp_path / "lives", **other)
     plays = {"pin.radial_clearance": np.array([1e-4, 4e-4])}
     told: list[float] = []

@@ -10,7 +10,7 @@ import numpy as np
 
 from clearance_jax.design.asked.costs import AbstractCost, CostTable
 from clearance_jax.design.asked.specification import Specification
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.joints.fits import Fit
 from clearance_jax.joints.fits import fit as fit_of
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -136,9 +136,7 @@ def classes_of(
     classes = {}
     for name, given in candidates.items():
         if name not in specification.variables:
-            raise ClearanceError(
-                f"There are classes for `{name}`, which is no variable. " + suggest(name, list(specification.variables))
-            )
+            raise unknown_name(f"There are classes for `{name}`, which is no variable.", name, specification.variables)
         costs = given if isinstance(given, Mapping) else {}
         read = [_class(name, entry, costs.get(entry), sizes.get(name)) for entry in given]
         classes[name] = _within(name, read, specification.variables[name])
@@ -152,7 +150,7 @@ def _class(variable: str, name: str | ToleranceClass, cost: float | None, diamet
         raise ClearanceError(
             f"`{variable}` has no nominal diameter, so the fit {name!r} says nothing of it: give `diameters`, or "
             "classes of your own (`ToleranceClass`)."
-        )
+        ).about(variable, name)
     else:
         fit = fit_of(diameter, name)
         made = ToleranceClass(fit.name, *fit.radial_clearance, cost, fit)
@@ -160,10 +158,10 @@ def _class(variable: str, name: str | ToleranceClass, cost: float | None, diamet
         raise ClearanceError(
             f"The class {made.name} of `{variable}` is no clearance fit: it leaves between {1e6 * made.least:g} and "
             f"{1e6 * made.greatest:g} um. Take a looser one."
-        )
+        ).about(variable, made.name)
     if made.cost is not None and not (math.isfinite(made.cost) and made.cost > 0):
-        raise ClearanceError(
-            f"The cost of the class {made.name} of `{variable}` must be a positive number, but it is {made.cost}."
+        raise wrong_value(
+            f"The cost of the class {made.name} of `{variable}`", "a positive number", made.cost, shown=str(made.cost)
         )
     return made
 
@@ -184,7 +182,7 @@ def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float,
         raise ClearanceError(
             f"No class of `{variable}` has its greatest clearance within the variable's bounds, "
             f"{format_quantity(low, 'm')} to {format_quantity(high, 'm')} ({listed}). Change the one or the other."
-        )
+        ).about(variable, listed)
     return tuple(kept.values())
 
 
@@ -199,7 +197,7 @@ def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceCl
         if name not in laws:
             raise ClearanceError(
                 f"Classes are chosen by cost, but `{name}` has none. Give every variable a cost, or its classes costs."
-            )
+            ).about(name)
     for name, listed in classes.items():
         costs = [float(laws[name](entry.greatest)) for entry in listed]
         for (tight, less), (loose, more) in itertools.pairwise(zip(listed, costs, strict=True)):
@@ -207,7 +205,7 @@ def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceCl
                 raise ClearanceError(
                     f"The class {loose.name} of `{name}` costs more ({more:g}) than the tighter one {tight.name} "
                     f"({less:g}), but the search wants costs that fall as the clearance grows. Leave {loose.name} out."
-                )
+                ).about(name, loose.name)
     return dataclasses.replace(specification, costs=tuple(laws[name] for name in specification.variables))
 
 

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.body import Body
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -47,13 +47,14 @@ class Payload:
 
     def __post_init__(self):
         if not (np.isfinite(self.mass) and self.mass >= 0):
-            raise ClearanceError(f"The mass of a payload must not be negative, but it is {self.mass} kg.")
+            text = f"The mass of a payload must not be negative, but it is {self.mass} kg."
+            raise ClearanceError(text).about("mass", self.mass)
 
     def values(self, mechanism: Mechanism) -> Values:
         """The numbers of the body with the payload, by name. **Raises** `ClearanceError` if the body lacks one."""
         names = [body.name for body in mechanism.bodies]
         if self.body not in names:
-            raise ClearanceError(f"There is no body `{self.body}` to carry a payload. " + suggest(self.body, names))
+            raise unknown_name(f"There is no body `{self.body}` to carry a payload.", self.body, names)
         body = mechanism.bodies[names.index(self.body)]
         if body.mass is None:
             raise ClearanceError(f"Body `{body.name}` is a massless link, which no payload can change: give it a mass.")
@@ -71,7 +72,7 @@ class Payload:
                 raise ClearanceError(
                     f"The payload on `{body.name}` changes `{body.name}.{name}`, which this body does not have as a "
                     "number: give the body one (it may be zero)."
-                )
+                ).about(f"{body.name}.{name}")
         return {f"{body.name}.{name}": value for name, value in numbers.items() if name in known}
 
 
@@ -142,7 +143,7 @@ def _trajectory(name: str, drives: Mapping[str, AbstractMotionLaw], mechanism: M
 def _scaled(mechanism: Mechanism, values: Values, factor: float, name: str) -> Values:
     """The numbers of all courses in time, for a motion `factor` times as fast with the values of a condition."""
     if not (np.isfinite(factor) and factor > 0):
-        raise ClearanceError(f"`{name}`: a speed must be a positive number, but it is {factor}.")
+        raise wrong_value(f"`{name}`: a speed", "a positive number", factor, shown=str(factor))
     if mechanism.controllers:
         raise ClearanceError("Speeds scale drives, and controllers follow references of their own: set their numbers.")
     scaled, once = {}, replace(mechanism, values)

@@ -18,7 +18,7 @@ from clearance_jax.design.search.yields import (
     worst_parts,
     yield_supported,
 )
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.parameters import describe, physical
 from clearance_jax.sweep.scatter import check_scatter
 
@@ -132,7 +132,7 @@ class Band(AbstractManufacture):
 
     def check(self):
         if not 0 < self.least < 1:
-            raise ClearanceError(f"`Band.least` must be between 0 and 1, but it is {self.least}.")
+            raise wrong_value("`Band.least`", "between 0 and 1", self.least, shown=str(self.least))
 
     def parts(self, names, fresh=0, seed=None):
         rows = self.factors(len(names))
@@ -219,7 +219,7 @@ class Yield(AbstractManufacture):
             raise ClearanceError(
                 "`Yield` wants a target between 0 and 1, a confidence from 0 to below 1, and at least one sample, but "
                 f"they are {self.target}, {self.confidence} and {self.samples}."
-            )
+            ).about("Yield", (self.target, self.confidence, self.samples))
         for name, deviation in self.scatter.items():
             if not isinstance(deviation, int | float):
                 check_scatter(name, deviation)
@@ -227,7 +227,7 @@ class Yield(AbstractManufacture):
                 raise ClearanceError(
                     f"The scatter of `{name}` must be relative, not negative and below 1 (100 %), but it is "
                     f"{deviation:g}."
-                )
+                ).about(name, deviation)
 
     def check_worth(self, name, worth, is_given):
         deviation = self.scatter[name]
@@ -236,12 +236,12 @@ class Yield(AbstractManufacture):
                 raise ClearanceError(
                     f"`{name}` scatters by a distribution, which would take the place of the condition's value. Give a "
                     "relative deviation (in percent), which is one about this value, or leave it out of the condition."
-                )
+                ).about(name, np.asarray(worth).tolist())
         elif deviation and not np.any(worth):
             raise ClearanceError(
                 f"`{name}` is zero, and so a relative scatter (in percent) of it is none. Give a distribution with an "
                 "absolute deviation."
-            )
+            ).about(name, 0.0)
 
     def parts(self, names, fresh=0, seed=None):
         draws = self.draws(names, fresh, seed)
@@ -271,9 +271,8 @@ class Yield(AbstractManufacture):
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
             if not isinstance(deviation, int | float):
                 if name in names:
-                    raise ClearanceError(
-                        f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
-                    )
+                    text = f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
+                    raise ClearanceError(text)
                 draws[name] = deviation.ppf(scipy.stats.norm.cdf(column))
                 continue
             # A normal factor with a large deviation could be negative.

@@ -189,7 +189,7 @@ def with_held_ends(specification: Specification) -> Specification:
             try:
                 ends[name] = _end_speed(follow(mechanism, course.path), course.begin[:-1], t0, t1)
             except ClearanceError as error:
-                raise ClearanceError(f"In `{name}`: {error}") from None
+                raise error.at(f"In `{name}`") from None
         if any(rests for _, rests in ends.values()):
             speeds[course.begin] = {name: speed for name, (speed, _) in ends.items()}
     if not speeds:
@@ -223,7 +223,7 @@ def _end_speed(spline: Spline, name: str, t0: float, t1: float) -> tuple[float, 
         raise ClearanceError(
             f"the table of `{name}` begins at {times[0]:.6g} s, after the motion, which begins at t0 = {t0:.6g} s. Let "
             "the table begin there, or the motion later."
-        )
+        ).about(name, float(times[0]))
     law = spline.prepare()
     end = float(law(jnp.asarray(times[-1]))[1])
     if t1 <= times[-1] + hair:
@@ -236,5 +236,5 @@ def _end_speed(spline: Spline, name: str, t0: float, t1: float) -> tuple[float, 
                 f"the table of `{name}` ends at {times[-1]:.6g} s, before t1 = {t1:.6g} s, and not at rest: its speed "
                 f"there is {abs(end) / largest:.0%} of its largest. Let the motion end there (`t1`), or give a table "
                 "that goes on until t1 or comes to rest (rows that repeat the last value)."
-            )
+            ).about(name, float(times[-1]))
     return 0.0, True

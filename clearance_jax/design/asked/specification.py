@@ -13,7 +13,7 @@ import numpy as np
 from clearance_jax._basis.module import Module
 from clearance_jax.design.asked.conditions import replace_values, sets, values_for, worth
 from clearance_jax.design.asked.manufacture import AbstractManufacture, AsDesigned
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, as_measure, begin_of
@@ -46,7 +46,7 @@ class Limit(Module):
 
     def __check_init__(self):
         if not (np.isfinite(self.bound) and self.bound > 0):
-            raise ClearanceError(f"The bound of a limit must be a positive number, but it is {self.bound}.")
+            raise wrong_value("The bound of a limit", "a positive number", self.bound, str(self.bound), name="bound")
 
     @property
     def signal(self) -> Any:
@@ -142,7 +142,7 @@ class Specification:
 
     def __post_init__(self):
         if self.fidelity not in FIDELITY_CHOICES:
-            raise ClearanceError(f"`fidelity` must be {', '.join(FIDELITY_CHOICES)}, but it is {quote(self.fidelity)}.")
+            raise wrong_value("`fidelity`", ", ".join(FIDELITY_CHOICES), self.fidelity)
         settings = self.settings()
         for limit in self.limits:
             begin_of(getattr(limit.metric.base_metric, "since", None), self.t1, settings)
@@ -175,10 +175,10 @@ class Specification:
             if any(given.startswith("drive.") for given in values):
                 self._check_end(now)
         except ClearanceError as error:
-            raise ClearanceError(f"In `{name}`: {error}") from None
+            raise error.at(f"In `{name}`") from None
         for variable in self.variables:
             if variable in values:
-                raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.")
+                raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.").about(variable, name)
             if variable in known and np.ndim(known[variable].value):
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
 
@@ -190,7 +190,7 @@ class Specification:
             raise ClearanceError(
                 f"its drives move until {last[0]:.6g} s, and the motion ends at t1 = {self.t1:.6g} s, before they come "
                 f"to rest: let it last as long as the slowest condition, t1 = {last[0]:.6g}."
-            )
+            ).about("t1", float(self.t1), last[0])
 
     def worth(self, name: str, given: Mapping[str, Any] = MappingProxyType({})) -> Any:
         """The value of a number, the mechanism's or that of wear, in a condition that sets the `given` values.

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -104,10 +104,10 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     """
     names = [p.name for p in mechanism.points]
     if point not in names:
-        raise ClearanceError(f"There is no point `{point}`. " + suggest(point, names))
+        raise unknown_name(f"There is no point `{point}`.", point, names)
     joints = [joint.name for joint in mechanism.clearance_joints()]
     if not joints:
-        raise ClearanceError("A mechanism without play has no error. Give a joint clearance.")
+        raise ClearanceError("A mechanism without play has no error. Give a joint clearance.").about("clearance")
     check_driven(mechanism)
     settings = settings_of(mechanism, t1, {"start": "settled", "rtol": 1e-6} | options | {"save_at": INSTANTS})
     times, index = evenly(settings.t0, t1, INSTANTS), names.index(point)

@@ -15,7 +15,7 @@ from clearance_jax.design.asked.specification import Limit, Scenario, scenarios_
 from clearance_jax.design.search.evaluate import Simulations, simulations_of
 from clearance_jax.design.search.program import SLACK, Evaluation, Program
 from clearance_jax.design.search.run import INTERRUPTED, run
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.solve.settings import QUASI_STATIC
 from clearance_jax.units import format_quantity
 from clearance_jax.wear import AbstractAged
@@ -153,7 +153,7 @@ def tradeoff(
     titles = list(dict.fromkeys(design.program.groups))
     limit = limit or design.program.groups[int(np.argmax(design.evaluation.limits))]
     if limit not in titles:
-        raise ClearanceError(f"There is no limit {limit!r}. " + suggest(limit, titles))
+        raise unknown_name(f"There is no limit {limit!r}.", limit, titles, "limit")
     if not factors or not all(math.isfinite(f) and f > 0 for f in factors):
         raise ClearanceError(f"`factors` must be positive numbers, but they are {list(factors)}.")
     with place_of(cluster) as place:

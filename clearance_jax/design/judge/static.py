@@ -60,13 +60,14 @@ def static_weights(
             f"An over-constrained mechanism has no static bound: {repeated} of the conditions of its loops only repeat "
             "others, so that an offset in one joint strains it. Close its loops by joints of more freedom (`Spherical` "
             "instead of `Revolute`, say)."
-        )
+        ).about("loops", repeated)
     known = [p.name for p in mechanism.points]
     if point not in known:
-        raise ClearanceError(f"There is no point `{point}`. Allowed: {', '.join(known)}.")
+        raise ClearanceError(f"There is no point `{point}`. Allowed: {', '.join(known)}.").about(point, allowed=known)
     names = tuple(joint.name for joint in mechanism.clearance_joints()) if joints is None else tuple(joints)
     if not names:
-        raise ClearanceError("No joint has clearance here: name the joints that are to be asked for, `joints=`.")
+        text = "No joint has clearance here: name the joints that are to be asked for, `joints=`."
+        raise ClearanceError(text).about("joints")
     for name in names:
         mechanism.joint(name)
     parts = [(_play_of(mechanism, name), _is_flat(mechanism, name)) for name in names]

@@ -18,7 +18,7 @@ import scipy.optimize
 from clearance_jax._basis.extras import require
 from clearance_jax.design.search.program import Program
 from clearance_jax.design.search.scaling import ScaledProgram, feasible_neighbour
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import unknown_name
 
 # The weight of a violated limit over the objective: if half of the batches violate it, both balance.
 PULL = 2.0
@@ -169,7 +169,7 @@ def method_of(method: str | Method) -> Method:
     if isinstance(method, Method):
         return method
     if method not in METHODS:
-        raise ClearanceError(f"There is no design method {method!r}. " + suggest(method, METHOD_CHOICES))
+        raise unknown_name(f"There is no design method {method!r}.", method, METHOD_CHOICES, "method")
     known = METHODS[method]
     if known.extra:
         require(f"The method {method}", known.extra, known.extra)

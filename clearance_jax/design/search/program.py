@@ -125,7 +125,8 @@ class Program:
         self.lower, self.upper = np.asarray(lower, float), np.asarray(upper, float)
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not 0 < low < high < math.inf:
-                raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
+                text = f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold."
+                raise ClearanceError(text).about(name, (float(low), float(high)))
         self._evaluate, self._fresh, self._several = evaluate, fresh, several
         self._most, self._progress, self.fidelity, self.cheap = most, progress, fidelity, cheap
         self.inside = inside
@@ -196,9 +197,8 @@ class Program:
         **Raises:** `ClearanceError` if nothing is sampled.
         """
         if self._fresh is None:
-            raise ClearanceError(
-                "Only a problem with `manufacture=Yield(...)` has samples to be drawn afresh. Take another method."
-            )
+            text = "Only a problem with `manufacture=Yield(...)` has samples to be drawn afresh. Take another method."
+            raise ClearanceError(text)
         self._spend()
         self.gradients += 1
         return self._fresh(np.clip(np.asarray(x, float), self.lower, self.upper), samples, seed)

@@ -265,12 +265,12 @@ def _check(widths: Sequence[float], classes: Any) -> None:
         raise ClearanceError(
             "`smoothing` must be widths [m] that become smaller, and the last one must be 0, which is the law itself: "
             f"such as (1e-6, 1e-7, 0). But it is {tuple(widths)}."
-        )
+        ).about("smoothing", tuple(widths))
     if classes is not None:
         raise ClearanceError(
             "`smoothing` is for variables that take any values: leave `classes` out, and then choose the classes with "
             "`start` at the answer."
-        )
+        ).about("classes")
 
 
 def _record_of(record: str | Path | None, width: float) -> Path | None:

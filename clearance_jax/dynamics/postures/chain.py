@@ -18,7 +18,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Point
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
@@ -123,14 +123,14 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     ideal = mechanism.ideal()
     names = [p.name for p in ideal.points]
     if point not in names:
-        raise ClearanceError(f"There is no point `{point}`. " + suggest(point, names))
+        raise unknown_name(f"There is no point `{point}`.", point, names)
     body = next(p.body for p in ideal.points if p.name == point)
     looped = _loop_joints(ideal)
     movers = [joint for joint in ideal.joints if joint in _towards_ground(ideal, body) or joint.name in looped]
     known = drivable(ideal.joints)
     for name in joints or ():
         if name not in known:
-            raise ClearanceError(f"There is no coordinate `{name}` to move. " + suggest(name, known))
+            raise unknown_name(f"There is no coordinate `{name}` to move.", name, known)
     resting = [joint for joint in movers if any(c.is_ball for c in joint.own_coordinates())]
     movable = drivable([joint for joint in movers if joint not in resting])
     # The spring of an elastic drive stays as it is: its motor moves the link.

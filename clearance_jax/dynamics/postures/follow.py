@@ -28,7 +28,7 @@ from clearance_jax.dynamics.postures.inverse import (
     why_unreached,
 )
 from clearance_jax.dynamics.postures.posture import PostureSolution, aim_at, change, find, rates, sought_values
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.drives import Quintic
 from clearance_jax.mechanism.motion.paths import CartesianPath, PreparedPath
@@ -174,7 +174,7 @@ def follow(
     if chain.mechanism.is_plane and not _is_plane(ready):
         raise ClearanceError("The mechanism is in the plane: a path of it must have no z, and turns about z only.")
     if not tolerance > 0:
-        raise ClearanceError(f"`tolerance` must be a length greater than zero, but it is {tolerance!r}.")
+        raise wrong_value("`tolerance`", "a length greater than zero", tolerance, shown=repr(tolerance))
     edges = _edges(np.asarray(ready.breaks()))
     first = jnp.asarray(edges[0])
     aim = aim_at(ready, first, jnp.asarray(edges[:2].mean()))
@@ -308,4 +308,4 @@ def _check_speeds(chain: Chain, knots: np.ndarray, blocks: PathBlock) -> None:
             f"`{coordinate.name}` would have to move at {speeds[most]:.4g} {unit}{_when(knots, float(knots[most]))}, "
             f"but its limit is {limits.velocity:.4g} {unit}, which it passes at {knots[first]:.6g} s. Give the path "
             "more time, or lead it further from singular postures."
-        )
+        ).about(coordinate.name, float(speeds[most]), float(limits.velocity))

@@ -15,7 +15,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.postures.chain import AbstractChain, Aim, Chain, chain_of, start_of
 from clearance_jax.dynamics.postures.posture import PostureSolution, bounds, solve, sought_values
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.segments import Pose
 from clearance_jax.mechanism.state import parts
@@ -102,7 +102,7 @@ def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Post
     known = [part.coordinate.name for part in parts(chain.mechanism) if not part.coordinate.is_ball]
     for name, value in (start or {}).items():
         if name not in known:
-            raise ClearanceError(f"There is no coordinate `{name}` to start from. " + suggest(name, known))
+            raise unknown_name(f"There is no coordinate `{name}` to start from.", name, known)
         begin = begin.at[chain.places([name])[0]].set(value)
     return begin
 

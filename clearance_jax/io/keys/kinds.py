@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, wrong_value, wrong_word
 from clearance_jax.mechanism.placement import as_axis, as_inertia
 from clearance_jax.parameters import check_bounds, resolve_unit
 from clearance_jax.units import to_si
@@ -69,7 +69,7 @@ class QuantityKey(Key):
 
     def read(self, value, where, words):
         if isinstance(value, list):
-            raise ClearanceError(f"{where} must be one quantity, but it is the list {quote(value)}.")
+            raise wrong_value(where, "one quantity", value, f"the list {quote(value)}")
         unit = resolve_unit(self.unit, words)
         number = to_si(value, unit, where)
         check_bounds(number, self.bounds, where, unit, value)
@@ -102,7 +102,7 @@ class Quantities(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
+            raise wrong_value(where, f"a list such as {self.example}", value)
         unit = resolve_unit(self.unit, words)
         return [to_si(v, unit, f"{where}[{i}]") for i, v in enumerate(value)]
 
@@ -120,9 +120,7 @@ class VectorKey(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or len(value) not in (2, 3):
-            raise ClearanceError(
-                f"{where} must be a pair (or in space a triple) such as {self.example}, but it is {quote(value)}."
-            )
+            raise wrong_value(where, f"a pair (or in space a triple) such as {self.example}", value)
         return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
@@ -136,7 +134,7 @@ class Triple(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or len(value) != 3:
-            raise ClearanceError(f"{where} must be a triple such as {self.example}, but it is {quote(value)}.")
+            raise wrong_value(where, f"a triple such as {self.example}", value)
         return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
@@ -149,12 +147,12 @@ class Direction(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, (str, list)):
-            raise ClearanceError(f"{where} must be an axis such as {self.example}, but it is {quote(value)}.")
+            raise wrong_value(where, f"an axis such as {self.example}", value)
         numbers = [to_si(v, "", f"{where}[{i}]") for i, v in enumerate(value)] if isinstance(value, list) else value
         try:
             return as_axis(numbers)
         except ClearanceError as error:
-            raise ClearanceError(f"{where}: {error}") from None
+            raise error.at(where) from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,13 +169,11 @@ class Moments(Key):
             check_bounds(number, self.bounds, where, self.unit, value)
             return number
         if len(value) not in (3, 6):
-            raise ClearanceError(
-                f"{where} must be one quantity, three (xx, yy, zz) or six (and xy, xz, yz), but it is {quote(value)}."
-            )
+            raise wrong_value(where, "one quantity, three (xx, yy, zz) or six (and xy, xz, yz)", value)
         try:
             return as_inertia([to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value)])
         except ClearanceError as error:
-            raise ClearanceError(f"{where}: {error}") from None
+            raise error.at(where) from None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,9 +190,9 @@ class Whole(Key):
 
     def read(self, value, where, words):
         if isinstance(value, bool) or not isinstance(value, int) or value < self.least:
-            raise ClearanceError(f"{where} must be a whole number of at least {self.least}, but it is {quote(value)}.")
+            raise wrong_value(where, f"a whole number of at least {self.least}", value)
         if value > self.most:
-            raise ClearanceError(f"{where} must be a whole number of at most {self.most}, but it is {quote(value)}.")
+            raise wrong_value(where, f"a whole number of at most {self.most}", value)
         return value
 
 
@@ -210,9 +206,7 @@ class Wholes(Key):
     def read(self, value, where, words):
         whole = isinstance(value, list) and value and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
         if not whole or value[0] < 0 or any(a >= b for a, b in itertools.pairwise(value)):
-            raise ClearanceError(
-                f"{where} must be a list of whole numbers that grow, such as {self.example}, but it is {quote(value)}."
-            )
+            raise wrong_value(where, f"a list of whole numbers that grow, such as {self.example}", value)
         return tuple(value)
 
 
@@ -225,7 +219,7 @@ class Flag(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, bool):
-            raise ClearanceError(f"{where} must be true or false, but it is {quote(value)}.")
+            raise wrong_value(where, "true or false", value)
         return value
 
 
@@ -239,7 +233,7 @@ class Text(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, str):
-            raise ClearanceError(f"{where} must be a text in quotes, but it is {quote(value)}.")
+            raise wrong_value(where, "a text in quotes", value)
         return check_text(value, where, self.longest)
 
 
@@ -257,10 +251,10 @@ class Names(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
+            raise wrong_value(where, f"a list such as {self.example}", value)
         for i, name in enumerate(value):
             if not isinstance(name, str):
-                raise ClearanceError(f"{where}[{i}] must be a name in quotes, but it is {quote(name)}.")
+                raise wrong_value(f"{where}[{i}]", "a name in quotes", name)
         return tuple(check_text(name, f"{where}[{i}]") for i, name in enumerate(value))
 
 
@@ -280,10 +274,7 @@ class Word(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, str) or value not in self.allowed:
-            raise ClearanceError(
-                f"{where} must be one of the allowed words, but it is {quote(value)}. "
-                + suggest(value if isinstance(value, str) else "", self.allowed)
-            )
+            raise wrong_word(where, value, self.allowed)
         return value
 
 
@@ -310,16 +301,12 @@ def tables(help: str, example: str, absent: str = "", *, required: bool = False)
 def check_text(value: str, where: str, longest: int = LONGEST) -> str:
     """A text of one line. **Raises** `ClearanceError` if it is empty, too long or unprintable."""
     if not value.strip() or len(value) > longest or not value.isprintable():
-        raise ClearanceError(
-            f"{where} must be a text of 1 to {longest} printable characters, but it is {quote(value)}."
-        )
+        raise wrong_value(where, f"a text of 1 to {longest} printable characters", value)
     return value
 
 
 def check_name(value: str, where: str) -> str:
     """A name of a part, without `.` and `=`. **Raises** `ClearanceError` for another text."""
     if "." in value or "=" in value:
-        raise ClearanceError(
-            f"{where} must be named without `.` and `=`, which separate names and values, but it is {quote(value)}."
-        )
+        raise wrong_value(where, "named without `.` and `=`, which separate names and values", value)
     return check_text(value, f"{where}, a name,")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, suggest, wrong_value
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import play as keys
 from clearance_jax.io.keys.declare import Keys, keys_of
@@ -65,7 +65,7 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
             raise ClearanceError(
                 f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
                 "already. Leave one of them out."
-            )
+            ).about(table.key("element"))
         word, element = table.variant("element", keys.ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
     if play.keys is keys.PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
@@ -88,9 +88,8 @@ def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
     table.need(*(key for key, required in fields.items() if required))
     for key in OF_A_FACE:
         if key in table.values and "axial_clearance" not in table.values:
-            raise ClearanceError(
-                f"{table.key(key)} has no effect without `axial_clearance`: only then are there faces."
-            )
+            message = f"{table.key(key)} has no effect without `axial_clearance`: only then are there faces."
+            raise ClearanceError(message).about(table.key(key))
     clearance, pin, tolerance = _radii(table, usual)
     normal, friction = _laws(table, round_contact(clearance) if usual else None)
     sizes = {key: table.get(key) for key in ("length", *fields) if key in table.values}
@@ -221,7 +220,8 @@ def _normal(joint: TomlTable) -> AbstractNormalLaw:
     values = table.arguments("law", "stiffness")
     if isinstance(table.values["stiffness"], dict):
         if not getattr(make, "has_radii", True):
-            raise ClearanceError(f"{table.key('stiffness')} must be a quantity such as {LAYER}: a layer has no radii.")
+            text = f"{table.key('stiffness')} must be a quantity such as {LAYER}: a layer has no radii."
+            raise ClearanceError(text).about(table.key("stiffness"))
         inner = table.table("stiffness", keys.STIFFNESS)
         return make(stiffness=InternalHertz(**inner.arguments()), **values)
     # The law's other numbers decide the unit.
@@ -272,9 +272,7 @@ def _of_life(table: TomlTable, file: Path) -> np.ndarray:
     lived = dataset["cycle"].values
     age = float(lived[-1]) if table.get("cycles") is None else table.get("cycles")
     if not lived[0] <= age <= lived[-1]:
-        raise ClearanceError(
-            f"{table.key('cycles')} must be at most the {lived[-1]:g} cycles of the file, but it is {age:g}."
-        )
+        raise wrong_value(table.key("cycles"), f"at most the {lived[-1]:g} cycles of the file", age, shown=f"{age:g}")
     return dataset["depth"].interp(cycle=age).values
 
 
@@ -283,7 +281,6 @@ def _of_table(table: TomlTable, file: Path) -> np.ndarray:
     table.need("unit")
     angle, depth = read_table(file, table.key("file"), "angle [deg] and depth")
     if np.any(np.abs(angle - 360 * np.arange(angle.size) / angle.size) > OFF):
-        raise ClearanceError(
-            f"{table.key('file')}: the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg."
-        )
+        text = f"{table.key('file')}: the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg."
+        raise ClearanceError(text)
     return depth * to_si(f"1 {table.get('unit')}", "m", table.key("unit"))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.kinds import Words
@@ -166,7 +166,7 @@ def robot_of(top: TomlTable, path: Path) -> RobotParts:
     joints = {joint.name: joint for joint in robot.joints}
     for name, values, where in table.entries("joint"):
         if name not in joints:
-            raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
+            raise unknown_name(f"{where}: the robot has no joint of this name.", name, joints, where)
         joints[name] = _robot_joint(joints[name], values, where, path)
     carried = [_payload(robot, *part) for part in table.parts("payload")]
     return RobotParts(
@@ -201,10 +201,8 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
     on, points = table.get("on"), {point.name: point for point in robot.points}
     bodies = {GROUND, *(body.name for body in robot.bodies)}
     if on not in points and on not in bodies:
-        raise ClearanceError(
-            f"{table.key('on')} must name a body or a point of the robot, but it is `{on}`. "
-            + suggest(on, bodies | set(points))
-        )
+        text = f"{table.key('on')} must name a body or a point of the robot, but it is `{on}`."
+        raise unknown_name(text, on, bodies | set(points), table.key("on"))
     point = points.get(on) or Point(on, on)
     carrier = _pose(point.at, point.orientation)
     pose = carrier.of(*_pose(table.get("at"), table.get("orientation")))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, read_drive, robot_of
@@ -135,7 +135,7 @@ def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mech
 def _solve(table: TomlTable) -> dict[str, Any]:
     options = table.arguments()
     if options.get("t0", 0.0) >= options.get("t1", float("inf")):
-        raise ClearanceError(f"{table.key('t1')} must be greater than t0, but it is {options['t1']:g} s.")
+        raise wrong_value(table.key("t1"), "greater than t0", options["t1"], shown=f"{options['t1']:g} s")
     return options
 
 
@@ -159,7 +159,7 @@ def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mecha
     table.need("target")
     for coordinate, target, there in table.entries("target"):
         if coordinate not in free:
-            raise ClearanceError(f"{there}: there is no free coordinate of this name. " + suggest(coordinate, free))
+            raise unknown_name(f"{there}: there is no free coordinate of this name.", coordinate, free, there)
         words = TURNING if free[coordinate].slides is None else SLIDING
         references.append(Reference(coordinate, read_drive(target, there, words, path)))
     with naming(where):

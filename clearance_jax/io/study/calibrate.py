@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.io.files import TIME, Meant, read_columns
 from clearance_jax.io.keys.metric import OF, OF_SIGNAL
 from clearance_jax.io.keys.study import CALIBRATE, PARAMETER_TABLE, SIGNAL_TABLE
@@ -78,7 +78,7 @@ def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[
     deviations = {}
     for column, values, where in table.entries("signal"):
         if column not in data:
-            raise ClearanceError(f"{where}: the data have no column `{column}`. {suggest(column, map(str, data))}")
+            raise unknown_name(f"{where}: the data have no column `{column}`.", column, map(str, data), where)
         signal = TomlTable(values, where, SIGNAL_TABLE)
         signals[column] = reading = _reading(signal, column, mechanism)
         with naming(where):

@@ -9,7 +9,7 @@ from clearance_jax.design.asked.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.asked.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.asked.problem import ToleranceProblem
 from clearance_jax.design.asked.specification import Limit
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name
 from clearance_jax.io.keys import design as keys
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.settings import values_by_name
@@ -74,7 +74,7 @@ def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | Non
         if problem.specification.manufacture.title:
             raise ClearanceError(f"{table.key('limit')} has no effect: a yield is of all limits at once. Leave it out.")
     if limit is not None and limit not in limits:
-        raise ClearanceError(f"{table.key('limit')}: there is no limit {quote(limit)}. " + suggest(limit, limits))
+        raise unknown_name(f"{table.key('limit')}: there is no limit {quote(limit)}.", limit, limits)
     for factor in table.get("factors") or ():
         if not factor > 0:
             raise ClearanceError(f"{table.key('factors')} must be above 0, but one is {factor:g}. Leave it out.")
@@ -151,7 +151,7 @@ def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, flo
                 f"{where}: its bounds contradict each other: 0 < lower < upper must hold, but they are "
                 f"{lower:g} and {upper:g} {unit}".rstrip()
                 + "."
-            )
+            ).about(where, upper)
         if table.has("cost"):
             costs[name] = _cost(table.variant("cost", keys.COST_TABLES), unit)
     return bounds, costs
@@ -161,9 +161,8 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
     """The cost law. Its constants have powers of the variable's unit: `factor = "20 um"`."""
     law, table = read
     if law == "table" and any(b > a for a, b in itertools.pairwise(table.get("costs"))):
-        raise ClearanceError(
-            f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
-        )
+        text = f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
+        raise ClearanceError(text)
     power = table.get("power") if law.endswith("reciprocal") else 1.0
     units = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
     # Longer placeholders come first: they contain the parameter's.
@@ -182,7 +181,7 @@ def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None
         if wear is None:
             raise ClearanceError(
                 f"{table.key('cycles')} has no effect without a section `wear`, which says how a joint wears. Add it."
-            )
+            ).about(table.key("cycles"))
         model, options = wear.model, wear.options
         how = {"joint": model.joint, "wear": model.wear, "pressure": model.pressure, "cycle": model.cycle}
         how |= {"sectors": options["sectors"], "tolerance": options["tolerance"]}
@@ -216,7 +215,7 @@ def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[st
             raise ClearanceError(
                 f"{how.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
                 "and nothing else; it scatters normal or log-normal, not uniform."
-            )
+            ).about(how.where)
         else:
             scatters |= study.distributions([name], table.where, model)
     return scatters

@@ -11,7 +11,7 @@ import numpy as np
 
 from clearance_jax._basis.patterns import expand
 from clearance_jax.dynamics.quantities import quantities
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import metric as metrics
 from clearance_jax.io.keys.scene import SOLVING
@@ -85,7 +85,7 @@ class StudyFile:
     def span_to(self, t1: float, where: str) -> Span:
         """From the scene's t0 to `t1` [s]; `where`: the key of t1, for messages."""
         if t1 <= self.t0:
-            raise ClearanceError(f"{where} must be greater than the scene's t0 = {self.t0:g} s, but it is {t1:g} s.")
+            raise wrong_value(where, f"greater than the scene's t0 = {self.t0:g} s", t1, shown=f"{t1:g} s")
         return Span(self.t0, t1)
 
     @property
@@ -98,7 +98,7 @@ class StudyFile:
         for key, values, there in self.table.entries("metric"):
             if key == name:
                 return metric_of(variant(values, there, metrics.METRIC_KINDS), self.mechanism, span)
-        raise ClearanceError(f"{where}: the study has no metric `{name}`. {suggest(name, self.metric_names)}")
+        raise unknown_name(f"{where}: the study has no metric `{name}`.", name, self.metric_names, where)
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
         """The scatter of the named numbers of a model (`None`: of all that scatter); `where` as of `metric`."""
@@ -109,7 +109,7 @@ class StudyFile:
         scatters = {}
         for name in wanted:
             if name not in tables:
-                raise ClearanceError(f"{where}: `{name}` does not scatter. {suggest(name, tables)}")
+                raise unknown_name(f"{where}: `{name}` does not scatter.", name, tables, where)
             values, there = tables[name]
             with naming(there):
                 unit = units_of(model, [name])[name]
@@ -137,7 +137,7 @@ def _scatter(table: TomlTable) -> Scatter:
     if isinstance(given, str) and given.split()[-1:] in (["percent"], ["%"]):
         relative = to_si(given.replace("%", "percent"), "percent", table.key("deviation")) / 100
         if not 0 < relative < 10:
-            raise ClearanceError(f"{table.key('deviation')} must be above 0 percent, but it is {given}.")
+            raise wrong_value(table.key("deviation"), "above 0 percent", given, shown=str(given))
     else:
         deviation = table.get("deviation")
     lower, upper = table.get("lower"), table.get("upper")
@@ -201,16 +201,16 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
     }
     wanted = {field.name for field in dataclasses.fields(cls)} & set(metrics.OF_METRIC)
     for key in (key for key in metrics.OF_METRIC if key in table.values and key not in wanted):
-        raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
+        text = f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it."
+        raise ClearanceError(text).about(table.key(key))
     parts = {}
     for key in wanted:
         table.need(key)
         parts[key] = table.get(key)
         if parts[key] not in names[key]:
             kind = "joint with clearance" if key == "joint" and cls not in metrics.OF_ANY_JOINT else key
-            raise ClearanceError(
-                f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}. " + suggest(parts[key], names[key])
-            )
+            text = f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}."
+            raise unknown_name(text, parts[key], names[key], table.key(key))
     return parts
 
 
@@ -218,9 +218,8 @@ def _recurrence(read: Chosen) -> PoincareSection | LyapunovExponent:
     """The metric that a table describes; an exponent with its uncertainty."""
     kind, table = read
     if table.has("period") == table.has("speed"):
-        raise ClearanceError(
-            f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
-        )
+        message = f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
+        raise ClearanceError(message).about(table.key("period"))
     period: Any = table.get("period") if table.has("period") else table.get("speed")
     if kind == metrics.EXPONENT:
         return LyapunovExponent(period, table.get("count"), uncertainty=True)
@@ -234,7 +233,7 @@ def _times(table: TomlTable, span: Span) -> list[float]:
         raise ClearanceError(
             f"{table.key('times')} must increase from t0 = {span.t0:g} s to t1 = {span.t1:g} s at most, but they are "
             f"{quote(times)} s."
-        )
+        ).about(table.key("times"), times)
     return times
 
 
@@ -243,5 +242,5 @@ def _since(table: TomlTable, span: Span) -> float:
     if not span.t0 <= since < span.t1:
         raise ClearanceError(
             f"{table.key('since')} must lie between t0 = {span.t0:g} s and t1 = {span.t1:g} s, but it is {since:g} s."
-        )
+        ).about(table.key("since"), since)
     return since

@@ -58,16 +58,15 @@ def load_study(path: str | Path) -> Study:
 def _study(asked: StudyFile) -> Study:
     has = {section: asked.table.has(section) for section in ("sweep", "design", "wear", "calibrate")}
     if not any(has.values()):
-        raise ClearanceError(
-            f"{asked.table.where} asks for nothing. Add a section `sweep`, `design`, `wear` or `calibrate`."
-        )
+        text = f"{asked.table.where} asks for nothing. Add a section `sweep`, `design`, `wear` or `calibrate`."
+        raise ClearanceError(text)
     wear = wear_of(asked) if has["wear"] else None
     design = design_of(asked, wear) if has["design"] else None
     if wear is not None and wear.cycles is None and not _wears(design):
         raise ClearanceError(
             f"{asked.table.key('wear')} has no effect: it lacks the key `cycles`, how many it lives, and no limit of a "
             "design has `cycles`. Add one of them."
-        )
+        ).about(asked.table.key("wear"))
     sweep = sweep_of(asked) if has["sweep"] else None
     calibrate = calibration_of(asked) if has["calibrate"] else None
     return Study(asked.name, asked.text, asked.scene.text, asked.mechanism, sweep, design, wear, calibrate)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.io.keys import wear as keys
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.keys.metric import METRIC
@@ -99,11 +99,10 @@ def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism,
     """The mechanism with the length and materials of the table in the worn joint, and the joint's name."""
     name, known = top.get("joint"), {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
-        raise ClearanceError(f"{top.key('joint')}: no joint with clearance has this name. {suggest(name, known)}")
+        raise unknown_name(f"{top.key('joint')}: no joint with clearance has this name.", name, known, top.key("joint"))
     if not isinstance(known[name], AbstractPin) or known[name].section_count > 1:
-        raise ClearanceError(
-            f"{top.key('joint')} must be a pin in a plane sleeve, but `{name}` is another kind of joint."
-        )
+        text = f"{top.key('joint')} must be a pin in a plane sleeve, but `{name}` is another kind of joint."
+        raise ClearanceError(text)
     changes = {"length": top.get("length")} if top.has("length") else {}
     changes |= {key: _material(top, key) for key in ("pin_material", "sleeve_material") if top.has(key)}
     clearance = dataclasses.replace(known[name], **changes)

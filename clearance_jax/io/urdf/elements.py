@@ -16,7 +16,7 @@ import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_text
 from clearance_jax.io.keys.kinds import check_text
 from clearance_jax.io.urdf.robot import Triple
@@ -125,7 +125,7 @@ def read_xml(path: Path, what: str) -> tuple[str, Element]:
     try:
         return text, parse(text)
     except ClearanceError as error:
-        raise ClearanceError(f"`{path}`: {error}") from None
+        raise error.at(f"`{path}`") from None
 
 
 def parse(text: str) -> Element:
@@ -179,7 +179,7 @@ def _check_words(
     """Raise for an unknown word that is similar to one in `meant`, or if `closed` for any unknown word."""
     for word in sorted(set(words) - set(known)):
         if closed or difflib.get_close_matches(word[:100].lower(), meant, n=1, cutoff=ALIKE):
-            raise ClearanceError(f"{wrong.format(word[:100])}. " + suggest(word, known))
+            raise unknown_name(f"{wrong.format(word[:100])}.", word, known)
 
 
 def only(element: Element, tag: str, where: str) -> Element | None:
@@ -221,10 +221,7 @@ def numbers(
     if len(words) != count:
         for word in words:
             check_comma(word, f"{where}: `{attribute}` of <{element.tag}>")
-        raise ClearanceError(
-            f"{where}: `{attribute}` of <{element.tag}> must be {_count(count)}, but it is "
-            f"{quote(element.attributes[attribute])}."
-        )
+        raise wrong_value(f"{where}: `{attribute}` of <{element.tag}>", _count(count), element.attributes[attribute])
     return tuple(parse_number(word, f"{where}: `{attribute}` of <{element.tag}>") for word in words)
 
 

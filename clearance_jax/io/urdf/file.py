@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.io.table import naming
 from clearance_jax.io.urdf.elements import (
     ATTRIBUTES,
@@ -127,7 +127,7 @@ def _joint(element: Element) -> Joint:
     name, kind = text(element, "name", where), text(element, "type", where)
     check_spelling(element, where)
     if kind not in KINDS:
-        raise ClearanceError(f"{where} has the type {quote(kind)}, which is no known one. " + suggest(kind, KINDS))
+        raise unknown_name(f"{where} has the type {quote(kind)}, which is no known one.", kind, KINDS)
     parent = text(need(element, "parent", where, '<parent link="base"/>'), "link", where)
     child = text(need(element, "child", where, '<child link="arm"/>'), "link", where)
     xyz, rpy = pose(element, where)
@@ -150,11 +150,10 @@ def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
         for key in losses.keys() & holder.attributes.keys():
             value = number(holder, key, where)
             if value < 0:
-                raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <{tag}>.")
+                raise wrong_value(f"{where}: its {key}", "at least 0", value, f"{value:g}", f"Correct <{tag}>.")
             if key in sources and value != losses[key]:
-                raise ClearanceError(
-                    f"{where}: its {key} is {losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>. Leave one."
-                )
+                text = f"{where}: its {key} is {losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>. Leave one."
+                raise ClearanceError(text)
             losses[key], sources[key] = value, tag
     if losses["friction"] > 0 and kind == "floating":
         raise ClearanceError(f"{where} is floating, and turns about no axis of its own: remove its friction.")
@@ -177,7 +176,7 @@ def _limits(element: Element, kind: str, where: str) -> Limits | None:
     most = [bound(limit, key, where) for key in ("velocity", "effort")]
     for key, value in zip(("velocity", "effort"), most, strict=True):
         if value is not None and value < 0:
-            raise ClearanceError(f"{where}: its limit of {key} must be at least 0, but it is {value:g}. Correct it.")
+            raise wrong_value(f"{where}: its limit of {key}", "at least 0", value, f"{value:g}", "Correct it.")
     return Limits(lower, upper, *most)
 
 
@@ -235,7 +234,7 @@ def with_extras(joints: Sequence[Joint], top: Element) -> tuple[Joint, ...]:
         for name, numbers in _extras(element):
             where = place(element)
             if name not in by_name:
-                raise ClearanceError(f"{where}: there is no joint `{name[:60]}`. " + suggest(name, by_name))
+                raise unknown_name(f"{where}: there is no joint `{name[:60]}`.", name, by_name)
             joint = by_name[name]
             for key, value in numbers.items():
                 if getattr(joint, key) not in (0.0, value):
@@ -289,7 +288,7 @@ def _number_in(element: Element, where: str) -> float:
 def _check(kind: str, stiffness: float, rotor: float, where: str) -> None:
     if stiffness < 0 or rotor < 0:
         what, value = ("stiffness", stiffness) if stiffness < 0 else ("inertia of its rotor", rotor)
-        raise ClearanceError(f"{where}: the {what} must be at least 0, but it is {value:g}. Correct it.")
+        raise wrong_value(f"{where}: the {what}", "at least 0", value, f"{value:g}", "Correct it.")
     if (stiffness > 0 or rotor > 0) and kind not in (*MAY_MIMIC, "fixed"):
         raise ClearanceError(
             f"{where}: a spring or a rotor acts along the one coordinate of a revolute, continuous or prismatic joint, "

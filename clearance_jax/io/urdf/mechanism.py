@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value, wrong_word
 from clearance_jax.io.table import naming
 from clearance_jax.io.urdf.bodies import Assembly, Rigid, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
@@ -86,10 +86,7 @@ def read_robot(
 
 def _check_word(name: str, value: Any, allowed: Sequence[str]) -> None:
     if not isinstance(value, str) or value not in allowed:
-        word = value if isinstance(value, str) else ""
-        raise ClearanceError(
-            f"`{name}` must be one of the allowed words, but it is {quote(value)}. {suggest(word, allowed)}"
-        )
+        raise wrong_word(f"`{name}`", value, allowed)
 
 
 def _gravity(value: Any) -> Gravity:
@@ -98,7 +95,7 @@ def _gravity(value: Any) -> Gravity:
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
-        raise ClearanceError(f"`gravity` must be three finite numbers in m/s^2, but it is {quote(value)}.")
+        raise wrong_value("`gravity`", "three finite numbers in m/s^2", value)
     return Gravity(*(None if component == 0 else component for component in numbers))
 
 
@@ -109,7 +106,7 @@ def _check_no_mimic(robot: Robot) -> None:
                 f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic.joint}` (<mimic>), and such joints are "
                 "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
                 "joint."
-            )
+            ).about(joint.name, joint.mimic.joint)
 
 
 def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
@@ -121,9 +118,8 @@ def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
     for name in asked:
         if not isinstance(name, str) or name not in known:
             word = name if isinstance(name, str) else ""
-            raise ClearanceError(
-                f"`end_effector` must name links, but there is no link {quote(name)}. {suggest(word, known)}"
-            )
+            text = f"`end_effector` must name links, but there is no link {quote(name)}."
+            raise unknown_name(text, word, known, "end_effector")
     return list(dict.fromkeys(asked))
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism.body import Limits
 
 Triple = tuple[float, float, float]
@@ -181,16 +181,15 @@ def _check_unique(what: str, parts: Sequence[Link] | Sequence[Joint]) -> None:
     first: dict[str, int] = {}
     for part in parts:
         if part.name in first:
-            raise ClearanceError(
-                f"lines {first[part.name]} and {part.line}: two {what}s are called `{part.name}`. Rename one."
-            )
+            text = f"lines {first[part.name]} and {part.line}: two {what}s are called `{part.name}`. Rename one."
+            raise ClearanceError(text)
         first[part.name] = part.line
 
 
 def _check_links(joint: Joint, known: set[str]) -> None:
     for key, link in (("parent", joint.parent), ("child", joint.child)):
         if link not in known:
-            raise ClearanceError(f"{_say(joint)}: there is no link `{link}` to be its {key}. " + suggest(link, known))
+            raise unknown_name(f"{_say(joint)}: there is no link `{link}` to be its {key}.", link, known)
     if joint.parent == joint.child:
         raise ClearanceError(f"{_say(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
 
@@ -286,7 +285,7 @@ def _refuse_circle(joint: Joint, followers: Sequence[str]) -> None:
 
 def _check_followed(joint: Joint, followed: str, joints: Mapping[str, Joint]) -> None:
     if followed not in joints:
-        raise ClearanceError(f"{_say(joint)} mimics `{followed}`, which is no joint. " + suggest(followed, joints))
+        raise unknown_name(f"{_say(joint)} mimics `{followed}`, which is no joint.", followed, joints)
     if joints[followed].kind not in MAY_MIMIC:
         raise ClearanceError(
             f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "

@@ -78,7 +78,7 @@ class AbstractOscillator(AbstractNormalLaw):
             raise ClearanceError(
                 f"`restitution` must be above 0.1353 for `{type(self).__name__}` with `clipped`, which has no more "
                 "damping. Choose `exact_restitution`."
-            )
+            ).about("restitution", restitution, 0.1353)
         return dataclasses.replace(self, restitution=oscillator_restitution(ratio, False), effective_mass=mass)
 
 

@@ -23,7 +23,7 @@ def line_of(geometry: Geometry, modulus: Scalar, name: str) -> ContactLine:
         raise ClearanceError(
             f"The law {name} is for a pin along a line of its sleeve: it needs a pin joint with a `length`. Give the "
             "joint its `length`, or choose a law with a stiffness, such as `hertz`."
-        )
+        ).about("length")
     return ContactLine(geometry.radial_clearance, geometry.pin_radius, geometry.sleeve_radius, geometry.length, modulus)
 
 

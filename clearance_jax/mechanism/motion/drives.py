@@ -134,7 +134,7 @@ class Trapezoid(AbstractDrive):
         for name in ("speed", "acceleration", "duration"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, Tracer) and not np.all(value > 0):
-                raise ClearanceError(f"`{name}` of a trapezoid drive must be greater than zero.")
+                raise ClearanceError(f"`{name}` of a trapezoid drive must be greater than zero.").about(name, value)
 
     def ramps(self) -> Ramps:
         """The ramps of all moves."""
@@ -245,11 +245,11 @@ class Quintic(AbstractDrive):
                 "of at least 2."
             )
         if self.accelerations is not None and self.speeds is None:
-            raise ClearanceError("A quintic drive with `accelerations` needs `speeds` too.")
+            raise ClearanceError("A quintic drive with `accelerations` needs `speeds` too.").about("speeds")
         if self.jumps is not None and self.accelerations is None:
-            raise ClearanceError("A quintic drive with `jumps` needs `accelerations` too.")
+            raise ClearanceError("A quintic drive with `jumps` needs `accelerations` too.").about("accelerations")
         if not isinstance(self.times, Tracer) and not np.all(np.diff(self.times) > 0):
-            raise ClearanceError("The `times` of a quintic drive must increase.")
+            raise ClearanceError("The `times` of a quintic drive must increase.").about("times", self.times)
 
     @whole
     def prepare(self):

@@ -16,7 +16,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.numerics import sincos
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.parameters import describe, flatten, physical
 from clearance_jax.spatial import Term, total
 
@@ -162,7 +162,7 @@ class Spline(AbstractDrive):
         if not isinstance(self.times, Tracer) and not np.all(np.diff(self.times) > 0):
             raise ClearanceError("The `times` of a spline drive must increase.")
         if self.ends not in ("not-a-knot", "natural", "clamped"):
-            raise ClearanceError(f"`ends` must be not-a-knot, natural or clamped, but it is {self.ends!r}.")
+            raise wrong_value("`ends`", "not-a-knot, natural or clamped", self.ends, shown=repr(self.ends))
 
     @whole
     def prepare(self):

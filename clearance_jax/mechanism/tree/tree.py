@@ -159,7 +159,7 @@ class AbstractPlayed(AbstractJoint):
                 raise ClearanceError(
                     f"The clearance of joint `{self.name}`, a {type(self.clearance).__name__}, has the play "
                     f"`{play.suffix[1:]}`, but so the joint moves by itself. Give it one of its own kind."
-                )
+                ).about(f"{self.name}.{play.suffix[1:]}")
         start, slides = self.eccentricity, [play.slides for play in plays if play.slides is not None]
         check_start(self.name, (start.x, start.y, start.z), slides)
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, wrong_value
 from clearance_jax.solve.drivers.effort import effort
 from clearance_jax.solve.drivers.expected import Lanes, as_numbers, cut, pilots, sorted_lanes
 from clearance_jax.solve.drivers.lanes import chunk_on
@@ -210,7 +210,7 @@ def _put(whole: np.ndarray, chunk: Lanes, values: np.ndarray) -> None:
 def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:
     """The arrays of `lanes`, and how many lanes there are."""
     if not callable(function):
-        raise ClearanceError(f"`function` must be a function of one lane, but it is {quote(function)}.")
+        raise wrong_value("`function`", "a function of one lane", function)
     paths, _ = jax.tree_util.tree_flatten_with_path(lanes)
     if not paths:
         raise ClearanceError("`lanes` must be a tree of arrays whose first axis are the lanes, but it has no array.")
@@ -222,7 +222,7 @@ def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:
             raise ClearanceError(
                 f"Every leaf of `lanes` must be an array of numbers whose first axis are the lanes, but `{name}` is "
                 f"{quote(given)}. (A list is a tree of its entries: make it an array.)"
-            )
+            ).about(name, given, "numbers")
     sizes = {name: len(leaf) for name, leaf in leaves.items()}
     count = min(sizes.values())
     if count != max(sizes.values()):
@@ -230,9 +230,9 @@ def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:
         raise ClearanceError(
             f"Every leaf of `lanes` must have as many lanes, but `{few}` has {sizes[few]} and `{many}` has "
             f"{sizes[many]}."
-        )
+        ).about(few, sizes[few])
     if count == 0:
-        raise ClearanceError("There are no lanes: the first axis of `lanes` is empty.")
+        raise ClearanceError("There are no lanes: the first axis of `lanes` is empty.").about("lanes", 0)
     return list(leaves.values()), count
 
 
@@ -267,7 +267,7 @@ def _whole(name: str, given: Any, usual: int) -> int:
     if given is None:
         return usual
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 1:
-        raise ClearanceError(f"`{name}` must be a whole number, at least 1, but it is {quote(given)}.")
+        raise wrong_value(f"`{name}`", "a whole number, at least 1", given)
     return int(given)
 
 
@@ -277,7 +277,6 @@ def _costs(cost: Any, count: int) -> np.ndarray | None:
         return None
     costs = None if isinstance(cost, str) else np.asarray(cost)
     if costs is None or costs.shape != (count,) or not np.issubdtype(costs.dtype, np.number):
-        raise ClearanceError(
-            f'`cost` must be "learned", an array of {count} numbers, one a lane, or `None`, but it is {quote(cost)}.'
-        )
+        text = f'`cost` must be "learned", an array of {count} numbers, one a lane, or `None`, but it is {quote(cost)}.'
+        raise ClearanceError(text).about("cost", cost)
     return costs.astype(float)

@@ -59,7 +59,7 @@ class AbstractObserver(Module):
         raise ClearanceError(
             f"{type(self).__name__} follows a motion step by step, and quasi-static poses have none: use "
             '`fidelity = "dynamics"`.'
-        )
+        ).about(type(self).__name__)
 
 
 class SignalPeaks(NamedTuple):
