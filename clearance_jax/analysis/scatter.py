@@ -3,7 +3,6 @@
 The divergence says up to when a derivative is meaningful, and how hard contacts touch.
 """
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,7 +15,6 @@ from clearance_jax.ask.question import Question, lanes
 from clearance_jax.dynamics.quantities import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.reductions import Peak
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
@@ -94,8 +92,8 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Metr
     other = rtol / 10 if rtol >= 10 * SMALLEST else 10 * rtol
     rtols = np.where(np.arange(len(moves)) == 1, other, rtol)
     # The second highest peak is asked for too: where two peaks tie, the metric has a kink.
-    peak = isinstance(metric, Peak) and metric.count == 1
-    asked = dataclasses.replace(metric, count=2) if peak else metric
+    asked = metric.several(2)
+    peak = asked is not metric
     points = dict(zip(plan.names, (plan.centre + moves).T, strict=True)) | {"rtol": rtols}
     answers = lanes(Question(mechanism, {"": asked}, t1, options, plan.names), points)
     values, slopes = answers.values[""], answers.slopes[""]

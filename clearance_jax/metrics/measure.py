@@ -107,6 +107,8 @@ class AbstractMetric(AbstractMeasure):
     """What study files call it; empty: they do not know it."""
     each: ClassVar[str] = "value"
     """What reports call each of several values."""
+    ranked: ClassVar[bool] = False
+    """Whether its values are peaks, the highest first, at the instants that the observer of its request picks."""
 
     @property
     def base_metric(self) -> "AbstractMetric":

@@ -13,7 +13,6 @@ from clearance_jax.design.asked.specification import AUTO, Scenario, Specificati
 from clearance_jax.design.search.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.search.program import INSIDE, Evaluation, Program
 from clearance_jax.errors import ClearanceError
-from clearance_jax.metrics.reductions import Peak
 from clearance_jax.runs.identity import numbers, short, versions
 from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.settings import QUASI_STATIC
@@ -96,7 +95,7 @@ def _leaders(specification: Specification, simulations: Simulations, count: int)
     if specification.manufacture.title:
         return np.arange(count)
     sizes = simulations.sizes()
-    ends, kinds = np.cumsum([0, *sizes]), [isinstance(metric.base_metric, Peak) for metric in simulations.metrics]
+    ends, kinds = np.cumsum([0, *sizes]), [metric.base_metric.ranked for metric in simulations.metrics]
     once = [np.full(n, a) if peak else np.arange(a, a + n) for a, n, peak in zip(ends, sizes, kinds, strict=False)]
     return np.concatenate([np.concatenate(once) + k for k in range(0, count, int(ends[-1]))])
 

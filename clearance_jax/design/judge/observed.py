@@ -102,7 +102,7 @@ def _request(specification: Specification) -> Observed:
     metrics = [limit.simulation_metric.base_metric for limit in specification.limits]
     signals = [getattr(metric, "signal", None) for metric in metrics]
     return Observed(
-        tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),
+        tuple(PeakInstants(metric) if metric.ranked else metric for metric in metrics),
         tuple(None if signal is None else At(signal, times) for signal in signals),
         tuple(PeakInstants(Peak(ContactForce(name), count=FORCES)) for name in joints),
         tuple(FirstFall(name) for name in joints),

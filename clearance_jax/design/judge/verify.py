@@ -16,7 +16,6 @@ from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
 from clearance_jax.design.search.run import INTERRUPTED, run
 from clearance_jax.design.search.scaling import feasible_neighbour, optimality
 from clearance_jax.errors import ClearanceError
-from clearance_jax.metrics.reductions import Peak
 from clearance_jax.metrics.signals import PositionError
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
@@ -154,12 +153,12 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     designed = replace(specification.mechanism, specification.clearances(x))
     errors: dict[str, float] = {}
     for limit in specification.limits:
-        if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
+        if limit.ages or not limit.metric.base_metric.ranked or not isinstance(limit.signal, PositionError):
             continue
         for values in specification.conditions.values():
             moved = specification.move(designed, values)
             try:
-                weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
+                weights = static_weights(moved, limit.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:
                 continue
             errors[limit.title] = max(static_error(moved, weights), errors.get(limit.title, 0.0))
