@@ -146,10 +146,11 @@ class Design:
         return replace(self.specification.mechanism, self.clearances)
 
     def __str__(self) -> str:
+        chosen = {} if self.classes is None else self.classes.chosen
         lines = [
             "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.lack}",
             *(
-                f"  {name} = {format_quantity(value, unit)}{self._class_words(name)}"
+                f"  {name} = {format_quantity(value, unit)}" + (f" ({chosen[name]})" if name in chosen else "")
                 for (name, unit), value in zip(self.units.items(), self.clearances.values(), strict=True)
             ),
         ]
@@ -166,10 +167,6 @@ class Design:
     def with_note(self, note: str, **changes: Any) -> "Design":
         """The design with a further note, unless that is empty, and other changed fields."""
         return dataclasses.replace(self, note="; ".join(text for text in (self.note, note) if text), **changes)
-
-    def _class_words(self, name: str) -> str:
-        chosen = {} if self.classes is None else self.classes.chosen
-        return f" ({chosen[name]})" if name in chosen else ""
 
 
 def _counted(program: Program) -> str:

@@ -180,7 +180,7 @@ def fitted(monkeypatch, designed, least=1e-6, manufacture: Any = None) -> design
     )
     asked, x = problem.specification, np.array(designed)
     fake = Sum(float(x.sum()), float(cj.parameters(mechanism)[MASS].value))
-    for module in ("standard", "evaluate"):
+    for module in ("judge.standard", "search.evaluate"):
         monkeypatch.setattr(sys.modules[f"clearance_jax.design.{module}"], "simulations_of", lambda *_, **__: fake)
 
     def evaluate(x, gradient):

@@ -269,39 +269,33 @@ class Yield(AbstractManufacture):
             normal = _normal_scores(len(self.scatter), count, seed)
         draws = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
-            if not isinstance(deviation, int | float):
-                if name in names:
-                    raise ClearanceError(
-                        f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
-                    )
+            if isinstance(deviation, int | float):
+                # A normal factor with a large deviation could be negative.
+                wide = np.sqrt(np.log1p(deviation**2))
+                draws[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
+            elif name in names:
+                raise ClearanceError(
+                    f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
+                )
+            else:
                 draws[name] = deviation.ppf(scipy.stats.norm.cdf(column))
-                continue
-            # A normal factor with a large deviation could be negative.
-            wide = np.sqrt(np.log1p(deviation**2))
-            draws[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
         return draws
 
     def judge(self, values, slopes):
-        which = np.argmax(values, axis=1)
-        worst = np.take_along_axis(values, which[:, None], 1)[:, 0]
+        pairs = np.arange(len(values)), np.argmax(values, axis=1)
+        worst = values[pairs]
         weights = self.weights(worst)
-        risk = np.array([float(weights @ worst)])
-        if slopes is None:
-            return risk, None
-        return risk, (weights @ np.take_along_axis(slopes, which[:, None, None], 1)[:, 0])[None]
+        return np.array([float(weights @ worst)]), None if slopes is None else (weights @ slopes[pairs])[None]
 
     def weights(self, worst: np.ndarray) -> np.ndarray:
         """The weights (samples,) of the mean over the worst samples, by their worst scaled limits; their sum is 1."""
-        tail = worst_parts(len(worst), self.target, self.confidence)
-        order = np.argsort(-worst)
-        weights = np.zeros(len(worst))
-        weights[order] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
+        tail, weights = worst_parts(len(worst), self.target, self.confidence), np.zeros(len(worst))
+        weights[np.argsort(-worst)] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
 
     def __str__(self) -> str:
-        worst = worst_parts(self.count, self.target, self.confidence)
-        numbers = ", ".join(self.scatter) or "nothing"
-        asked = f"{numbers} scattered; {self.target:.6g} of the parts must hold every limit"
+        worst, scattered = worst_parts(self.count, self.target, self.confidence), ", ".join(self.scatter) or "nothing"
+        asked = f"{scattered} scattered; {self.target:.6g} of the parts must hold every limit"
         return f"{asked}: of {self.count} samples the worst {worst:.3g} on average"
 
 
@@ -330,9 +324,8 @@ class Neighbours(AbstractManufacture):
         return values[pairs], None if slopes is None else slopes[pairs]
 
     def __str__(self) -> str:
-        return (
-            f"as designed; of each limit the largest counts among {self.samples} neighbours within {self.scatter:.0%}"
-        )
+        largest = "as designed; of each limit the largest counts"
+        return f"{largest} among {self.samples} neighbours within {self.scatter:.0%}"
 
 
 def _normal_scores(width: int, count: int, seed: int) -> np.ndarray:

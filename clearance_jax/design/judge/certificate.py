@@ -67,40 +67,32 @@ class Certificate:
         return self.yield_estimate is None or self.target is None or self.yield_estimate.share >= self.target
 
     def __str__(self) -> str:
-        at = ", ".join(
-            f"{name} = {format_quantity(value, unit)}"
-            for (name, unit), value in zip(self.names.items(), self.x, strict=True)
-        )
-        greatest = self.worst <= HELD
-        verdict = "The limits hold" if greatest else "THE LIMITS DO NOT HOLD"
+        pairs = zip(self.names.items(), self.x, strict=True)
+        at = ", ".join(f"{name} = {format_quantity(value, unit)}" for (name, unit), value in pairs)
+        greatest, not_held = self.worst <= HELD, "THE LIMITS DO NOT HOLD"
         met = f"meet it at {self.scale:.9f} times the design"
         if np.isnan(self.scale):
             met = "meet no limit within their bounds" if greatest else "hold at no size within their bounds"
         lines = [
             f"Certificate for {at}",
-            f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
-            f"{1 + self.worst:.9f} of its bound.",
+            f"  {'The limits hold' if greatest else not_held} in a fresh simulation ({self.solver}, rtol "
+            f"{self.rtol:.0e}): the closest is {self.limit}, at {1 + self.worst:.9f} of its bound.",
         ]
         if self.least is not None:
-            verdict = "the limits hold" if self.least <= HELD else "THE LIMITS DO NOT HOLD"
-            lines.append(
-                f"  With every clearance at the least of its class {verdict}: {1 + self.least:.9f} of the bound."
-            )
+            verdict, least = "the limits hold" if self.least <= HELD else not_held, f"{1 + self.least:.9f} of the bound"
+            lines.append(f"  With every clearance at the least of its class {verdict}: {least}.")
         if not self.among:
             lines.append(f"  Scaled together, the clearances {met}.")
         spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
         alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
         lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
         optimal = f"(Karush-Kuhn-Tucker) residual {self.residual:.1e}"
-        if np.isnan(self.residual):
-            optimal = "is not known, as no slope was asked for"
-        optimal = "is not known, as slopes say nothing" if self.among else optimal
+        if self.among or np.isnan(self.residual):
+            optimal = f"is not known, as {'slopes say nothing' if self.among else 'no slope was asked for'}"
         lines.append(f"  {self.optimality or f'Optimality {optimal}'}.")
         for name, price in self.prices.items():
-            text = f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %"
-            if name in self.price_checks:
-                text += f" (re-optimised: {self.price_checks[name][1]:.4g} %)"
-            lines.append(text + ".")
+            again = f" (re-optimised: {self.price_checks[name][1]:.4g} %)" if name in self.price_checks else ""
+            lines.append(f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %{again}.")
         if self.yield_estimate is not None:
             lines.append(f"  {self.yield_estimate} {self.yield_estimate.against(self.target)}".rstrip())
         for name, value in self.static.items():
@@ -110,12 +102,8 @@ class Certificate:
             )
         if self.starts:
             others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]
-            lines.append(
-                f"  {len(self.starts)} other starts: "
-                + (
-                    f"{len(others)} LED TO A BETTER DESIGN, {min(others):.6g}."
-                    if others
-                    else "none led to a better one."
-                )
+            better = (
+                f"{len(others)} LED TO A BETTER DESIGN, {min(others):.6g}" if others else "none led to a better one"
             )
+            lines.append(f"  {len(self.starts)} other starts: {better}.")
         return "\n".join(lines)

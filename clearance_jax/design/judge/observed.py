@@ -97,13 +97,12 @@ def observe(specification: Specification, x: np.ndarray, scenario: Scenario) -> 
 
 def _request(specification: Specification) -> Observed:
     joints = [joint.name for joint in specification.mechanism.clearance_joints()]
-    times = sample_times(specification)
+    times, limits = sample_times(specification), specification.limits
     # One motion shows the new mechanism, also for limits on a worn one.
-    metrics = [limit.simulation_metric.base_metric for limit in specification.limits]
-    signals = [getattr(metric, "signal", None) for metric in metrics]
+    metrics = [limit.simulation_metric.base_metric for limit in limits]
     return Observed(
         tuple(PeakInstants(metric) if metric.ranked else metric for metric in metrics),
-        tuple(None if signal is None else At(signal, times) for signal in signals),
+        tuple(None if limit.signal is None else At(limit.signal, times) for limit in limits),
         tuple(PeakInstants(Peak(ContactForce(name), count=FORCES)) for name in joints),
         tuple(FirstFall(name) for name in joints),
         tuple(JointWork(name) for name in joints),
@@ -164,37 +163,19 @@ def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: O
         if not mechanism.is_plane:
             exerted, moment = seen.wrenches[joint.name]
             turned |= {"force": tuple(exerted[k].tolist()), "moment": float(np.hypot(*moment[k, :2]))}
-        out.append(
-            JointLoad(
-                joint.name,
-                condition,
-                float(force.values[0]),
-                float(force.times[0]),
-                float(work.mean_force),
-                int(impacts),
-                float(work.friction_loss),
-                float(work.contact_loss),
-                *pin_size(joint),
-                **turned,
-            )
-        )
+        largest, time, mean = float(force.values[0]), float(force.times[0]), float(work.mean_force)
+        rest = int(impacts), float(work.friction_loss), float(work.contact_loss), *pin_size(joint)
+        out.append(JointLoad(joint.name, condition, largest, time, mean, *rest, **turned))
     return tuple(out)
 
 
 def _of_fall(force: Instants, over: float) -> dict[str, Any]:
-    """The fields of `JointLoad` about the first fall of a pin, which is over at time `over` [s]; empty if the largest
-    force comes later.
-    """
+    """The fields of `JointLoad` about the first fall, over at a time [s]; empty if the largest force comes later."""
     if force.times[0] > over:
         return {}
     later = np.flatnonzero((force.times > over) & (force.values > 0))
     after = {"after": float(force.values[later[0]]), "time_after": float(force.times[later[0]])} if later.size else {}
     return {"first_fall": True} | after
-
-
-def first_clearance(joint: ClearanceJoint) -> float:
-    """The radial clearance of a joint, or the clearance of a guide to either side [m]."""
-    return float(joint.joint.play()[0].scale)
 
 
 def pin_size(joint: ClearanceJoint) -> tuple[float, float | None]:
@@ -206,8 +187,8 @@ def pin_size(joint: ClearanceJoint) -> tuple[float, float | None]:
 class JointDrawing(NamedTuple):
     """The data for the drawing of a clearance `joint`.
 
-    - `diameter`: the nominal one [m]; `clearance`: the radial one [m], the largest allowed if it is `designed`,
-      otherwise that of the mechanism.
+    - `diameter`: the nominal one [m]; `clearance`: the radial one, or that of a guide to either side [m], the largest
+      allowed if it is `designed`, otherwise that of the mechanism.
     - `fit`: as of `nearest_fits` (`None`: not known); `remark`: where the fit exceeds the designed clearance or bounds.
     """
 
@@ -227,7 +208,7 @@ def joint_drawings(
         JointDrawing(
             joint.name,
             pin_size(joint)[0],
-            first_clearance(joint),
+            float(joint.joint.play()[0].scale),
             joint.name + CLEARANCE in design.clearances,
             fits.get(joint.name + CLEARANCE),
             remarks.get(joint.name + CLEARANCE, ""),

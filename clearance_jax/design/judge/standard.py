@@ -46,21 +46,15 @@ class StandardFits(NamedTuple):
         return 1 + self.worst, 1 + self.least
 
     def __str__(self) -> str:
-        lines = [f"{name}: {fit}" + self._remark(name) for name, fit in self.fits.items()]
-        greatest, least = self.shares
-        lines.append(
-            f"The worst limit reaches {greatest:.4f} of its bound with every clearance at its greatest, "
-            f"{least:.4f} at its least."
-        )
-        return "\n".join([*lines, self.judgement])
+        remarks = {name: f" ({text})" for name, text in self.remarks.items()}
+        lines = [f"{name}: {fit}{remarks.get(name, '')}" for name, fit in self.fits.items()]
+        ends = "{:.4f} of its bound with every clearance at its greatest, {:.4f} at its least".format(*self.shares)
+        return "\n".join([*lines, f"The worst limit reaches {ends}.", self.judgement])
 
     @property
     def judgement(self) -> str:
         """A sentence on the yield, and on its target if there is one."""
         return f"{self.yield_estimate} {self.yield_estimate.against(self.target)}".rstrip()
-
-    def _remark(self, name: str) -> str:
-        return f" ({self.remarks[name]})" if name in self.remarks else ""
 
 
 def nearest_fits(
@@ -104,8 +98,7 @@ def _nearest(
     for candidates in (within, every):
         # The tightest first: a chosen fit is a place in its list.
         lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
-        chosen = _loosest(design, lists, place) if all(lists.values()) else None
-        if chosen is not None:
+        if all(lists.values()) and (chosen := _loosest(design, lists, place)) is not None:
             break
     else:
         return None
@@ -115,11 +108,7 @@ def _nearest(
         judged = _judged(design, made, samples, seed, place)
         if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
             return judged
-        chosen = _tighter(chosen)
-
-
-def _tighter(chosen: Mapping[int, int]) -> dict[int, int]:
-    return {i: max(place - 1, 0) for i, place in chosen.items()}
+        chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
 
 
 def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: SolvePlace) -> dict[int, int] | None:
@@ -141,7 +130,7 @@ def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Sol
         # The tightest fit may be wider than the design, or errors may not grow with clearances: tighten all.
         if not any(chosen.values()):
             return None
-        chosen = _tighter(chosen)
+        chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
     growing = True
     while growing:
         looser = [{**chosen, i: place + 1} for i, place in chosen.items() if place + 1 < len(lists[i])]
@@ -182,8 +171,7 @@ def _judged(
         return float(np.max(simulations.worst(np.array(ends), scenarios_of(judge), exact)))
 
     fitted = {name: entry.fit for name, entry in made.items() if entry.fit is not None}
-    sampled = _sampled(design, made, samples, seed)
-    estimate = yield_of(specification.nominal(), designed, sampled, exact, place)
+    estimate = yield_of(specification.nominal(), designed, _sampled(design, made, samples, seed), exact, place)
     remarks = {n: text for n, entry in made.items() if (text := _beyond(design, n, entry))}
     return StandardFits(fitted, worst("greatest"), worst("least"), estimate, target, remarks)
 

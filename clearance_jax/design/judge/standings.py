@@ -19,10 +19,8 @@ SHOWN = 12
 
 
 class Standing(NamedTuple):
-    """How near a limit (its `label`) is to its bound in one scenario.
-
-    - `share`: value over bound; `value` and `bound` in `unit` (for a risk of several limits, shares of their bounds).
-    - `time`: the instant of the peak [s], if the metric is a peak.
+    """How near a limit (its `label`) is to its bound in one scenario: `share`, value over bound; `value` and `bound` in
+    `unit` (for a risk of several limits, shares of their bounds); the `time` of the peak [s], if the metric is one.
     """
 
     label: str
@@ -38,45 +36,34 @@ def standings(design: Design, look: Callable[[Scenario], Observed | None] | None
 
     **Arguments:** `look`: observes a scenario, for the instants of its peaks (default: these are `None`).
     """
-    program, limits = design.program, design.evaluation.limits
+    program, limits, specification = design.program, design.evaluation.limits, design.specification
     order = np.argsort(-np.nan_to_num(limits, nan=np.inf))[:SHOWN]
-    if design.specification.manufacture.title:
-        return tuple(_risk(design, program.limit_names[k], float(1 + limits[k])) for k in order)
-    specification = design.specification
+    if specification.manufacture.title:
+        # The risk of all parts: in the unit of a single limit, or as a share of several bounds.
+        asked = specification.limits[0]
+        bound, unit = (asked.bound, asked.metric.unit) if len(specification.limits) == 1 else (1.0, "")
+        shares = ((program.limit_names[k], float(1 + limits[k])) for k in order)
+        return tuple(Standing(label, unit, share * bound, bound, share, None) for label, share in shares)
     # A limit that is judged among parts is one number for a condition; its peak is that of the design itself.
     scenarios = scenarios_of(specification.nominal() if specification.manufacture.among else specification)
-    rows = _rows(design, len(scenarios))
+    # For every number of a scenario's limits: the index of the limit, and which of its values it is.
+    titles = [limit.title for limit in specification.limits]
+    groups = program.groups[: len(program.groups) // len(scenarios)]
+    rows = [(titles.index(title), groups[:k].count(title)) for k, title in enumerate(groups)]
     seen: dict[int, Observed | None] = {}
     out = []
     for k in order.tolist():
         limit, place = rows[k % len(rows)]
-        number, asked = k // len(rows), design.specification.limits[limit]
+        number, asked = k // len(rows), specification.limits[limit]
         if look is not None and number not in seen:
             seen[number] = look(scenarios[number])
         value, share = float((1 + limits[k]) * asked.bound), float(1 + limits[k])
         # The observed mechanism is new.
-        time = None if asked.ages else _instant(seen.get(number), limit, place)
+        observed = None if asked.ages else seen.get(number)
+        instants = None if observed is None else observed.limits[limit]
+        time = float(instants.times[place]) if isinstance(instants, Instants) else None
         out.append(Standing(program.limit_names[k], asked.metric.unit, value, asked.bound, share, time))
     return tuple(out)
-
-
-def _risk(design: Design, label: str, share: float) -> Standing:
-    """The standing of the risk of all parts: in the unit of a single limit, or as a share of several bounds."""
-    limits = design.specification.limits
-    bound, unit = (limits[0].bound, limits[0].metric.unit) if len(limits) == 1 else (1.0, "")
-    return Standing(label, unit, share * bound, bound, share, None)
-
-
-def _rows(design: Design, scenarios: int) -> list[tuple[int, int]]:
-    """For every number of a scenario's limits: the index of the limit, and which of its values it is."""
-    titles = [limit.title for limit in design.specification.limits]
-    groups = design.program.groups[: len(design.program.groups) // scenarios]
-    return [(titles.index(title), groups[:k].count(title)) for k, title in enumerate(groups)]
-
-
-def _instant(seen: Observed | None, limit: int, place: int) -> float | None:
-    instants = None if seen is None else seen.limits[limit]
-    return float(instants.times[place]) if isinstance(instants, Instants) else None
 
 
 class TimeHistory(NamedTuple):
@@ -104,7 +91,7 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     **Arguments:** `design`: the answer of a problem.
     """
     specification = design.specification
-    times, signals, by_condition = sample_times(specification), _signals(specification), {}
+    times, signals, by_condition = sample_times(specification), [limit.signal for limit in specification.limits], {}
     asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
     for name, given in specification.conditions.items():
         moved = specification.move(design.mechanism, given)
@@ -125,17 +112,13 @@ def histories_of(
         TimeHistory(
             limit.label,
             limit.signal_label,
-            signal.unit,
+            limit.signal.unit,
             limit.reduction,
             limit.since,
             limit.bound,
             times,
             {name: np.asarray(signals[i]) for name, signals in by_condition.items()},
         )
-        for i, (limit, signal) in enumerate(zip(specification.limits, _signals(specification), strict=True))
-        if signal is not None
+        for i, limit in enumerate(specification.limits)
+        if limit.signal is not None
     )
-
-
-def _signals(specification: Specification) -> list[Any]:
-    return [limit.signal for limit in specification.limits]

@@ -67,13 +67,13 @@ def static_weights(
     names = tuple(joint.name for joint in mechanism.clearance_joints()) if joints is None else tuple(joints)
     if not names:
         raise ClearanceError("No joint has clearance here: name the joints that are to be asked for, `joints=`.")
-    for name in names:
-        mechanism.joint(name)
-    parts = [(_play_of(mechanism, name), _is_flat(mechanism, name)) for name in names]
+    # The clearance of each joint, of those that have one.
+    made = [getattr(mechanism.joint(name), "clearance", None) for name in names]
     slopes = _slopes(mechanism, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
     weights: dict[str, float] = {}
-    for name, (play, flat), slope in zip(names, parts, slopes, strict=True):
-        reaches = _reaches(play, np.asarray(slope), flat)
+    for name, clearance, slope in zip(names, made, slopes, strict=True):
+        flat = isinstance(clearance, AbstractClearance) and clearance.flat
+        reaches = _reaches(_play_of(mechanism, name), np.asarray(slope), flat)
         weights |= {name + ending: float(np.max(reach)) for ending, reach in reaches.items()}
     return weights
 
@@ -89,26 +89,16 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
         if name.endswith(AXIAL):
             size = float(next(c.scale for c in play if c.suffix == ".play_z"))
         else:
-            size = float(play[0].scale) + _worn(mechanism, joint)
+            size, clearance = float(play[0].scale), getattr(mechanism.joint(joint), "clearance", None)
+            if isinstance(clearance, AbstractPin) and clearance.depth is not None:
+                size += float(clearance.profile.max())
         total += weight * size
     return total
-
-
-def _worn(mechanism: Mechanism, name: str) -> float:
-    """The largest depth of wear of a joint's sleeve [m]."""
-    clearance = getattr(mechanism.joint(name), "clearance", None)
-    return 0.0 if not isinstance(clearance, AbstractPin) or clearance.depth is None else float(clearance.profile.max())
 
 
 def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
     joint = mechanism.joint(name)
     return joint.play() if isinstance(joint, AbstractPlayed) else ()
-
-
-def _is_flat(mechanism: Mechanism, name: str) -> bool:
-    joint = mechanism.joint(name)
-    clearance = joint.clearance if isinstance(joint, AbstractPlayed) else None
-    return isinstance(clearance, AbstractClearance) and clearance.flat
 
 
 def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:

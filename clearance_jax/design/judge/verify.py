@@ -51,9 +51,7 @@ def moved_inside(
     program: Program, method: Method, point: Evaluation, fresh: Program
 ) -> tuple[Evaluation, dict[str, float]]:
     """The point of a method, moved inside until its limits also hold by the `fresh` program; and by limit the share of
-    its bound by which it was tightened for that.
-
-    Two solves differ, more so after many impacts. A violation above `HAIR` is no such difference, and is left.
+    its bound by which it was tightened. Solves differ, more so after many impacts; a violation above `HAIR` is left.
     """
     tightened: dict[str, float] = {}
     for _ in range(TRIES):
@@ -106,15 +104,14 @@ def certify(
     fresh = fresh or judge_of(specification, solver, place, progress)
     at = fresh.at(point.x, method.gradients)
     residual, multipliers = optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
-    prices: dict[str, float] = {}
+    prices, sampled = dict[str, float](), specification.manufacture.is_sampled
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
     checked = prices if reoptimise else {}
     checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
     return Certificate(
-        names=dict(
-            zip(fresh.names, specification.units.values(), strict=False)
-        ),  # a common clearance has the first unit
+        # A common clearance has the first unit.
+        names=dict(zip(fresh.names, specification.units.values(), strict=False)),
         x=point.x,
         worst=at.worst,
         limit=fresh.limit_names[int(np.argmax(at.limits))],
@@ -127,9 +124,7 @@ def certify(
         starts=_others(specification, method, starts, seed, place, progress),
         objective=at.objective,
         goal="enlarges the clearance" if specification.common else "lowers the cost",
-        yield_estimate=fresh_yield(specification, point.x, samples, place=place)
-        if specification.manufacture.is_sampled
-        else None,
+        yield_estimate=fresh_yield(specification, point.x, samples, place=place) if sampled else None,
         target=getattr(specification.manufacture, "target", None),
         static=_static(specification, point.x),
         solver=solver,
@@ -181,15 +176,16 @@ def _others(
     objectives, rng = [], np.random.default_rng(seed)
     for _ in range(starts):
         program = formulate(specification, place=place, progress=progress)
-        _run(program, method, np.exp(rng.uniform(np.log(program.lower), np.log(program.upper))))
-        objectives.append(program.best.objective if program.best else np.inf)
+        start = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
+        objectives.append(_run(program, method, start, np.inf))
     return tuple(objectives)
 
 
-def _run(program: Program, method: Method, start: np.ndarray) -> None:
-    """`run`, in which an interruption ends the whole verification."""
+def _run(program: Program, method: Method, start: np.ndarray, none: float = np.nan) -> float:
+    """The best objective of a run (or `none`), in which an interruption ends the whole verification."""
     if run(program, method, start) == INTERRUPTED:
         raise KeyboardInterrupt
+    return program.best.objective if program.best else none
 
 
 def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
@@ -228,9 +224,6 @@ def _price_check(
     specification: Specification, method: Method, point: Evaluation, name: str, place: SolvePlace, progress
 ) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by two more searches."""
-    program, best = formulate(specification, place=place, progress=progress), []
-    for change in (0.01, -0.01):
-        moved = program.with_bound(name, 1 + change)
-        _run(moved, method, point.x)
-        best.append(moved.best.objective if moved.best else np.nan)
-    return float((best[1] - best[0]) / 0.02 / abs(point.objective))
+    program = formulate(specification, place=place, progress=progress)
+    looser, tighter = (_run(program.with_bound(name, 1 + change), method, point.x) for change in (0.01, -0.01))
+    return float((tighter - looser) / 0.02 / abs(point.objective))

@@ -35,12 +35,8 @@ BY_VALUES = "So the search went on by values alone, and a better design may exis
 
 
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
-    """Run an optimiser, then move its result inside the limits.
-
-    **Arguments:** `program`: what is minimised; `method`: a name or a `Method`; `start` (n,): the variables at the
-    start; `options`: the method's.
-
-    **Returns:** why it stopped early, or nothing.
+    """Run a method on a program from a `start` (n,), then move its result inside the limits; returns why it stopped
+    early, or nothing. `options`: the method's.
     """
     method = method_of(method)
     try:
@@ -62,7 +58,9 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
             feasible_neighbour(program, best.x, method.gradients)
         went_on = not method.is_mean and by_values(program, method)
         if still:
-            return _standing(program)
+            # It is an optimum if a limit is active.
+            best = program.best
+            return "" if best is None or np.any(best.limits > -NEARLY) else STILL
         if reason and went_on:
             return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
         return reason
@@ -72,12 +70,6 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
         if not program.history:
             raise
         return INTERRUPTED
-
-
-def _standing(program: Program) -> str:
-    """The stop reason of a search that stands still: empty if a limit is active."""
-    best = program.best
-    return "" if best is None or np.any(best.limits > -NEARLY) else STILL
 
 
 # The residual of the conditions of optimality below which a design counts as an optimum.
@@ -91,22 +83,18 @@ RADIUS, LEAST_RADIUS, EACH = 0.1, 1e-3, 15
 
 
 def is_settled(program: Program, method: Method) -> bool:
-    """Whether the best design is at active limits or at the bounds of its variables; if the method uses gradients, also
-    whether it satisfies the conditions of optimality.
-    """
+    """Whether the best design is at active limits or at bounds, and an optimum if the method uses gradients."""
     best = program.found
     if best is None or np.all(_room(program, best, _gaining(program, best)) <= 0):
         return True
-    met = best.worst > -method.slack
-    if not method.gradients or best.gradient is None:
-        return met
-    return met and optimality(program, best, method.slack)[0] <= SETTLED
+    if best.worst <= -method.slack:
+        return False
+    return not method.gradients or best.gradient is None or optimality(program, best, method.slack)[0] <= SETTLED
 
 
 def by_values(program: Program, method: Method) -> bool:
-    """Continue from the best feasible design by values alone, unless it is settled; returns whether it did.
-
-    A program with a `cheap` model has expensive evaluations, and is searched along a line only.
+    """Continue from the best feasible design by values alone, unless it is settled; returns whether it did. A program
+    with a `cheap` model has expensive evaluations, and is searched along a line only.
     """
     if is_settled(program, method):
         return False
@@ -177,12 +165,8 @@ FURTHEST = 0.7
 
 
 def trade(program: Program, method: Method, objective: Callable[[np.ndarray], float], reason: str, **options) -> str:
-    """Go on from a better design beside the best one, as long as there is one.
-
-    **Arguments:** `objective` of variables (n,); `reason`: why the search stopped early, or empty; `options`: the
-    method's.
-
-    **Returns:** the reason, or why this stopped early.
+    """Go on from a better design beside the best one, as long as there is one; returns the `reason` why the search
+    stopped early (or empty), or why this did. `objective`: of variables (n,); `options`: the method's.
     """
     try:
         for _ in range(ROUNDS):
@@ -218,9 +202,7 @@ def _beside(program: Program, best: Evaluation, objective: Callable[[np.ndarray]
 def _with_objective(
     program: Program, z: np.ndarray, objective: Callable[[np.ndarray], float], wanted: float
 ) -> np.ndarray | None:
-    """The design of logarithms `z` (n,), with all variables changed by one factor to the objective that is wanted;
-    `None`: no such factor is near.
-    """
+    """The design of logarithms `z` (n,), scaled to the objective that is wanted; `None`: no such factor is near."""
 
     def scaled(by: float) -> np.ndarray:
         return np.clip(np.exp(z + by), program.lower, program.upper)

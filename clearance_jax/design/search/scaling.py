@@ -97,10 +97,6 @@ class ScaledProgram:
         if self._still >= PATIENCE:
             raise StandsStill
 
-    def fresh_slopes(self, z: np.ndarray, samples: int, seed: int) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """`slopes` by so many fresh samples of manufacture."""
-        return self.slopes_of(self.program.fresh(np.exp(z), samples, seed))
-
     def slopes_of(self, point: Evaluation) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """Objective and limits of an evaluated point, and their derivatives."""
         assert point.gradient is not None
