@@ -50,16 +50,11 @@ class SamplingPlan(NamedTuple):
         half = np.random.default_rng(self.seed).standard_normal((-(-self.samples // 2), p))
         draws = self.scatter * unit * np.concatenate([half, -half])[: self.samples]
         ends = np.diag(self.step * unit)
-        return np.concatenate([np.zeros((2, p)), ends, -ends, self._within(), draws])
-
-    def _within(self) -> np.ndarray:
-        """Changes within the step (probes, parameters), of all parameters together. Those of each parameter are evenly
-        spaced (a Latin hypercube), so that their distance does not grow with the number of parameters.
-        """
-        even = (2 * np.arange(self.probes) + 1) / self.probes - 1
-        rng = np.random.default_rng(self.seed)
-        columns = [even, *(rng.permutation(even) for _ in self.names[1:])]
-        return self.step * self.unit * np.stack(columns, 1)
+        # Those within the step change all parameters together, each evenly spaced (a Latin hypercube), so that their
+        # distance does not grow with the number of parameters.
+        even, rng = (2 * np.arange(self.probes) + 1) / self.probes - 1, np.random.default_rng(self.seed)
+        within = np.stack([even, *(rng.permutation(even) for _ in self.names[1:])], 1)
+        return np.concatenate([np.zeros((2, p)), ends, -ends, self.step * unit * within, draws])
 
 
 class MetricSamples(NamedTuple):
@@ -102,20 +97,15 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Metr
     second = (values[0, 1], slopes[0, 1]) if peak else None
     values, slopes = (values[:, 0], slopes[:, 0]) if peak else (values, slopes)
     fine = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
-    step, within, scatter = (
-        slice(2, 2 + 2 * p),
-        slice(2 + 2 * p, len(moves) - plan.samples),
-        slice(-plan.samples, None),
-    )
+    step, scatter = slice(2, 2 + 2 * p), slice(-plan.samples, None)
+    within = slice(step.stop, len(moves) - plan.samples)
     if not fine[0] or np.sum(fine[scatter]) < p + 3:
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     up, down = np.split(values[step] - values[0], 2)
     inner, changes = (x[within][fine[within]] for x in (moves, values - values[0]))
     draws, cloud, over = (x[scatter][fine[scatter]] for x in (moves, values, slopes))
-    complete = bool(np.all(fine))
-    return MetricSamples(
-        values[0], slopes[0], slopes[1], up, down, inner, changes, draws, cloud, over, complete, second
-    )
+    within_step, scattered = (up, down, inner, changes), (draws, cloud, over)
+    return MetricSamples(values[0], slopes[0], slopes[1], *within_step, *scattered, bool(np.all(fine)), second)
 
 
 class Statistics(NamedTuple):

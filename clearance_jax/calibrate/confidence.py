@@ -79,21 +79,17 @@ def confidence(task: FitTask, fit: FitResult) -> Confidence:
     half = factor * deviations
     intervals = np.clip(np.stack([x - half, x + half], axis=1), variables.lower[:, None], variables.upper[:, None])
     unknown = tuple(_unidentified(variables.names, rows, lengths, size))
-    return Confidence(
-        covariance, deviations, intervals, correlation, rows.T, size, lengths, factor, inflation, memory, unknown
-    )
+    ellipsoid = rows.T, size, lengths
+    return Confidence(covariance, deviations, intervals, correlation, *ellipsoid, factor, inflation, memory, unknown)
 
 
 def _noise(task: FitTask, fit: FitResult, freedom: int, memory: float) -> tuple[float, float]:
-    """The factor of the noise on the covariance, and half of an interval over the deviation.
-
-    Given deviations are used, unless the residuals are larger than these allow.
+    """The factor of the noise on the covariance, and half of an interval over the deviation. Given deviations are used,
+    unless the residuals are larger than these allow.
     """
-    given = bool(np.all(task.given))
-    residuals = task.weigh(fit.point, fit.deviations).residuals
-    psi, slope = task.loss.influence(residuals)
+    psi, slope = task.loss.influence(task.weigh(fit.point, fit.deviations).residuals)
     shown = np.sum(psi**2) / max(freedom, 1) / max(np.mean(slope), np.finfo(float).eps) ** 2
-    if given:
+    if np.all(task.given):
         # Robust losses have more variance than least squares, also for normal noise.
         return max(1.0, float(shown)) * memory, float(norm.ppf(0.5 + LEVEL / 2))
     return float(shown) * memory, float(t.ppf(0.5 + LEVEL / 2, max(freedom / memory, 1.0)))
@@ -191,8 +187,8 @@ class _Walk:
         return float(x[k] + end * way[k]), bool(not within if far else straight and end <= BENT)
 
     def others_follow(self, k: int) -> np.ndarray:
-        """The change of all numbers per unit of number `k`, with the others at their best fit for a linear motion,
-        without changes along undetermined directions, which would end at a bound.
+        """The change of all numbers per unit of number `k`, the others at their best fit for a linear motion, without
+        changes along undetermined directions.
         """
         sizes, way = self.known.sizes, np.ones(len(self.known.sizes))
         others = np.arange(len(sizes)) != k

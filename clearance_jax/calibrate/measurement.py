@@ -60,11 +60,6 @@ class Measurement(NamedTuple):
         cut = (series._replace(values=np.where(late, np.nan, series.values)) for series in self.series)
         return Measurement(self.times, tuple(cut))
 
-    @property
-    def missing(self) -> int:
-        """The number of missing values."""
-        return int(np.sum(~self.known))
-
 
 def read_measurement(
     mechanism: Mechanism,

@@ -44,10 +44,6 @@ class Loss(NamedTuple):
         return float(0.5 * self.scale**2 * np.sum(self.rho((residuals / self.scale) ** 2)[0]))
 
 
-def _linear(z: np.ndarray) -> np.ndarray:
-    return np.stack([z, np.ones_like(z), np.zeros_like(z)])
-
-
 def _soft_l1(z: np.ndarray) -> np.ndarray:
     root = np.sqrt(1 + z)
     return np.stack([2 * (root - 1), 1 / root, -0.5 / root**3])
@@ -59,20 +55,12 @@ def _huber(z: np.ndarray) -> np.ndarray:
     return np.stack([np.where(outside, 2 * root - 1, z), 1 / root, np.where(outside, -0.5 / root**3, 0.0)])
 
 
-def _cauchy(z: np.ndarray) -> np.ndarray:
-    return np.stack([np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2])
-
-
-def _arctan(z: np.ndarray) -> np.ndarray:
-    return np.stack([np.arctan(z), 1 / (1 + z**2), -2 * z / (1 + z**2) ** 2])
-
-
 LOSSES: dict[str, Loss] = {
-    "linear": Loss(1.0, _linear),
+    "linear": Loss(1.0, lambda z: np.stack([z, np.ones_like(z), np.zeros_like(z)])),
     "soft_l1": Loss(1.2871, _soft_l1),
     "huber": Loss(1.3450, _huber),
-    "cauchy": Loss(2.3849, _cauchy),
-    "arctan": Loss(2.5714, _arctan),
+    "cauchy": Loss(2.3849, lambda z: np.stack([np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2])),
+    "arctan": Loss(2.5714, lambda z: np.stack([np.arctan(z), 1 / (1 + z**2), -2 * z / (1 + z**2) ** 2])),
 }
 
 

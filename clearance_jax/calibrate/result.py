@@ -64,9 +64,7 @@ class Calibration:
         gaps = f", {self.missing} missing" if self.missing else ""
         lines.append(f"{count} numbers compared{gaps}, {self.motions} motions solved, chi-square {self.chi_square:.3g}")
         for other in self.others[:TOLD]:
-            at = ", ".join(
-                f"{name} = {format_quantity(value, self.units[name], 4)}" for name, value in other.values.items()
-            )
+            at = ", ".join(f"{n} = {format_quantity(value, self.units[n], 4)}" for n, value in other.values.items())
             lines.append(f"Another minimum, of {other.ratio:.3g} times the cost: {at}.")
         if len(self.others) > TOLD:
             lines.append(f"{len(self.others) - TOLD} more minima cost more.")
@@ -104,7 +102,7 @@ def result_of(
         {series.name: float(size) for series, size in zip(measurement.series, fit.deviations, strict=True)},
         float(np.sum(residuals**2) / max(freedom, 1)),
         freedom,
-        measurement.missing,
+        int(np.sum(~measurement.known)),
         tuple(name for group in known.unidentified for name in group.names),
         notes,
         tuple(_others(task, fits, known)),
@@ -115,18 +113,13 @@ def result_of(
 
 def _ellipsoid(task: FitTask, known: Confidence) -> xr.Dataset:
     """The dataset of the confidence ellipsoid: its axes as changes over the sizes of the numbers, and their lengths."""
-    return xr.Dataset(
-        {
-            "axes": (("parameter", "axis"), known.axes, {"long_name": "change over the sizes, along each axis"}),
-            "sizes": ("parameter", known.sizes, {"long_name": "half of the bounds' distance, or the number itself"}),
-            "half_lengths": (
-                "axis",
-                known.lengths,
-                {"long_name": f"half of each axis, of {100 * LEVEL:.0f} % confidence"},
-            ),
-        },
-        {"parameter": list(task.variables.names)},
-    )
+    half = f"half of each axis, of {100 * LEVEL:.0f} % confidence"
+    variables = {
+        "axes": (("parameter", "axis"), known.axes, {"long_name": "change over the sizes, along each axis"}),
+        "sizes": ("parameter", known.sizes, {"long_name": "half of the bounds' distance, or the number itself"}),
+        "half_lengths": ("axis", known.lengths, {"long_name": half}),
+    }
+    return xr.Dataset(variables, {"parameter": list(task.variables.names)})
 
 
 def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
@@ -173,9 +166,15 @@ def doubts(task: FitTask, fit: FitResult, known: Confidence) -> Iterator[str]:
             f"The residuals of {listed(exact)} are no larger than the errors of the solves: the intervals are a rough "
             "guess. Choose a smaller `rtol`."
         )
-    inexact = [check for check in every if not check.exact]
     yield from _sizes([check for check in every if check.given or not check.exact])
-    yield from _correlated(inexact, known)
+    for check in every:
+        if check.correlated and not check.exact:
+            yield (
+                f"The residuals of `{check.name}` follow each other (their correlation from one instant to the next is "
+                f"{check.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(check.count):.2f}): the model "
+                "lacks an effect, or the noise is not independent. The intervals are made wider by the factor "
+                f"{np.sqrt(known.memory):.2g}, but if the model is wrong the truth may lie outside of them."
+            )
     if fit.steps >= MANY and fit.doubtful > MISLED * fit.steps:
         yield (
             f"{fit.doubtful} of {fit.steps} steps of the search brought less than a quarter of the improvement that "
@@ -246,16 +245,4 @@ def _sizes(every: Sequence[ResidualCheck]) -> Iterator[str]:
             yield (
                 f"The residuals of `{check.name}` are only {np.sqrt(check.size):.2g} times as large as its noise "
                 f"{square}: the noise is smaller than the given deviation. The intervals are too wide."
-            )
-
-
-def _correlated(every: Sequence[ResidualCheck], known: Confidence) -> Iterator[str]:
-    """Sentences about series whose residuals are correlated in time."""
-    for check in every:
-        if check.correlated:
-            yield (
-                f"The residuals of `{check.name}` follow each other (their correlation from one instant to the next is "
-                f"{check.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(check.count):.2f}): the model "
-                "lacks an effect, or the noise is not independent. The intervals are made wider by the factor "
-                f"{np.sqrt(known.memory):.2g}, but if the model is wrong the truth may lie outside of them."
             )

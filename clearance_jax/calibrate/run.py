@@ -19,7 +19,7 @@ from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters, replace
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import SolveOptions, settings_of
 
 # How often the search continues from a better fit that was met at the ends of the intervals.
 ROUNDS = 4
@@ -71,7 +71,14 @@ def calibrate(
     variables = _variables(mechanism, parameters, how)
     measurement = read_measurement(mechanism, dataset, signals, deviations, bool(options.get("energy_balance", False)))
     _check_count(measurement, variables)
-    settings, t1 = _span(mechanism, measurement.times, t1, options)
+    times, t1 = measurement.times, float(measurement.times[-1] if t1 is None else t1)
+    settings = settings_of(mechanism, t1, options)
+    begin = float(settings.t0)
+    if times[0] < begin or times[-1] > t1:
+        raise ClearanceError(
+            f"The measured times, {times[0]:g} to {times[-1]:g} s, must lie inside the motion, from {begin:g} to "
+            f"{t1:g} s. Cut the data, or set `t0` and `t1`."
+        )
     instruments = Instruments(mechanism, measurement, variables.names, t1, settings, progress)
     task = FitTask(instruments, variables, measurement, how)
     fits = search(task)
@@ -148,27 +155,13 @@ def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
 def _check_count(measurement: Measurement, variables: Variables) -> None:
     count, wanted = int(np.sum(measurement.known)), len(variables.names)
     if count < wanted:
-        raise ClearanceError(
-            f"{count} measured numbers cannot determine {wanted} parameters. Measure more, or look for fewer."
-        )
+        few = f"{count} measured numbers cannot determine {wanted} parameters."
+        raise ClearanceError(f"{few} Measure more, or look for fewer.")
     if count == wanted and any(series.deviation is None for series in measurement.series):
         raise ClearanceError(
             f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "
             "give `deviations`."
         )
-
-
-def _span(mechanism: Mechanism, times: np.ndarray, t1: Any, options: Any) -> tuple[Settings, float]:
-    """The settings of the solves, and the end of the motion [s]."""
-    end = float(times[-1] if t1 is None else t1)
-    settings = settings_of(mechanism, end, options)
-    begin = float(settings.t0)
-    if times[0] < begin or times[-1] > end:
-        raise ClearanceError(
-            f"The measured times, {times[0]:g} to {times[-1]:g} s, must lie inside the motion, from "
-            f"{begin:g} to {end:g} s. Cut the data, or set `t0` and `t1`."
-        )
-    return settings, end
 
 
 # Ratio of bounds above which the starts of a positive number are scattered in its logarithm.
@@ -245,9 +238,7 @@ def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]
 
 
 def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[FitResult]:
-    """The fit from one start, first to a part of the measured time and then to longer ones; none if its motion does not
-    reach its end.
-    """
+    """The fit from one start, first to a part of the measured time, then to longer ones; none if no motion ends."""
     best, places = None, [start]
     for count in _counts(task):
         part = task.until(count)

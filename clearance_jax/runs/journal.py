@@ -60,9 +60,8 @@ class Lock:
             content = b"" if itself else os.read(self.place, 200)
             holder = content.decode(errors="replace") or "another process"
             os.close(self.place)
-            raise ClearanceError(
-                f"`{named}` is being written by {holder}. Wait until that has ended, or stop it."
-            ) from None
+            message = f"`{named}` is being written by {holder}. Wait until that has ended, or stop it."
+            raise ClearanceError(message) from None
         if not itself:
             os.ftruncate(self.place, 0)
             os.write(self.place, f"process {os.getpid()} on {platform.node()}".encode())
@@ -138,24 +137,23 @@ class Journal:
         be written; it is then unchanged.
         """
         if not self._new:
-            self._check(question)
+            if not self.fingerprints or (self._ordered and self.question is None):
+                raise ClearanceError(
+                    f"`{self.path}` is no journal of a run, one of an earlier form, or damaged at its begin. "
+                    "Choose another path, or delete it."
+                )
+            if changes := self.differences(question):
+                raise ClearanceError(refusal(self.path, changes))
         if self.damaged:
-            first = len(self.records) + 2  # below the question, counted from 1
-            damage = f"line {first} is damaged; it and what follows are" if self._ordered else _damage(self.damaged)
+            damage = f"{self.damaged} lines are damaged; what they held is"
+            if self.damaged == 1:
+                damage = "1 line is damaged; what it held is"
+            if self._ordered:  # below the question, counted from 1
+                damage = f"line {len(self.records) + 2} is damaged; it and what follows are"
             warnings.warn(f"`{self.path}`: {damage} computed again.", RunWarning, stacklevel=2)
         self._own = fingerprint(as_in_file(question))
         if self.question is None:
             self.add(**{QUESTION: as_in_file(question)})
-
-    def _check(self, question: Mapping[str, Any]) -> None:
-        if not self.fingerprints or (self._ordered and self.question is None):
-            raise ClearanceError(
-                f"`{self.path}` is no journal of a run, one of an earlier form, or damaged at its begin. "
-                "Choose another path, or delete it."
-            )
-        changes = self.differences(question)
-        if changes:
-            raise ClearanceError(refusal(self.path, changes))
 
     def add(self, **record: Any) -> None:
         """Write a record and flush it to the disk. **Raises** `ClearanceError` if that fails; the file is then
@@ -193,10 +191,6 @@ class Journal:
 def _end(text: bytes) -> int:
     """Where the last complete line ends."""
     return text.rfind(b"\n") + 1
-
-
-def _damage(count: int) -> str:
-    return "1 line is damaged; what it held is" if count == 1 else f"{count} lines are damaged; what they held is"
 
 
 def line_of(record: Mapping[str, Any]) -> bytes:

@@ -1,5 +1,6 @@
 """The axes of a sweep: the numbers or models at each place along each dimension of the answer."""
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
@@ -60,15 +61,15 @@ class Sampled(NamedTuple):
             check_scatter(name, distribution)
         if not self.scatter or isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise ClearanceError("`Sampled` wants numbers that scatter, and a count of at least 1.")
-        shares = correlate(_points(self.method, len(self.scatter), self.count, self.seed), self._root())
+        shares = _points(self.method, len(self.scatter), self.count, self.seed)
+        if self.correlation:
+            # Normal scores, correlated by the Cholesky factor.
+            shares = scipy.special.ndtr(scipy.special.ndtri(shares) @ self._root(self.correlation).T)
         return {name: law.ppf(shares[:, i]) for i, (name, law) in enumerate(self.scatter.items())}
 
-    def _root(self) -> np.ndarray | None:
-        """The Cholesky factor of the correlation matrix; `None` if there are no correlations."""
-        if not self.correlation:
-            return None
+    def _root(self, correlation: Mapping[tuple[str, str], float]) -> np.ndarray:
         places, matrix = {name: i for i, name in enumerate(self.scatter)}, np.eye(len(self.scatter))
-        for pair, value in self.correlation.items():
+        for pair, value in correlation.items():
             for name in pair:
                 if name not in places:
                     raise ClearanceError(f"`correlation`: `{name}` does not scatter. {suggest(str(name), places)}")
@@ -80,13 +81,6 @@ class Sampled(NamedTuple):
             return np.linalg.cholesky(matrix)
         except np.linalg.LinAlgError:
             raise ClearanceError("`correlation` contradicts itself: its matrix must be positive definite.") from None
-
-
-def correlate(shares: np.ndarray, root: np.ndarray | None) -> np.ndarray:
-    """Correlate the normal scores of points (n, d) in the unit cube, by the Cholesky factor (d, d) of a correlation."""
-    if root is None:
-        return shares
-    return scipy.special.ndtr(scipy.special.ndtri(shares) @ root.T)
 
 
 def _points(method: str, width: int, count: int, seed: int) -> Float[np.ndarray, "count width"]:
@@ -117,23 +111,15 @@ class Dimension(NamedTuple):
     models: dict[str, Any]
     sampling: dict[str, Any]
 
-    @property
-    def labels(self) -> list[str]:
-        """The labels of its models."""
-        return list(self.models)
-
 
 def dimensions(axes: Mapping[str, Any]) -> tuple[Dimension, ...]:
     """Read the axes of a sweep. **Raises** `ClearanceError` for an axis that is wrong or empty."""
     if not isinstance(axes, Mapping) or not axes:
         raise ClearanceError('`axes` must be values by name, such as `{"wrist.radial_clearance": [1e-4, 2e-4]}`.')
     dims = tuple(_dimension(str(name), given) for name, given in axes.items())
-    seen: dict[str, str] = {}
-    for dimension in dims:
-        for name in dimension.columns:
-            if name in seen:
-                raise ClearanceError(f"`{name}` is varied by the axes `{seen[name]}` and `{dimension.name}`. Take one.")
-            seen[name] = dimension.name
+    for first, other in itertools.combinations(dims, 2):
+        for name in (name for name in other.columns if name in first.columns):
+            raise ClearanceError(f"`{name}` is varied by the axes `{first.name}` and `{other.name}`. Take one.")
     return dims
 
 
@@ -144,10 +130,9 @@ def _dimension(name: str, given: Any) -> Dimension:
         models = {str(label): model for label, model in given.models.items()}
         return Dimension(name, len(models), {}, models, {})
     if isinstance(given, Sampled):
-        columns = given.draw()
-        laws = {name: in_words(law) for name, law in given.scatter.items()}
-        pairs = {" ".join(pair): float(value) for pair, value in (given.correlation or {}).items()}
-        sampling = {"method": given.method, "seed": int(given.seed), "scatter": laws, "correlation": pairs}
+        columns, sampling = given.draw(), {"method": given.method, "seed": int(given.seed)}
+        sampling["scatter"] = {name: in_words(law) for name, law in given.scatter.items()}
+        sampling["correlation"] = {" ".join(pair): float(value) for pair, value in (given.correlation or {}).items()}
         return Dimension(name, given.count, columns, {}, sampling)
     columns = {str(k): _values(k, v) for k, v in (given.values if isinstance(given, Zipped) else {name: given}).items()}
     sizes = {k: len(v) for k, v in columns.items()}

@@ -85,12 +85,8 @@ def check_room(path: Path, needed: int) -> None:
 
 def size(count: int) -> str:
     """Bytes in words."""
-    left = float(count)
-    for unit in ("B", "kB", "MB", "GB"):
-        if left < 1000:
-            return f"{left:.3g} {unit}"
-        left /= 1000
-    return f"{left:.3g} TB"
+    power = next((k for k in range(4) if count < 1000 ** (k + 1)), 4)
+    return f"{count / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"
 
 
 def shown_time(seconds: float) -> str:

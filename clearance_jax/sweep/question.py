@@ -9,7 +9,7 @@ from clearance_jax.ask.question import OPTIONS, Question, shapes_of
 from clearance_jax.dynamics.quantities import OBSERVED, labels, quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.measure import AbstractMetric, Function, MetricForm, as_metric
+from clearance_jax.metrics.measure import AbstractMetric, MetricForm, as_metric
 from clearance_jax.parameters import find, parameters
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.sweep.axes import Dimension, dimensions, models_of, units_of_columns
@@ -38,8 +38,16 @@ def grid_of(
     questions = []
     for model in models:
         settings = _settings(model, t1, dims, {**(options or {}), "save_at": times})
-        _check_wrt(model, wrt)
-        metrics = {str(name): _metric(name, given) for name, given in _outputs(outputs).items()}
+        known = parameters(model) if wrt else {}
+        for name in wrt:
+            leaf, entry = find(known, name)
+            if entry is None and np.ndim(leaf.value):
+                raise ClearanceError(f"`wrt` wants numbers, but `{name}` is an array. Name its entries, `{name}.0`.")
+        # The name of a quantity becomes a metric of the solution.
+        asked = {
+            str(name): Named(given) if isinstance(given, str) else given for name, given in _outputs(outputs).items()
+        }
+        metrics = {name: as_metric(given) for name, given in asked.items()}
         questions.append(Question(model, metrics, t1, settings, wrt, differentiated))
     shapes = [shapes_of(question, sorted(first)) for question in questions]
     if any(shape != shapes[0] for shape in shapes):
@@ -71,26 +79,10 @@ def _settings(model: Mechanism, t1: Any, dims: Sequence[Dimension], options: Map
     return settings
 
 
-def _check_wrt(model: Mechanism, wrt: Sequence[str]) -> None:
-    known = parameters(model) if wrt else {}
-    for name in wrt:
-        leaf, entry = find(known, name)
-        if entry is None and np.ndim(leaf.value):
-            raise ClearanceError(f"`wrt` wants numbers, but `{name}` is an array. Name its entries, `{name}.0`.")
-
-
-# What comes out ------------------------------------------------------------------------------------------------------
-
-
 def _outputs(outputs: Any) -> Mapping[str, Any]:
     if not isinstance(outputs, Mapping) or not outputs:
         raise ClearanceError('`outputs` must be metrics by name, such as `{"peak": Peak(PositionError("piston"))}`.')
     return outputs
-
-
-def _metric(name: str, given: Any) -> AbstractMetric:
-    """The metric of an output; the name of a quantity becomes a metric of the solution."""
-    return Function(Named(given)) if isinstance(given, str) else as_metric(given)
 
 
 class Named(NamedTuple):
@@ -118,15 +110,13 @@ def _kinds(
     model: Mechanism, question: Question, outputs: Mapping[str, Any], shapes: Any, dims: Sequence[Dimension]
 ) -> tuple[dict[str, Kind], dict[str, tuple[str, Any]]]:
     """The kinds of all variables, and the coordinates of dimensions that are not the sweep's."""
-    kinds, coordinates = {name: ENDINGS[name] for name in ENDINGS if name in (*shapes.ending, "again")}, {}
-    settings = question.settings
-    if settings.save_at is not None:
-        coordinates["time"] = "time", np.asarray(settings.save_at)
+    kinds, settings = {name: ENDINGS[name] for name in ENDINGS if name in (*shapes.ending, "again")}, question.settings
+    coordinates = {} if settings.save_at is None else {"time": ("time", np.asarray(settings.save_at))}
     # Only if needed: it takes as long as the lanes of a small sweep.
     by_name = any(isinstance(given, str) for given in outputs.values())
     named, known = quantities(model, bool(settings.energy_balance)) if by_name else {}, {}
-    along = {name: None for dimension in dims for name in (dimension.name, *dimension.columns)}
-    along |= dict.fromkeys(("time", "parameter", "parameter_unit"))
+    varied = [name for dimension in dims for name in (dimension.name, *dimension.columns)]
+    along: dict[str, Any] = dict.fromkeys((*varied, "time", "parameter", "parameter_unit"))
     for name, given in outputs.items():
         if not hasattr(shapes.values[name], "shape"):
             raise ClearanceError(f"The output `{name}` must be a number or an array: take one entry of its record.")
@@ -152,8 +142,7 @@ def _kinds(
             of = kinds[name]
             shape, unit = (*of.shape, len(question.by)), f"({of.unit or '1'})/({by or '1'})"
             kinds[slope_name(name)] = Kind((*of.dims, "parameter"), shape, "f8", unit, f"derivatives of {name}")
-    taken = {*(name for dimension in dims for name in (dimension.name, *dimension.columns)), *coordinates, *ENDINGS}
-    taken |= {dim for kind in kinds.values() for dim in kind.dims}
+    taken = {*varied, *coordinates, *ENDINGS, *(dim for kind in kinds.values() for dim in kind.dims)}
     for name in (*outputs, *(slope_name(name) for name in question.differentiated)):
         if not isinstance(name, str) or not name.isprintable() or "/" in name or not name.strip("."):
             raise ClearanceError(f"An output cannot be called {quote(name)}: it must be a word. Choose another.")
@@ -178,8 +167,6 @@ def _axes(name: str, form: MetricForm, shape: tuple[int, ...], along: dict[str, 
 
 def _words(given: Any) -> str:
     """A metric in words."""
-    if isinstance(given, AbstractMetric):
-        signal = getattr(given, "signal", None)
-        of = "" if signal is None else f" of {type(signal).__name__}"
-        return f"{type(given).__name__}{of}"
-    return getattr(given, "__name__", type(given).__name__)
+    signal = getattr(given, "signal", None) if isinstance(given, AbstractMetric) else None
+    of = "" if signal is None else f" of {type(signal).__name__}"
+    return getattr(given, "__name__", type(given).__name__) + of

@@ -63,8 +63,8 @@ def scatter(
     """
     if distribution not in DISTRIBUTIONS:
         raise ClearanceError(f"`distribution` must be {', '.join(DISTRIBUTIONS)}, but it is {quote(distribution)}.")
-    given = {"mean": mean, "deviation": deviation, "lower": lower, "upper": upper}
-    given = {name: number for name, number in given.items() if number is not None}
+    every = {"mean": mean, "deviation": deviation, "lower": lower, "upper": upper}
+    given = {name: number for name, number in every.items() if number is not None}
     known = arguments_of(distribution)
     for name in given.keys() - known.keys():
         raise ClearanceError(f"A {distribution} scatter has no `{name}`: leave it out. It has {', '.join(known)}.")
@@ -132,9 +132,9 @@ def sobol_samples(scatter: Mapping[str, Any], count: int, seed: int = 0) -> dict
     unit = qmc.Sobol(2 * width, rng=np.random.default_rng(seed)).random(count)
     # A quantile of 0 would be minus infinity.
     unit = np.clip(unit, 2.0**-53, 1 - 2.0**-53)
+    halves = unit[:, :width], unit[:, width:]
     ours, others = (
-        np.stack([law.ppf(half[:, i]) for i, law in enumerate(scatter.values())], axis=1)
-        for half in (unit[:, :width], unit[:, width:])
+        np.stack([law.ppf(x) for law, x in zip(scatter.values(), half.T, strict=True)], 1) for half in halves
     )
     mixed = [np.where(np.arange(width) == i, others, ours) for i in range(width)]
     every = np.concatenate([ours, others, *mixed])

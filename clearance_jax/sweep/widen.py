@@ -39,7 +39,13 @@ def open_store(
                 f"`{path}` exists already. Go on with it by `resume` (`--resume`), or choose another path."
             )
         if path.exists():
-            grid = snap(grid, _regions_of(path, grid, provenance))
+            try:
+                old = Regions(path)
+            except ClearanceError:
+                if not remade(path, grid, provenance):
+                    raise
+                old = Regions(path)
+            grid = snap(grid, old)
         if not path.exists():
             create(path, grid, provenance, least)
         elif _differs(path, narrower, grid):
@@ -63,16 +69,6 @@ def _check_names(grid: Grid) -> None:
         else:
             continue
         raise ClearanceError(f"{quote(name)} cannot be the name of an output or axis in a store: {why}. Rename it.")
-
-
-def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Regions:
-    """The regions of the store at a path, whose metadata are repaired if they are damaged."""
-    try:
-        return Regions(path)
-    except ClearanceError:
-        if not remade(path, grid, provenance):
-            raise
-        return Regions(path)
 
 
 def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
@@ -125,7 +121,7 @@ def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
     for dimension, size in zip(grid.dims, old.partition.shape, strict=True):
         if any(name not in old.root for name in (dimension.name, *dimension.columns)):
             return None
-        columns = {dimension.name: np.asarray(dimension.labels)} if dimension.models else dimension.columns
+        columns = {dimension.name: np.asarray(list(dimension.models))} if dimension.models else dimension.columns
         before = list(zip(*(old.coordinate(name).tolist() for name in columns), strict=True))
         known = {key: i for i, key in enumerate(before)}
         now = list(zip(*(values.tolist() for values in columns.values()), strict=True))
@@ -173,15 +169,12 @@ class Before:
 
     def _region(self, region: int) -> dict[str, np.ndarray]:
         if region not in self._kept:
-            self._kept = {region: self._read(region)}  # the next call mostly needs the same region
+            known = region in self._old.records
+            values = self._old.read(region) if known else self._blank(self._old.partition.size(region))
+            if not known:
+                self._old.partial.fill(region, values)
+            self._kept = {region: values}  # the next call mostly needs the same region
         return self._kept[region]
-
-    def _read(self, region: int) -> dict[str, np.ndarray]:
-        if region in self._old.records:
-            return self._old.read(region)
-        values = self._blank(self._old.partition.size(region))
-        self._old.partial.fill(region, values)
-        return values
 
     def remove(self) -> None:
         """Remove the store, when all of it has been copied."""

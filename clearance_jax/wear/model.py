@@ -29,9 +29,9 @@ from clearance_jax.solve.drivers.trace import trace
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.units import format_quantity
-from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, look, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.rubbing import CHUNK, Contacts, contacts, look, pin_of, sections_of
 from clearance_jax.wear.worn import USUAL, SectorsWarning, accumulate, doubt, fewest, surely_fine, wear_of, wear_round
 
 # Options of a trace that the solve with derivatives does not take.
@@ -131,15 +131,11 @@ class WearModel(Module):
     def _check(self, deepest: float, relief: float, after: int) -> None:
         """Raise where a cycle wears off too much to be taken at one profile."""
         wears, play = f"After {after} cycles one cycle wears off", self.clearance.radial_clearance
-        fix = (
-            "but within a cycle the profile is taken as it is. Check the unit of the law's coefficient, or take a "
-            "shorter cycle"
-        )
+        check = "Check the unit of the law's coefficient, or take a shorter cycle"
+        fix = f"but within a cycle the profile is taken as it is. {check}"
         if not deepest <= play:
-            raise WornThrough(
-                f"{wears} {format_quantity(deepest, 'm')}, more than the radial clearance of `{self.joint}`, "
-                f"{format_quantity(float(play), 'm')}; {fix}."
-            )
+            depth, most = (format_quantity(float(length), "m") for length in (deepest, play))
+            raise WornThrough(f"{wears} {depth}, more than the radial clearance of `{self.joint}`, {most}; {fix}.")
         if not relief <= MOST_RELIEF:
             raise WearFailure(
                 f"{wears} {relief:.3g} times what the pin stands in the foundation of `{self.joint}`: beyond "
@@ -151,13 +147,10 @@ class WearModel(Module):
         """The same with the named numbers moved by shares of their scales (`sizes`), each with its row of the stack;
         further rows have no number.
         """
-        sizes = self.sizes(names)
-        old = values_of(self, names)
-        moved: WearModel = replace(
-            self, {name: old[name] + size * share for name, size, share in zip(names, sizes, shares, strict=False)}
-        )
+        sizes, old = self.sizes(names), values_of(self, names).items()
+        new = {name: value + size * x for (name, value), size, x in zip(old, sizes, shares, strict=False)}
         whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
-        return moved.wear_by(stack[0], stack[1:] * whole[:, None], shares)
+        return replace(self, new).wear_by(stack[0], stack[1:] * whole[:, None], shares)
 
     def wear_by(self, depth: Array, rows: Array, shares: Array) -> "WearModel":
         """The same worn by a depth [m], (sectors,), and by shares of `rows` [m], (shares, sectors), on top."""

@@ -116,11 +116,8 @@ def largest_swing(seen: Contacts, angle: Array, allowed: Array, parts: int) -> A
     """The largest motion of a patch from one node to the next of its step, over what is allowed at the two nodes.
     `angle` of the patch and `allowed` [rad] have the shape (times, sections).
     """
-
-    def by_step(values):
-        return values.reshape(-1, A_STEP * parts, *values.shape[1:])
-
-    angle, allowed, force = (by_step(values) for values in (angle, allowed, seen.force))
+    steps = -1, A_STEP * parts
+    angle, allowed, force = (values.reshape(*steps, *values.shape[1:]) for values in (angle, allowed, seen.force))
     moved = angle[:, 1:] - angle[:, :-1]
     moved = jnp.abs(moved - 2 * np.pi * jnp.round(moved / (2 * np.pi)))
     both = (force[:, 1:] > 0) & (force[:, :-1] > 0)

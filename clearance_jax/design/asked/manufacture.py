@@ -47,30 +47,16 @@ class AbstractManufacture(abc.ABC):
     is_sampled: ClassVar[bool] = False
     """Whether parts are samples: then a design has a yield, and fresh samples can be drawn."""
 
-    @property
-    def title(self) -> str:
-        """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
-        return ""
-
-    @property
-    def among(self) -> str:
-        """The parts among which each limit is judged at once, in words; empty: part by part."""
-        return ""
-
-    @property
-    def is_design(self) -> bool:
-        """Whether the only part is the design itself."""
-        return False
-
-    @property
-    def scattered(self) -> tuple[str, ...]:
-        """Names of the numbers that scatter."""
-        return ()
-
-    @property
-    def doubt(self) -> str:
-        """A sentence on why the design may miss its target, if that is known before the search; else empty."""
-        return ""
+    title: ClassVar[str] = ""
+    """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
+    among: ClassVar[str] = ""
+    """The parts among which each limit is judged at once, in words; empty: part by part."""
+    is_design: ClassVar[bool] = False
+    """Whether the only part is the design itself."""
+    scattered: ClassVar[tuple[str, ...]] = ()
+    """Names of the numbers that scatter."""
+    doubt: ClassVar[str] = ""
+    """A sentence on why the design may miss its target, if that is known before the search; else empty."""
 
     @property
     def without_margin(self) -> "AbstractManufacture":
@@ -108,9 +94,7 @@ class AbstractManufacture(abc.ABC):
 class AsDesigned(AbstractManufacture):
     """Every part is exactly as designed."""
 
-    @property
-    def is_design(self):
-        return True
+    is_design: ClassVar[bool] = True
 
     def parts(self, names, fresh=0, seed=None):
         return [Part("", np.ones(len(names)), is_design=True)]
