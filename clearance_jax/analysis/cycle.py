@@ -308,9 +308,7 @@ def free_turns(search: CycleSearch) -> Array:
 
 
 def _inverse(search: CycleSearch, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
-    """The inverse of I - dP/dy, scaled by `unit`; the pseudo-inverse if it is singular within the Jacobian's error.
-    Constant memory keeps its value.
-    """
+    """The (pseudo-)inverse of I - dP/dy, scaled by `unit`, without constant memory, which keeps its value."""
     unit = scale(search, y) if unit is None else unit
     jacobian = jnp.where(constant_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
     matrix = jnp.eye(unit.size) - jacobian * unit[None, :] / unit[:, None]

@@ -42,9 +42,7 @@ class SamplingPlan(NamedTuple):
         return np.where(self.centre == 0, 1.0, np.abs(self.centre))
 
     def moves(self) -> np.ndarray:
-        """Changes of the parameters (lanes, parameters): twice none, a step up of each, a step down of each, those
-        within the step, and draws of the scatter.
-        """
+        """Changes (lanes, parameters): twice none, a step up and down of each, within the step, and the scatter."""
         p, unit = len(self.names), self.unit
         # Antithetic pairs: the mean of a linear metric is then exact.
         half = np.random.default_rng(self.seed).standard_normal((-(-self.samples // 2), p))
@@ -205,9 +203,7 @@ def neighbours(
 
 
 class Divergence(NamedTuple):
-    """The divergence and touches of motions over the scatter, named as in `GradientReport`; the defaults are those of a
-    mechanism without clearance.
-    """
+    """Divergence and touches over the scatter, named as in `GradientReport`; by default as without clearance."""
 
     lyapunov: float = 0.0
     horizon: float = np.inf
@@ -218,9 +214,7 @@ class Divergence(NamedTuple):
 
 
 def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: float, options: Settings) -> Divergence:
-    """The divergence of the motion and of those at `draws` (samples, parameters), by one program. Motions have parted
-    once their spread is above `limit` (over the clearance).
-    """
+    """The divergence of motions at `draws` (samples, parameters), parted where their spread is above `limit`."""
     if not mechanism.clearance_joints():
         return Divergence()
     names, rtol = plan.names, plan.rtol

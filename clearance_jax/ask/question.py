@@ -136,9 +136,7 @@ class Undifferentiated(AbstractMetric):
 
 
 def shapes_of(question: Question, names: Sequence[str]) -> Answer:
-    """Shapes and types of the answer at a point with numbers of these names, without a solve. Questions of the same
-    structure are traced once.
-    """
+    """The answer's shapes with numbers of these names, without a solve; questions of a structure are traced once."""
     return _shapes(tree_shape(question), tuple(names))
 
 

@@ -84,9 +84,7 @@ def confidence(task: FitTask, fit: FitResult) -> Confidence:
 
 
 def _noise(task: FitTask, fit: FitResult, freedom: int, memory: float) -> tuple[float, float]:
-    """The factor of the noise on the covariance, and half of an interval over the deviation. Given deviations are used,
-    unless the residuals are larger than these allow.
-    """
+    """The factor of the noise on the covariance, and half of an interval over the deviation."""
     psi, slope = task.loss.influence(task.weigh(fit.point, fit.deviations).residuals)
     shown = np.sum(psi**2) / max(freedom, 1) / max(np.mean(slope), np.finfo(float).eps) ** 2
     if np.all(task.given):
@@ -163,9 +161,7 @@ class _Walk:
         self.lowest, self.lowest_rise, self.better = fit.point, 0.0, False
 
     def look(self, k: int, sign: float, far: bool) -> tuple[float, bool]:
-        """The end of the interval of number `k` to one side, and whether the derivatives predict it. With `far` it
-        looks for another minimum far away.
-        """
+        """The end of an interval to one side, and whether it is as predicted; `far`: look for another minimum."""
         task, known, x = self.task, self.known, self.fit.point.x
         way = sign * known.factor * known.deviations[k] * self.others_follow(k)
         wanted = task.loss.cost(self.here.residuals + self.here.jacobian @ way) - self.cost
@@ -187,9 +183,7 @@ class _Walk:
         return float(x[k] + end * way[k]), bool(not within if far else straight and end <= BENT)
 
     def others_follow(self, k: int) -> np.ndarray:
-        """The change of all numbers per unit of number `k`, the others at their best fit for a linear motion, without
-        changes along undetermined directions.
-        """
+        """The change of all numbers per unit of number `k`, the others at their best fit (along what is determined)."""
         sizes, way = self.known.sizes, np.ones(len(self.known.sizes))
         others = np.arange(len(sizes)) != k
         scaled = self.here.jacobian[:, others] * sizes[others]
@@ -226,9 +220,7 @@ class _Walk:
 
 
 def _parts(most: float, wanted: float, rises: dict[float, float]) -> Iterator[float]:
-    """The places to evaluate, in predicted half intervals, by the `rises` so far: outwards until the cost has risen by
-    `wanted`, then by bisection.
-    """
+    """The places to evaluate, in predicted half intervals: outwards until the cost has risen, then by bisection."""
     part = min(1.0, most)
     yield part
     while part < most and (part < WIDEST or (rises[part] <= wanted and len(rises) < TRIALS)):

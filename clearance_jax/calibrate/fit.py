@@ -239,9 +239,7 @@ def _memory(psi: np.ndarray) -> float:
 
 
 def _roughness(times: np.ndarray, values: np.ndarray) -> float:
-    """The standard deviation of the noise of readings, from their third differences; NaN if they are few or not
-    equidistant, too large if they are too sparse for the motion.
-    """
+    """The deviation of the noise of readings, from their third differences; NaN if few or not equidistant."""
     steps = np.diff(times)
     if len(times) < MANY or np.max(steps) > 1.01 * np.min(steps):
         return np.nan

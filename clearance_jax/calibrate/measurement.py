@@ -68,9 +68,7 @@ def read_measurement(
     deviations: Mapping[str, Any] | None = None,
     books: bool = False,
 ) -> Measurement:
-    """Read the measured numbers of a dataset; arguments as `calibrate`'s. **Raises** `ClearanceError` for what is not a
-    quantity of the mechanism's motion.
-    """
+    """Read a dataset, as `calibrate`. **Raises** `ClearanceError` for what is no quantity of the motion."""
     if not isinstance(dataset, xr.Dataset):
         raise ClearanceError(f"Measured data must be an xarray Dataset, but this is a {type(dataset).__name__}.")
     times, series = _times(dataset), []
@@ -195,9 +193,7 @@ def _unit(name: str, quantity: str, known: Mapping[str, str]) -> str:
 
 
 def _names(reading: str, array: xr.DataArray) -> Iterator[tuple[str, dict[str, int]]]:
-    """The quantities in a variable, and the index of each: `piston.position.x` in `position` over points and axes, or
-    in `piston.position` over axes.
-    """
+    """The quantities in a variable, and the index of each: `piston.position.x` in `position` or `piston.position`."""
     dims = [str(dim) for dim in array.dims if dim != TIME]
     for dim in dims:
         if dim not in array.coords:

@@ -30,9 +30,7 @@ class Loss(NamedTuple):
         return residuals * first, first + 2 * z * second
 
     def normal_squares(self) -> tuple[float, float]:
-        """The mean of psi^2 for normal residuals, and the degrees of freedom of a chi-square distribution with the same
-        relative scatter.
-        """
+        """The mean of psi^2 for normal residuals, and the freedom of a chi-square with the same relative scatter."""
         noise = np.linspace(-8.0, 8.0, 4001)
         weights = np.exp(-(noise**2) / 2)
         squares = self.influence(noise)[0] ** 2

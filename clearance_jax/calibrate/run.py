@@ -285,9 +285,7 @@ def refine(task: FitTask, fit: FitResult) -> FitResult:
 
 
 def _shown_deviations(task: FitTask, point: FitPoint) -> np.ndarray:
-    """The deviation of each series from its residuals, shape (series,): their root mean square, or from their median
-    with a robust loss, corrected for the fitted degrees of freedom.
-    """
+    """The deviation of each series (series,) from its residuals, or from their median with a robust loss."""
     measurement, known = task.measurement, task.measurement.known
     left, deviations = 1 - len(task.variables.names) / np.sum(known), []
     for off, values, there in zip((point.values - measurement.values).T, measurement.values.T, known.T, strict=True):

@@ -23,9 +23,7 @@ from clearance_jax.runs.identity import as_in_file, differences, fingerprint, re
 
 @contextmanager
 def refuse_in_words(what: str, *, begun: bool = False) -> Iterator[None]:
-    """Turn an `OSError` of writing `what` into a `ClearanceError` that says why and what to do. `begun`: a part of it
-    has been written before.
-    """
+    """Turn an `OSError` of writing `what` into a `ClearanceError` in words. `begun`: a part has been written."""
     try:
         yield
     except OSError as error:
@@ -156,9 +154,7 @@ class Journal:
             self.add(**{QUESTION: as_in_file(question)})
 
     def add(self, **record: Any) -> None:
-        """Write a record and flush it to the disk. **Raises** `ClearanceError` if that fails; the file is then
-        unchanged.
-        """
+        """Write a record and flush it. **Raises** `ClearanceError` if that fails; the file is then unchanged."""
         line = line_of({OF: self._own, **record})
         with refuse_in_words(f"`{self.path}`", begun=QUESTION not in record):
             lock = self._lock or Lock(self.path, itself=True, wait=True)

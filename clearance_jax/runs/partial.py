@@ -38,9 +38,7 @@ class PartialResults:
         self._written = time.monotonic()
 
     def add(self, part: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
-        """Keep the values at these places of a part. A call writes to the disk if the last write is `PATIENCE` ago.
-        **Raises** `OSError` if that fails.
-        """
+        """Keep values at places of a part; write if the last write is `PATIENCE` ago. **Raises** `OSError`."""
         rows = np.zeros(len(places), self._row)
         rows[PLACE] = places
         for i, name in enumerate(self._names):

@@ -45,9 +45,7 @@ def run_here(
     progress: Tell,
     again: Mapping[str, Any] | None,
 ) -> None:
-    """Answer the missing regions, and then solve failed lanes once more with the options `again`. If there is a `plan`
-    callback, a few lanes are timed first.
-    """
+    """Answer the missing regions, then solve failed lanes with the options `again`; for a `plan` a few are timed."""
     missing = answers.open_regions()
     if plan is not None:
         plan(plan_of(answers, f"{cores} cores", lambda: pilot_time(answers, missing, cores)))
@@ -108,9 +106,7 @@ def run_on(
     progress: Tell,
     again: Mapping[str, Any] | None,
 ) -> None:
-    """As `run_here`, on the workers of a cluster, with `cores` cores for each region; some of the workers time a few
-    lanes.
-    """
+    """As `run_here`, on the workers of a cluster, with `cores` cores for each region."""
     missing, workers = store.open_regions(), len(workers_of(client))
     if missing and not workers:
         raise ClearanceError("The cluster has no workers. Start some, and go on with `resume`.")

@@ -113,9 +113,7 @@ SHARE = 4
 
 
 def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
-    """`count` lanes spread over at most `LANES` missing regions, as each has its own partial results; none if few lanes
-    are missing.
-    """
+    """`count` lanes spread over at most `LANES` missing regions; none if few lanes are missing."""
     if sum(partition.size(region) for region in missing) < SHARE * count:
         return np.zeros(0, int)
     regions = [missing[i] for i in np.unique(np.linspace(0, len(missing) - 1, LANES).astype(int))]
@@ -125,9 +123,7 @@ def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
 
 
 def pilot_time(answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
-    """The time of a lane with all cores running [s], measured with a few lanes whose answers are kept; `None`: not
-    known.
-    """
+    """The time of a lane with all cores running [s], measured with lanes that are kept; `None`: not known."""
     lanes = choose(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
         return None
@@ -155,9 +151,7 @@ Tell = Callable[[SweepProgress], Any] | None
 
 
 class SweepPace:
-    """Counts the lanes of a sweep and reports a `SweepProgress`. The clock starts with the first lanes that are done,
-    so that compiling does not count.
-    """
+    """Counts lanes and reports a `SweepProgress`; the clock starts with the first that are done, after compiling."""
 
     def __init__(self, answers: AbstractAnswers, tell: Tell):
         self._lanes, self._tell, self._sizes = answers.grid.count, tell, answers.partition.size

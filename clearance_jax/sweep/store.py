@@ -187,9 +187,7 @@ class Regions:
         return {name: block.reshape(-1, *block.shape[lead:]) for name, block in blocks.items()}
 
     def write(self, region: int, values: Mapping[str, np.ndarray], old: Values | None = None) -> str:
-        """Write a region's chunks and return their digest. The `old` values, if there are any, are kept as partial
-        results until all chunks are written.
-        """
+        """Write a region's chunks and return their digest; until then `old` values are kept as partial results."""
         if old is not None:
             self.partial.add(region, np.arange(self.partition.size(region)), old)
             self.partial.flush()

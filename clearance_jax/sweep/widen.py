@@ -90,9 +90,7 @@ def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
 
 
 def snap(grid: Grid, old: Regions) -> Grid:
-    """The grid with the exact numbers of an older store, if its own differ by round-off. Otherwise a calculated axis
-    (`linspace`) would not have the old places.
-    """
+    """The grid with the exact numbers of an older store, of which a calculated axis (`linspace`) is off by round-off."""
     dims = []
     for dimension in grid.dims:
         columns = dict(dimension.columns)
@@ -112,9 +110,7 @@ def _snap(values: np.ndarray, old: np.ndarray) -> np.ndarray:
 
 
 def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
-    """By dimension, the index in the older store of every place (-1: new); `None` if a place of the older store is
-    missing.
-    """
+    """By dimension, the index in the older store of every place (-1: new); `None` if one of its places is missing."""
     if len(old.partition.shape) != len(grid.dims):
         return None
     by_axis = []

@@ -65,9 +65,7 @@ class WearHistory(NamedTuple):
 
     @property
     def by(self) -> Mapping[str, float]:
-        """The derivatives of the end by name [cycles by the number's unit]; none where the criterion was not reached,
-        or none were asked for.
-        """
+        """The derivatives of the end by name [cycles by the number's unit]; none if there are none."""
         slopes = () if self.end_slopes is None else self.end_slopes.tolist()
         return dict(zip(self.names, slopes, strict=False))
 

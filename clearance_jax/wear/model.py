@@ -144,9 +144,7 @@ class WearModel(Module):
             )
 
     def shift(self, names: tuple[str, ...], stack: Array, shares: Array) -> "WearModel":
-        """The same with the named numbers moved by shares of their scales (`sizes`), each with its row of the stack;
-        further rows have no number.
-        """
+        """The same with named numbers moved by shares of their `sizes`, each with its row; others have no number."""
         sizes, old = self.sizes(names), values_of(self, names).items()
         new = {name: value + size * x for (name, value), size, x in zip(old, sizes, shares, strict=False)}
         whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])

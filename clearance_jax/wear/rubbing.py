@@ -99,9 +99,7 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
 
 
 def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
-    """As `contacts`, from `times` [s] and `states` of step ends, a multiple of `CHUNK` of them. It has derivatives by
-    the mechanism and the states.
-    """
+    """As `contacts`, from step ends, a multiple of `CHUNK` of them; with derivatives by mechanism and states."""
     count = times.shape[0] // CHUNK
     follow = [jnp.concatenate([x[1:], x[-1:]]).reshape(count, CHUNK, *x.shape[1:]) for x in (times, states)]
     # A chunk begins where the one before it ends.

@@ -331,9 +331,7 @@ def accumulate(
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
-    """Mean values of sectors on a grid that is turned back by an angle [rad]. Each value is shared between the two
-    sectors that it lies on, so that the sum is kept.
-    """
+    """Mean values on a grid turned back by an angle [rad], shared between the two sectors that they lie on."""
     count = means.shape[0]
     sectors = angle * (count / (2 * np.pi))
     whole = jnp.floor(sectors)

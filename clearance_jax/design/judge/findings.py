@@ -140,9 +140,7 @@ def with_tradeoff(
     trade: Mapping[str, Any] | None = None,
     before: Mapping[str, Callable[[Findings], Findings]] = MappingProxyType({}),
 ) -> Findings:
-    """The findings with a trade-off, if `trade` is given, after the steps `before`; an interruption keeps the findings
-    so far. Arguments as those of the function `findings`.
-    """
+    """The findings after the steps `before`, and with a trade-off if `trade` is given. Arguments as of `findings`."""
     try:
         for name, step in before.items():
             if progress is not None:

@@ -153,9 +153,7 @@ class JointLoad(NamedTuple):
 
 
 def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: Observed) -> tuple[JointLoad, ...]:
-    """The load of every clearance joint from an observed motion; components of forces are those at the nearest of the
-    sample `times` [s].
-    """
+    """The load of every clearance joint; components of forces are those at the nearest of the sample `times` [s]."""
     rows = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
     out = []
     for joint, force, over, work, impacts in rows:

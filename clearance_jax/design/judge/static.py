@@ -79,9 +79,7 @@ def static_weights(
 
 
 def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
-    """The sum of weights (of `static_weights`, of joints with clearance) times the mechanism's clearances [m]; of a
-    worn sleeve the clearance where it is worn deepest.
-    """
+    """The sum of weights of joints with clearance times their clearances [m], of a worn sleeve where it is deepest."""
     total = 0.0
     for name, weight in weights.items():
         joint = name.removesuffix(AXIAL)

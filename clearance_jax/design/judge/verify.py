@@ -163,9 +163,7 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
 def expected_evaluations(
     searched: int, among: str = "", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_
 ) -> int:
-    """About how many evaluations `Design.verify` takes with its options `sweep`, `starts` and `reoptimise`, after a
-    search of `searched` evaluations. Limits judged `among` parts need no search for the scale.
-    """
+    """About how many evaluations `Design.verify` takes after a search of `searched`; `among`: as of manufacture."""
     return 1 + BISECTION * (not among) + sweep + searched * (starts + 2 * reoptimise)
 
 

@@ -124,9 +124,7 @@ class BranchAndBound:
         return float(np.min(sums[sums >= bound - GAP * abs(bound)], initial=np.inf))
 
     def _look(self, node: Node) -> tuple[Evaluation | None, np.ndarray | None]:
-        """The optimum of a node's relaxation (`None`: not found), and where the node is split (`None`: it is not). The
-        combination of the next values below is tried.
-        """
+        """A node's optimum (`None`: not found), and where it is split (`None`: not). The values below are tried."""
         self._nodes += 1
         lower, upper = self.program.lower.copy(), self.program.upper.copy()
         for i, values, low, high in zip(self._places, self._lists, node.low, node.high, strict=True):

@@ -76,9 +76,7 @@ def _by_dynamics(specification: Specification, program: Program, start: np.ndarr
 
 
 def floor_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
-    """Why limit `k` is violated at any clearances, in words: the loads of the ideal mechanism are too large, or the
-    contacts are too soft; empty if neither is known.
-    """
+    """Why limit `k` is violated at any clearances (loads, or soft contacts), in words; empty if it is not known."""
     limit = limit_of(specification, program, k)
     if isinstance(limit.signal, CARRIED):
         return carried_words(specification, program, solved, k)
@@ -135,9 +133,7 @@ def _carried(specification: Specification, limit: Limit, ideal: Mechanism) -> fl
 def unreachable_words(
     specification: Specification, program: Program, posed: Evaluation, solved: Evaluation, k: int
 ) -> str:
-    """Sentences on limit `k` at the smallest clearances, by poses and by the model that judges; on the joint that
-    contributes most; and on what would help.
-    """
+    """Sentences on limit `k` at the smallest clearances, by poses and by the model that judges, and what would help."""
     label, leader = program.limit_names[k], int(program.leaders[k])
     text = f"no clearances within their bounds hold {label}. At the smallest ones it is "
     if specification.manufacture.title:
@@ -291,9 +287,7 @@ def _seen(program: Program, points: list[Evaluation], title: str, least: float) 
 
 
 def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
-    """The exponents of a limit as a product of powers of the variables, fitted to values, as slopes may be those of a
-    chaotic motion; `None` if there are too few points.
-    """
+    """The exponents of a limit as a product of powers of the variables, fitted to values; `None`: too few points."""
     logs = np.log([p.x for p in points])
     values = np.log([max(1 + float(p.limits[rows].max()), 1e-300) for p in points])
     exponents, _, rank, _ = np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=1e-6)

@@ -146,9 +146,7 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
 
 
 def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
-    """Search by values alone: the cheap limits are shifted by their difference to the dear ones. The shift is that of
-    the last design if it is feasible, otherwise the largest so far.
-    """
+    """Search by values alone, with cheap limits shifted by the last difference (the largest, until one is feasible)."""
     cheap, dear, z = _begin(program, start, tolerance)
     shift = np.full(len(program.limit_names), -np.inf)
     for _ in range(TRIED):

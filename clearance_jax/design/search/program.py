@@ -154,9 +154,7 @@ class Program:
         return known
 
     def _recall(self, x: np.ndarray) -> Evaluation | None:
-        """The known evaluation of a point, to round-off, as logarithms and bounds change the last digits: the first of
-        several, so that a search that is repeated from its record takes the same way.
-        """
+        """The first known evaluation of a point, to round-off: so a search repeated from its record takes its way."""
         known = self._known.get(x.tobytes())
         if known is not None:
             return known
@@ -231,9 +229,7 @@ class Program:
         return self._seen_through(shift, lambda x: x, self.history, (self.names, self.lower, self.upper), cheap)
 
     def within(self, lower: np.ndarray, upper: np.ndarray) -> "Program":
-        """The same program in a box `lower` <= `upper` (n,) within the bounds, without the variables that the box fixes
-        (not all); it evaluates through this one.
-        """
+        """The same program in a box (n,), without the variables that it fixes; it evaluates through this one."""
         free = lower < upper
 
         def whole(x: np.ndarray) -> np.ndarray:

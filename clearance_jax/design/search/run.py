@@ -93,9 +93,7 @@ def is_settled(program: Program, method: Method) -> bool:
 
 
 def by_values(program: Program, method: Method) -> bool:
-    """Continue from the best feasible design by values alone, unless it is settled; returns whether it did. A program
-    with a `cheap` model has expensive evaluations, and is searched along a line only.
-    """
+    """Continue from the best design by values alone, unless it is settled (along a line, if there are poses too)."""
     if is_settled(program, method):
         return False
     _outwards(program, method.gradients)
