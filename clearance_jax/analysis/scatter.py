@@ -185,7 +185,7 @@ def neighbours(
     """
     times = evenly(options.t0, t1, SAMPLES)
     joints = mechanism.clearance_joints()
-    observers = tuple(TouchCounter(i) for i in range(len(joints)))
+    observers = tuple(map(TouchCounter, range(len(joints))))
 
     def at(point):
         def pins(point):
@@ -217,13 +217,12 @@ def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: floa
     """The divergence of motions at `draws` (samples, parameters), parted where their spread is above `limit`."""
     if not mechanism.clearance_joints():
         return Divergence()
-    names, rtol = plan.names, plan.rtol
-    points = jnp.asarray(plan.centre + np.concatenate([np.zeros((1, len(names))), draws]))
+    points = jnp.asarray(plan.centre + np.concatenate([np.zeros((1, len(plan.names))), draws]))
     scatter = jnp.asarray(plan.scatter * plan.unit)
-    times, apart, touches = neighbours(mechanism, names, points, scatter, t1, options)
+    times, apart, touches = neighbours(mechanism, plan.names, points, scatter, t1, options)
     times, spread = np.asarray(times), np.sqrt(np.mean(np.asarray(apart) ** 2, axis=0))
     exponent, horizon = horizon_of(times, spread, limit)
-    precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
+    precision = np.log(1 / plan.rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
     count = np.sum([np.asarray(joint.count) for joint in touches], axis=0)
     slowest, miss = (min(float(joint[i][0]) for joint in touches) for i in (1, 2))
     return Divergence(exponent, horizon, precision, (int(count.min()), int(count.max())), slowest, miss)

@@ -129,9 +129,8 @@ def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ..
     given = values_of(mechanism, names)
     if any(number.ndim for number in given.values()):
         raise ClearanceError("`gradient_report` wants scalars: name the entries of an array, `name.0`.")
-    p = len(names)
-    if samples < p + 3:
-        raise ClearanceError(f"{p} parameters need `samples` of at least {p + 3}, not {samples}.")
+    if samples < (fewest := len(names) + 3):
+        raise ClearanceError(f"{len(names)} parameters need `samples` of at least {fewest}, not {samples}.")
     if probes < 0:
         raise ClearanceError(f"`probes` must be 0 or more, but it is {probes}.")
     if on_untrusted not in ("ignore", "warn", "raise", "smooth"):

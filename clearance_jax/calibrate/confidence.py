@@ -126,15 +126,10 @@ UNTOLD = 1e-6
 BETTER = 0.02
 
 
-class Profile(NamedTuple):
-    """The confidence with intervals of the motion itself, and a `better` point than the fit if one was met."""
-
-    known: Confidence
-    better: FitPoint | None
-
-
-def profile(task: FitTask, fit: FitResult, known: Confidence) -> Profile:
-    """Search for the ends of the intervals of the determined numbers, if the derivatives do not predict the motion."""
+def profile(task: FitTask, fit: FitResult, known: Confidence) -> tuple[Confidence, FitPoint | None]:
+    """Search for the ends of the intervals of the determined numbers, if the derivatives do not predict the motion: the
+    confidence with these, and a better point than the fit if one was met.
+    """
     walk, intervals, bent = _Walk(task, fit, known), known.intervals.copy(), []
     undetermined = {name for group in known.unidentified for name in group.names}
     determined = [k for k, name in enumerate(task.variables.names) if name not in undetermined]
@@ -144,11 +139,11 @@ def profile(task: FitTask, fit: FitResult, known: Confidence) -> Profile:
             for side, sign in enumerate((-1.0, 1.0)):
                 end, straight = walk.look(k, sign, far)
                 if walk.better:
-                    return Profile(known, walk.lowest)
+                    return known, walk.lowest
                 intervals[k, side] = sign * max(sign * intervals[k, side], sign * end)
                 bent += [] if straight else [task.variables.names[k]]
-    lower, upper = task.variables.lower[:, None], task.variables.upper[:, None]
-    return Profile(known._replace(intervals=np.clip(intervals, lower, upper), bent=tuple(dict.fromkeys(bent))), None)
+    intervals = np.clip(intervals, task.variables.lower[:, None], task.variables.upper[:, None])
+    return known._replace(intervals=intervals, bent=tuple(dict.fromkeys(bent))), None
 
 
 class _Walk:

@@ -231,7 +231,7 @@ def _memory(psi: np.ndarray) -> float:
     """
     total = -1.0
     for lag in range(0, len(psi) - 1, 2):
-        pair = (1.0 if lag == 0 else _correlation(psi, lag)) + _correlation(psi, lag + 1)
+        pair = (_correlation(psi, lag) if lag else 1.0) + _correlation(psi, lag + 1)
         if pair <= 0:
             break
         total += 2 * pair

@@ -71,16 +71,13 @@ def read_measurement(
     """Read a dataset, as `calibrate`. **Raises** `ClearanceError` for what is no quantity of the motion."""
     if not isinstance(dataset, xr.Dataset):
         raise ClearanceError(f"Measured data must be an xarray Dataset, but this is a {type(dataset).__name__}.")
-    times, series = _times(dataset), []
-    deviations = dict(deviations or {})
-    readings = _readings(dataset, signals)
-    for name in deviations:
+    times, readings, given = _times(dataset), _readings(dataset, signals), dict(deviations or {})
+    for name in given:
         if name not in readings:
             raise ClearanceError(f"`deviations`: there is no signal `{name}`. {suggest(str(name), readings)}")
-    known = _numbers(mechanism, books)
+    known, series = _numbers(mechanism, books), []
     for name, reading in readings.items():
-        deviation = _deviation(name, deviations.get(name))
-        series += _series(name, reading, dataset[name], known, deviation)
+        series += _series(name, reading, dataset[name], known, _deviation(name, given.get(name)))
     return Measurement(times, tuple(series))
 
 
@@ -203,9 +200,9 @@ def _names(reading: str, array: xr.DataArray) -> Iterator[tuple[str, dict[str, i
         labels = [str(array[dim].values[place]) for dim, place in at.items()]
         if labels and reading in OBSERVED:
             labels.insert(1, OF_COORDINATES.get(reading, reading))
-            yield ".".join(labels), at
         else:
-            yield ".".join([reading, *labels]), at
+            labels.insert(0, reading)
+        yield ".".join(labels), at
 
 
 # Errors of readings over the tolerance of the solves, by order of magnitude.
@@ -259,14 +256,14 @@ class Instruments:
         settings: Settings,
         progress: Callable[[FitPoint], Any] | None = None,
     ):
+        # The metric has quantities first.
         readings = [series.reading for series in measurement.series]
+        order = sorted(range(len(readings)), key=lambda i: not isinstance(readings[i], str))
         quantities = tuple(reading for reading in readings if isinstance(reading, str))
         signals = tuple(reading for reading in readings if isinstance(reading, AbstractSignal))
-        # The metric has quantities first.
-        self._order = np.argsort(sorted(range(len(readings)), key=lambda i: not isinstance(readings[i], str)))
-        self._question = Question(
-            mechanism, {"": Readings(quantities, signals, measurement.times)}, t1, settings, names
-        )
+        self._order = np.argsort(order)
+        metric = Readings(quantities, signals, measurement.times)
+        self._question = Question(mechanism, {"": metric}, t1, settings, names)
         self._names, self._progress = tuple(names), progress
         self._times, self._count = measurement.times, len(measurement.times)
         self.accuracy = FLOOR * float(settings.rtol)
@@ -289,8 +286,7 @@ class Instruments:
         key = self._count, np.asarray(x, float).tobytes()
         if key not in self._seen:
             solved = answer(self._question, dict(zip(self._names, x, strict=True)))
-            values = np.asarray(solved.values[""])[:, self._order]
-            slopes = np.asarray(solved.slopes[""])[:, self._order]
+            values, slopes = (np.asarray(of[""])[:, self._order] for of in (solved.values, solved.slopes))
             point = FitPoint(np.array(x, float), values, slopes, words(int(solved.ending["code"])))
             # The search cannot use readings without derivatives.
             self._seen[key] = point = point if point.reached else point._replace(values=np.full_like(values, np.nan))

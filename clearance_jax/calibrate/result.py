@@ -134,15 +134,16 @@ def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
 
 def _others(task: FitTask, fits: list[FitResult], known: Confidence):
     """The minima that are outside of each other's intervals, without the best."""
-    size = known.factor * known.deviations
-    undetermined = [name in {n for group in known.unidentified for n in group.names} for name in task.variables.names]
-    seen, best = [fits[0]], task.cost(fits[0].point, fits[0].deviations)
+    size, vague = known.factor * known.deviations, {name for group in known.unidentified for name in group.names}
+    undetermined = [name in vague for name in task.variables.names]
+    seen, best = [fits[0].point.x], task.cost(fits[0].point, fits[0].deviations)
     for fit in fits[1:]:
-        apart = [np.abs(fit.point.x - other.point.x) / np.maximum(size, 1e-3 * np.abs(other.point.x)) for other in seen]
+        x = fit.point.x
+        apart = [np.abs(x - other) / np.maximum(size, 1e-3 * np.abs(other)) for other in seen]
         if fit.converged and all(np.any(np.where(undetermined, 0.0, distances) > 1) for distances in apart):
-            seen.append(fit)
+            seen.append(x)
             ratio = task.cost(fit.point, fits[0].deviations) / max(best, np.finfo(float).tiny)
-            yield Minimum(dict(zip(task.variables.names, fit.point.x.tolist(), strict=True)), float(ratio))
+            yield Minimum(dict(zip(task.variables.names, x.tolist(), strict=True)), float(ratio))
 
 
 # Share of steps that gained much less than predicted from which on this is told, and the least number of steps.
@@ -202,9 +203,8 @@ def _undetermined(group: Unidentified, units: Mapping[str, str]) -> str:
             "its bounds. Fix it, or measure something that depends on it."
         )
     if len(group.directions) == len(group.names):
-        return (
-            f"The data do not determine {listed(group.names)}, nor any combination of them. Fix them, or measure more."
-        )
+        none = f"The data do not determine {listed(group.names)}, nor any combination of them"
+        return f"{none}. Fix them, or measure more."
     how = ""
     if len(group.directions) == 1:
         parts = zip(group.names, group.directions[0], strict=True)
@@ -230,19 +230,14 @@ def _at_bounds(task: FitTask, fit: FitResult) -> Iterator[str]:
 def _sizes(every: Sequence[ResidualCheck]) -> Iterator[str]:
     """Sentences about residuals that are larger or smaller than the noise."""
     for check in every:
-        times, square = f"{np.sqrt(check.size):.3g} times as large as", f"(reduced chi-square {check.size:.3g})"
-        if check.size > check.high and check.given:
-            yield (
-                f"The residuals of `{check.name}` are {times} its noise {square}: the model is wrong, there are "
-                "outliers, or the noise is larger than the given deviation."
-            )
-        elif check.size > check.high:
-            yield (
-                f"The residuals of `{check.name}` are {times} the noise that the readings themselves show, from one "
-                "instant to the next: the model is wrong, there are outliers, or the noise is not independent."
-            )
+        its, root, square = f"The residuals of `{check.name}` are", np.sqrt(check.size), f"{check.size:.3g}"
+        noise, why = f"its noise (reduced chi-square {square})", "the noise is larger than the given deviation"
         if check.size < check.low:
-            yield (
-                f"The residuals of `{check.name}` are only {np.sqrt(check.size):.2g} times as large as its noise "
-                f"{square}: the noise is smaller than the given deviation. The intervals are too wide."
-            )
+            why = "the noise is smaller than the given deviation. The intervals are too wide."
+            yield f"{its} only {root:.2g} times as large as {noise}: {why}"
+        if not check.given:
+            noise = "the noise that the readings themselves show, from one instant to the next"
+            why = "the noise is not independent"
+        if check.size > check.high:
+            wrong = "the model is wrong, there are outliers, or"
+            yield f"{its} {root:.3g} times as large as {noise}: {wrong} {why}."

@@ -95,25 +95,25 @@ def settle(task: FitTask, fit: FitResult) -> tuple[FitResult, Confidence, tuple[
         for _ in range(ROUNDS):
             if fit.ending == INTERRUPTED or any(check.exact for check in residuals_of(task, fit)):
                 return fit, known, ()
-            profiled = profile(task, fit, known)
-            if profiled.better is None:
-                return fit, profiled.known, ()
-            fit = refine(task, descend(task, profiled.better, fit.deviations).after(fit))
+            known, better = profile(task, fit, known)
+            if better is None:
+                return fit, known, ()
+            fit = refine(task, descend(task, better, fit.deviations).after(fit))
             known = confidence(task, fit)
     except KeyboardInterrupt:
         return fit, known, (f"Interrupted: {UNSEEN}.",)
-    message = f"Each look at the ends of the intervals has shown a better fit nearby: {UNSEEN}. Try more starts."
-    return fit, known, (message,)
+    nearby = "Each look at the ends of the intervals has shown a better fit nearby"
+    return fit, known, (f"{nearby}: {UNSEEN}. Try more starts.",)
 
 
 def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variables:
     """The numbers to be fitted, with start values and bounds."""
-    known = parameters(mechanism)
+    known, units = parameters(mechanism), {}
     given = (given,) if isinstance(given, str) else given
     bounds = given if isinstance(given, Mapping) else dict.fromkeys(given, None)
     if not bounds:
         raise ClearanceError("There is no number to look for: `parameters` is empty.")
-    ends, start, units = [], [], {}
+    rows = []
     for name, pair in bounds.items():
         leaf, entry = find(known, name)
         if entry is None and np.ndim(leaf.value):
@@ -127,11 +127,9 @@ def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variabl
             )
         if (options.starts or 1) > 1 and not np.isfinite(high - low):
             raise ClearanceError(f"Several starts are scattered over the bounds, but `{name}` has none. Give them.")
-        ends.append((low, high))
-        start.append(value)
+        rows.append((value, low, high))
         units[name] = leaf.unit
-    lower, upper = np.array(ends, float).T
-    return Variables(tuple(bounds), np.array(start), lower, upper, units)
+    return Variables(tuple(bounds), *np.array(rows, float).T, units)
 
 
 def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
@@ -193,8 +191,8 @@ def search(task: FitTask) -> list[FitResult]:
             raise
         fits = [fit._replace(converged=False, ending=INTERRUPTED) for fit in fits]
     if not fits:
-        variables = task.variables
-        at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(variables.names, variables.start, strict=True))
+        pairs = zip(task.variables.names, task.variables.start, strict=True)
+        at = ", ".join(f"{name} = {value:.4g}" for name, value in pairs)
         why = next((point.why for point in task.instruments.points if point.why), "")
         raise ClearanceError(
             f"No motion from which the search could start reaches its end ({at}): "
@@ -230,11 +228,10 @@ def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]
     if count == 1:
         return
     by_log = (lower > 0) & (upper > WIDE * lower)
-    low, high = np.where(by_log, np.log(lower, where=by_log, out=lower.copy()), lower), upper.copy()
-    high[by_log] = np.log(upper[by_log])
+    low, high = (np.log(end, where=by_log, out=end.copy()) for end in (lower, upper))
     for draw in qmc.LatinHypercube(len(lower), rng=np.random.default_rng(options.seed)).random(count - 1):
         between = low + draw * (high - low)
-        yield np.where(by_log, np.exp(np.where(by_log, between, 0.0)), between)
+        yield np.exp(between, where=by_log, out=between.copy())
 
 
 def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[FitResult]:
@@ -286,9 +283,9 @@ def refine(task: FitTask, fit: FitResult) -> FitResult:
 
 def _shown_deviations(task: FitTask, point: FitPoint) -> np.ndarray:
     """The deviation of each series (series,) from its residuals, or from their median with a robust loss."""
-    measurement, known = task.measurement, task.measurement.known
+    measured, known = task.measurement.values, task.measurement.known
     left, deviations = 1 - len(task.variables.names) / np.sum(known), []
-    for off, values, there in zip((point.values - measurement.values).T, measurement.values.T, known.T, strict=True):
+    for off, values, there in zip((point.values - measured).T, measured.T, known.T, strict=True):
         size = np.abs(off[there])
         # Of normal noise the median is 0.6745 deviations.
         size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745

@@ -38,11 +38,11 @@ class SweepPlan(NamedTuple):
     def __str__(self) -> str:
         new = f" ({self.known} of them known)" if self.known else ""
         time = "a time not known" if self.seconds is None else shown_time(self.seconds)
-        where = f", at most {size(self.disk)} on disk" if self.disk else ""
-        return (
-            f"{self.lanes} samples{new} in {self.regions} regions, {self.programs} programs, on {self.place}: {time} "
-            f"after compiling, {size(self.memory)} of answers in memory{where}"
+        where = f"{size(self.memory)} of answers in memory" + (
+            f", at most {size(self.disk)} on disk" if self.disk else ""
         )
+        what = f"{self.lanes} samples{new} in {self.regions} regions, {self.programs} programs"
+        return f"{what}, on {self.place}: {time} after compiling, {where}"
 
 
 class SweepProgress(NamedTuple):
@@ -165,9 +165,8 @@ class SweepPace:
         if self._tell is None:
             return
         now, new = time.perf_counter(), self._new + more
-        self._begin = self._begin or (now, new)
-        done = self._done + int(more)
-        self._tell(SweepProgress(self._lanes, done, self._failed, new - self._begin[1], now - self._begin[0]))
+        begin, before = self._begin = self._begin or (now, new)
+        self._tell(SweepProgress(self._lanes, self._done + int(more), self._failed, new - before, now - begin))
 
     def end_region(self, region: int, new: int, wrong: int) -> None:
         """Report a finished region, with the numbers of newly solved and of failed lanes."""

@@ -90,7 +90,7 @@ def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
 
 
 def snap(grid: Grid, old: Regions) -> Grid:
-    """The grid with the exact numbers of an older store, of which a calculated axis (`linspace`) is off by round-off."""
+    """The grid with the exact numbers of an older store, where its own (`linspace`) differ by round-off."""
     dims = []
     for dimension in grid.dims:
         columns = dict(dimension.columns)
