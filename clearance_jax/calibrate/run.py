@@ -12,7 +12,7 @@ from scipy.stats import qmc
 
 from clearance_jax.calibrate.confidence import Confidence, confidence, profile
 from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend, residuals_of
-from clearance_jax.calibrate.measurement import FitPoint, Instruments, Measurement, Series, read_measurement
+from clearance_jax.calibrate.measurement import FitPoint, Instruments, Series, read_measurement
 from clearance_jax.calibrate.options import FitOptions, fit_options
 from clearance_jax.calibrate.result import Calibration, doubts, result_of
 from clearance_jax.errors import ClearanceError, quote
@@ -70,7 +70,15 @@ def calibrate(
     how = fit_options(loss, starts, seed, most)
     variables = _variables(mechanism, parameters, how)
     measurement = read_measurement(mechanism, dataset, signals, deviations, bool(options.get("energy_balance", False)))
-    _check_count(measurement, variables)
+    count, wanted = int(np.sum(measurement.known)), len(variables.names)
+    if count < wanted:
+        few = f"{count} measured numbers cannot determine {wanted} parameters."
+        raise ClearanceError(f"{few} Measure more, or look for fewer.")
+    if count == wanted and any(series.deviation is None for series in measurement.series):
+        raise ClearanceError(
+            f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "
+            "give `deviations`."
+        )
     times, t1 = measurement.times, float(measurement.times[-1] if t1 is None else t1)
     settings = settings_of(mechanism, t1, options)
     begin = float(settings.t0)
@@ -150,18 +158,6 @@ def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
     return max([low, *least]), high if about.get("below") is None else min(high, about["below"])
 
 
-def _check_count(measurement: Measurement, variables: Variables) -> None:
-    count, wanted = int(np.sum(measurement.known)), len(variables.names)
-    if count < wanted:
-        few = f"{count} measured numbers cannot determine {wanted} parameters."
-        raise ClearanceError(f"{few} Measure more, or look for fewer.")
-    if count == wanted and any(series.deviation is None for series in measurement.series):
-        raise ClearanceError(
-            f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "
-            "give `deviations`."
-        )
-
-
 # Ratio of bounds above which the starts of a positive number are scattered in its logarithm.
 WIDE = 10.0
 # The largest number of refits with deviations from residuals, and their relative change that ends these.
@@ -237,7 +233,11 @@ def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]
 def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[FitResult]:
     """The fit from one start, first to a part of the measured time, then to longer ones; none if no motion ends."""
     best, places = None, [start]
-    for count in _counts(task):
+    # The numbers of measured instants to fit, in turn; the last one is all.
+    times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
+    ends = np.searchsorted(times, times[0] + np.array(PARTS) * (times[-1] - times[0]), side="right")
+    enough = {int(end) for end in ends if known[end - 1] >= ENOUGH * len(task.variables.names)}
+    for count in sorted(enough | {len(times)}):
         part = task.until(count)
         try:
             tried = [point for point in map(part.instruments, places) if point.reached]
@@ -256,14 +256,6 @@ def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[F
     if best is not None:
         point = task.instruments(best.point.x)
         yield from (best._replace(point=point, cost=task.cost(point, deviations)),) if point.reached else ()
-
-
-def _counts(task: FitTask) -> list[int]:
-    """The numbers of measured instants to fit, in turn; the last one is all."""
-    times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
-    ends = np.searchsorted(times, times[0] + np.array(PARTS) * (times[-1] - times[0]), side="right")
-    enough = {int(end) for end in ends if known[end - 1] >= ENOUGH * len(task.variables.names)}
-    return sorted(enough | {len(times)})
 
 
 def refine(task: FitTask, fit: FitResult) -> FitResult:

@@ -250,7 +250,10 @@ def description(grid: Grid) -> dict[str, Any]:
     """The description of a question: numbers and short texts by name."""
     described: dict[str, Any] = versions()
     for dimension in grid.dims:
-        described[f"{AXIS}{dimension.name}"] = _axis(dimension)
+        drawn = [f"{k} {v}" for k, v in dimension.sampling.items() if k in ("method", "seed")]
+        pairs = dimension.columns.items()
+        columns = [f"{name}: {len(v)} from {v[0]:.9g} to {v[-1]:.9g}, {digest(v)}" for name, v in pairs]
+        described[f"{AXIS}{dimension.name}"] = ", ".join(dimension.models) or "; ".join([*drawn, *columns])
     varied = {name: np.nan for dimension in grid.dims for name in dimension.columns}
     for label, question in zip(labels(grid), grid.questions, strict=True):
         model = replace(question.model, {k: v for k, v in varied.items() if k not in OPTIONS})
@@ -273,11 +276,3 @@ def labels(grid: Grid) -> list[str]:
         if dimension.models:
             suffixes = [f"{before} ({dimension.name}: {label})" for before in suffixes for label in dimension.models]
     return suffixes
-
-
-def _axis(dimension: Dimension) -> str:
-    if dimension.models:
-        return ", ".join(dimension.models)
-    parts = [f"{name}: {len(v)} from {v[0]:.9g} to {v[-1]:.9g}, {digest(v)}" for name, v in dimension.columns.items()]
-    drawn = [f"{k} {v}" for k, v in dimension.sampling.items() if k in ("method", "seed")]
-    return "; ".join([*drawn, *parts])

@@ -1,5 +1,6 @@
 """Read and check the arguments of a sweep, and build its `Grid`."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, MetricForm, as_metric
 from clearance_jax.parameters import find, parameters
-from clearance_jax.solve.settings import Settings, settings_of
+from clearance_jax.solve.settings import settings_of
 from clearance_jax.sweep.axes import Dimension, dimensions, models_of, units_of_columns
 from clearance_jax.sweep.grid import ENDINGS, Grid, Kind, slope_name
 
@@ -37,17 +38,20 @@ def grid_of(
     differentiated = _derivative_names(outputs, wrt, derivatives_of)
     questions = []
     for model in models:
-        settings = _settings(model, t1, dims, {**(options or {}), "save_at": times})
+        settings = settings_of(model, t1, {**(options or {}), "save_at": times})
+        for dimension, name in itertools.product(dims, OPTIONS):
+            least = settings.t0 if name == "t1" else 0
+            if name in dimension.columns and np.min(dimension.columns[name]) <= least:
+                axis = f"the axis `{dimension.name}`"
+                raise ClearanceError(f"`{name}` must be greater than its least, but {axis} is not.")
         known = parameters(model) if wrt else {}
         for name in wrt:
             leaf, entry = find(known, name)
             if entry is None and np.ndim(leaf.value):
                 raise ClearanceError(f"`wrt` wants numbers, but `{name}` is an array. Name its entries, `{name}.0`.")
         # The name of a quantity becomes a metric of the solution.
-        asked = {
-            str(name): Named(given) if isinstance(given, str) else given for name, given in _outputs(outputs).items()
-        }
-        metrics = {name: as_metric(given) for name, given in asked.items()}
+        asked = ((name, Named(of) if isinstance(of, str) else of) for name, of in _outputs(outputs).items())
+        metrics = {str(name): as_metric(of) for name, of in asked}
         questions.append(Question(model, metrics, t1, settings, wrt, differentiated))
     shapes = [shapes_of(question, sorted(first)) for question in questions]
     if any(shape != shapes[0] for shape in shapes):
@@ -66,17 +70,6 @@ def _end(t1: Any, first: Mapping[str, Any], times: Any) -> float:
     if isinstance(times, int | np.integer):
         raise ClearanceError("Where `t1` differs from sample to sample `times` must be times [s], not their number.")
     return first["t1"]
-
-
-def _settings(model: Mechanism, t1: Any, dims: Sequence[Dimension], options: Mapping[str, Any]) -> Settings:
-    settings = settings_of(model, t1, options)
-    for dimension in dims:
-        for name in OPTIONS:
-            if name in dimension.columns and np.min(dimension.columns[name]) <= (settings.t0 if name == "t1" else 0):
-                raise ClearanceError(
-                    f"`{name}` must be greater than its least, but the axis `{dimension.name}` is not."
-                )
-    return settings
 
 
 def _outputs(outputs: Any) -> Mapping[str, Any]:

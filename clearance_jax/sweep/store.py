@@ -156,19 +156,18 @@ class Regions:
 
     def verify(self) -> None:
         """Drop the records of damaged regions, and warn."""
-        bad = [region for region in self.records if not self._good(region)]
+        bad = []
+        for region, record in self.records.items():
+            with suppress(OSError):
+                if self._digest(region) == record["digest"]:
+                    continue
+            bad.append(region)
         for region in bad:
             del self.records[region]
         if bad:
             shown = ", ".join(map(str, bad[:10])) + (" ..." if len(bad) > 10 else "")
             message = f"`{self.path}`: {len(bad)} of its regions are damaged ({shown}); they are computed again."
             warnings.warn(message, RunWarning, stacklevel=2)
-
-    def _good(self, region: int) -> bool:
-        try:
-            return self._digest(region) == self.records[region]["digest"]
-        except OSError:
-            return False
 
     def _digest(self, region: int) -> str:
         """The digest of the files of a region's chunks, which need not be decompressed for it."""

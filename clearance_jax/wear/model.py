@@ -31,7 +31,7 @@ from clearance_jax.solve.simulate import run
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.rubbing import CHUNK, Contacts, contacts, look, pin_of, sections_of
+from clearance_jax.wear.rubbing import CHUNK, contacts, look, pin_of, sections_of
 from clearance_jax.wear.worn import USUAL, SectorsWarning, accumulate, doubt, fewest, surely_fine, wear_of, wear_round
 
 # Options of a trace that the solve with derivatives does not take.
@@ -96,8 +96,11 @@ class WearModel(Module):
         before = jnp.asarray(after * (self.cycle - motion.time[0]), float)
         sleeve, seen = sections_of(now, self.joint), contacts(motion, self.joint)
         profile = jnp.asarray(stack[0])
-        if after == 0:
-            self._doubt(seen, stack.shape[-1])
+        round_sleeve, count = sections_of(self.mechanism, self.joint), stack.shape[-1]
+        if after == 0 and not surely_fine(seen, round_sleeve, self.pressure, count):
+            too_few = doubt(wear_round(seen, round_sleeve, self.wear, self.pressure), count, self.joint)
+            if too_few:
+                warnings.warn(too_few, SectorsWarning, stacklevel=3)
         worn = wear_of(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
         off = np.asarray(worn.depth)
         self._check(off.max(), float(worn.relief), after)
@@ -116,17 +119,8 @@ class WearModel(Module):
         motion = trace(self.at(self.begin(USUAL)), float(self.cycle), **{"save_at": None, **options})
         if motion.message:
             return USUAL  # the first cycle says so
-        return fewest(self._wear_round(contacts(motion, self.joint)))
-
-    def _wear_round(self, seen: Contacts) -> np.ndarray:
-        return wear_round(seen, sections_of(self.mechanism, self.joint), self.wear, self.pressure)
-
-    def _doubt(self, seen: Contacts, sectors: int) -> None:
-        """Warn of sectors that are too wide for the patch."""
-        if surely_fine(seen, sections_of(self.mechanism, self.joint), self.pressure, sectors):
-            return
-        if message := doubt(self._wear_round(seen), sectors, self.joint):
-            warnings.warn(message, SectorsWarning, stacklevel=4)
+        seen, sleeve = contacts(motion, self.joint), sections_of(self.mechanism, self.joint)
+        return fewest(wear_round(seen, sleeve, self.wear, self.pressure))
 
     def _check(self, deepest: float, relief: float, after: int) -> None:
         """Raise where a cycle wears off too much to be taken at one profile."""

@@ -148,7 +148,10 @@ def tradeoff(
         raise ClearanceError(f"`factors` must be positive numbers, but they are {list(factors)}.")
     with place_of(cluster) as place:
         program = _traded(design, limit, factors, progress, place)
-    ends = [_best(program, limit, factor) for factor in factors]
+    # The best of all evaluated points that hold the limit with each factor on its bound.
+    moved = [np.where([group == limit for group in program.groups], factor, 1.0) for factor in factors]
+    held = [[p for p in program.history if np.all((1 + p.limits) / bounds - 1 <= SLACK)] for bounds in moved]
+    ends = [min(points, key=lambda p: p.objective, default=None) for points in held]
     asked = {wanted.title: wanted for wanted in design.specification.limits}.get(limit)
     bound, unit, label = (1.0, "", limit) if asked is None else (asked.bound, asked.metric.unit, asked.label)
     objectives = np.array([np.nan if p is None else p.objective for p in ends])
@@ -185,13 +188,6 @@ def _traded(
         if feasible:
             answers[factor] = min(feasible, key=lambda point: point.objective).x
     return program
-
-
-def _best(program: Program, limit: str, factor: float) -> Evaluation | None:
-    """The best of all evaluated points that hold the limit with this factor on its bound."""
-    moved = np.where([group == limit for group in program.groups], factor, 1.0)
-    feasible = [p for p in program.history if np.all((1 + p.limits) / moved - 1 <= SLACK)]
-    return min(feasible, key=lambda p: p.objective, default=None)
 
 
 # Clearances are chosen to last about so many times the cycles asked for, if wear is even; lives are simulated up to the

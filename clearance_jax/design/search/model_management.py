@@ -125,7 +125,9 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
         at = program.at(np.exp(here.z), True)
         if at.feasible and optimality(program, at)[0] <= OPTIMAL:
             return ""
-        model, price = _matched(program, cheap, here, bend, near=step < NEAR), _price(here)
+        model, steepest = _matched(program, cheap, here, bend, near=step < NEAR), here.jacobian[np.argmax(here.limits)]
+        # Above the multiplier of the deciding limit.
+        price = PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(steepest)), 1e-2))
         aim = model.best(radius, price, 0.1 * tolerance)
         promised = here.merit(price) - aim.merit(price)
         step = float(np.abs(aim.z - here.z).max())
@@ -222,9 +224,3 @@ def _bent(bend, model: Corrected, here: ModelPoint, there: ModelPoint) -> np.nda
     sound = np.abs(along) > 1e-8 * np.linalg.norm(d) * np.linalg.norm(missed, axis=1)
     update = missed[:, :, None] * missed[:, None, :] / np.where(sound, along, 1.0)[:, None, None]
     return model.bend + np.where(sound[:, None, None], update, 0.0)
-
-
-def _price(here: ModelPoint) -> float:
-    """A price above the multiplier of the deciding limit."""
-    k = int(np.argmax(here.limits))
-    return PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(here.jacobian[k])), 1e-2))
