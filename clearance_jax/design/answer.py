@@ -8,8 +8,7 @@ import numpy as np
 from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.asked.classes import ChosenClasses, least_ends
 from clearance_jax.design.asked.specification import Specification
-from clearance_jax.design.judge.certificate import Certificate
-from clearance_jax.design.judge.verify import certify, judge_of, moved_inside
+from clearance_jax.design.judge.verify import Certificate, certify, judge_of, moved_inside
 from clearance_jax.design.search.evaluate import fresh_yield
 from clearance_jax.design.search.methods import Method
 from clearance_jax.design.search.program import Evaluation, Program

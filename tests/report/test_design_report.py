@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.judge.findings import CUT_SHORT, known_findings
-from clearance_jax.design.judge.observed import Observed, _of_fall, pin_size
-from clearance_jax.design.judge.standings import standings
+from clearance_jax.design.judge.observed import Observed, _of_fall, pin_size, standings
 from clearance_jax.design.search.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.observed import Instants

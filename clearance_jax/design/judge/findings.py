@@ -12,18 +12,21 @@ import xarray as xr
 from clearance_jax._version import __version__
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.specification import scenarios_of
-from clearance_jax.design.judge.certificate import Certificate
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff, maintenances, responses, tradeoff
 from clearance_jax.design.judge.observed import (
     JointDrawing,
     JointLoad,
+    Standing,
+    TimeHistory,
+    histories_of,
     joint_drawings,
     joint_loads,
     observe,
     sample_times,
+    standings,
 )
 from clearance_jax.design.judge.standard import StandardFits, chosen_fits, nearest_fits
-from clearance_jax.design.judge.standings import Standing, TimeHistory, histories_of, standings
+from clearance_jax.design.judge.verify import Certificate
 from clearance_jax.design.search.yields import samples_needed
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.dataset import picture_dataset
