@@ -20,7 +20,7 @@ from clearance_jax.design.search.yields import (
 )
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import describe, physical
-from clearance_jax.sweep.scatter import check_scatter
+from clearance_jax.sweep.axes import check_scatter
 
 # The relative standard deviation above which a number scatters log-normally.
 WIDE = 0.2
