@@ -225,6 +225,11 @@ class Specification:
         return float(self.settings().t0)
 
     @property
+    def start(self) -> str:
+        """Where pins start: "centre" or "settled"."""
+        return self.settings().start
+
+    @property
     def rtol(self) -> float:
         """Accuracy of the solves."""
         return float(self.settings().rtol)
