@@ -11,13 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.design.search.yields import (
-    CONFIDENCE,
-    samples_needed,
-    samples_to_search,
-    worst_parts,
-    yield_supported,
-)
+from clearance_jax.design.search import yields
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import describe, physical
 from clearance_jax.sweep.axes import check_scatter
@@ -165,7 +159,12 @@ class Yield(AbstractManufacture):
     )
     seed: int = describe("its seed", "1", default=0)
     confidence: float = physical(
-        "", least=0.0, below=1.0, default=CONFIDENCE, help="with which the made parts have this share", example="0.9"
+        "",
+        least=0.0,
+        below=1.0,
+        default=yields.CONFIDENCE,
+        help="with which the made parts have this share",
+        example="0.9",
     )
     is_sampled: ClassVar[bool] = True
 
@@ -180,18 +179,18 @@ class Yield(AbstractManufacture):
     @property
     def count(self) -> int:
         """The number of samples."""
-        return samples_to_search(self.target) if self.samples is None else self.samples
+        return yields.samples_to_search(self.target) if self.samples is None else self.samples
 
     @property
     def doubt(self):
-        if not self.confidence or self.count >= samples_needed(self.target, self.confidence):
+        if not self.confidence or self.count >= yields.samples_needed(self.target, self.confidence):
             return ""
-        supported = yield_supported(self.count, self.confidence)
+        supported = yields.yield_supported(self.count, self.confidence)
         return (
             f"{self.count} samples support a yield of {supported:.4g} at {self.confidence:.4g} confidence, but the "
             f"target is {self.target:.6g}: the made parts may fall short of it. Give at least "
-            f"{samples_needed(self.target, self.confidence)} `samples`, or leave them out "
-            f"({samples_to_search(self.target)})."
+            f"{yields.samples_needed(self.target, self.confidence)} `samples`, or leave them out "
+            f"({yields.samples_to_search(self.target)})."
         )
 
     @property
@@ -273,12 +272,15 @@ class Yield(AbstractManufacture):
 
     def weights(self, worst: np.ndarray) -> np.ndarray:
         """The weights (samples,) of the mean over the worst samples, by their worst scaled limits; their sum is 1."""
-        tail, weights = worst_parts(len(worst), self.target, self.confidence), np.zeros(len(worst))
+        tail, weights = yields.worst_parts(len(worst), self.target, self.confidence), np.zeros(len(worst))
         weights[np.argsort(-worst)] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
 
     def __str__(self) -> str:
-        worst, scattered = worst_parts(self.count, self.target, self.confidence), ", ".join(self.scatter) or "nothing"
+        worst, scattered = (
+            yields.worst_parts(self.count, self.target, self.confidence),
+            ", ".join(self.scatter) or "nothing",
+        )
         asked = f"{scattered} scattered; {self.target:.6g} of the parts must hold every limit"
         return f"{asked}: of {self.count} samples the worst {worst:.3g} on average"
 

@@ -12,19 +12,8 @@ import xarray as xr
 from clearance_jax._version import __version__
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.specification import scenarios_of
+from clearance_jax.design.judge import observed
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff, maintenances, responses, tradeoff
-from clearance_jax.design.judge.observed import (
-    JointDrawing,
-    JointLoad,
-    Standing,
-    TimeHistory,
-    histories_of,
-    joint_drawings,
-    joint_loads,
-    observe,
-    sample_times,
-    standings,
-)
 from clearance_jax.design.judge.standard import StandardFits, chosen_fits, nearest_fits
 from clearance_jax.design.judge.verify import Certificate
 from clearance_jax.design.search.yields import samples_needed
@@ -59,11 +48,11 @@ class Findings(NamedTuple):
     responses: tuple[Response, ...] = ()
     tradeoff: Tradeoff | None = None
     fits: StandardFits | None = None
-    time_histories: tuple[TimeHistory, ...] = ()
+    time_histories: tuple[observed.TimeHistory, ...] = ()
     notes: tuple[str, ...] = ()
-    standings: tuple[Standing, ...] = ()
-    drawings: tuple[JointDrawing, ...] = ()
-    loads: tuple[JointLoad, ...] = ()
+    standings: tuple[observed.Standing, ...] = ()
+    drawings: tuple[observed.JointDrawing, ...] = ()
+    loads: tuple[observed.JointLoad, ...] = ()
     motions: Mapping[str, xr.Dataset] = MappingProxyType({})
     maintenance: tuple[Maintenance, ...] = ()
     software: str = ""
@@ -105,7 +94,11 @@ def known_findings(design: Design, certificate: Certificate | None = None) -> Fi
     lack = "" if design.feasible else NO_CLASSES if design.evaluation.feasible else INFEASIBLE
     notes = tuple(note for note in (lack, design.specification.manufacture.doubt) if note)
     software = f"clearance_jax {__version__}, jax {version('jax')}, Python {platform.python_version()}"
-    shown = {"standings": standings(design), "drawings": joint_drawings(design, {}), "software": software}
+    shown = {
+        "standings": observed.standings(design),
+        "drawings": observed.joint_drawings(design, {}),
+        "software": software,
+    }
     return Findings(design, certificate, notes=notes, **shown)
 
 
@@ -167,8 +160,8 @@ def _see(findings: Findings) -> Findings:
     """Add standings, time histories, loads and motions of the design."""
     design = findings.design
     specification = design.specification
-    parts, times = specification.nominal(), sample_times(specification)
-    look = functools.partial(observe, specification, design.evaluation.x)
+    parts, times = specification.nominal(), observed.sample_times(specification)
+    look = functools.partial(observed.observe, specification, design.evaluation.x)
     if specification.fidelity == QUASI_STATIC:
         findings = _note(findings, OF_DYNAMICS)
     signals, loads, motions = {}, [], {}
@@ -178,11 +171,11 @@ def _see(findings: Findings) -> Findings:
             continue  # a design that could not be simulated is reported as such elsewhere
         mechanism, condition = specification.move(design.mechanism, scenario.values), parts.label(name)
         signals[condition] = now.signals
-        loads += joint_loads(mechanism, condition, times, now)
+        loads += observed.joint_loads(mechanism, condition, times, now)
         motions[condition] = picture_dataset(mechanism, times, now.picture)
     return findings._replace(
-        standings=standings(design, look),
-        time_histories=histories_of(specification, times, signals),
+        standings=observed.standings(design, look),
+        time_histories=observed.histories_of(specification, times, signals),
         loads=tuple(loads),
         motions=motions,
     )
@@ -212,4 +205,4 @@ def _fit(findings: Findings, cluster: Any) -> Findings:
         return _note(findings, str(error))
     if fits is None:
         return _note(findings, NO_FITS)
-    return findings._replace(fits=fits, drawings=joint_drawings(findings.design, fits.fits, fits.remarks))
+    return findings._replace(fits=fits, drawings=observed.joint_drawings(findings.design, fits.fits, fits.remarks))

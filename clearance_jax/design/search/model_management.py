@@ -15,17 +15,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.optimize
 
+from clearance_jax.design.search import scaling
 from clearance_jax.design.search.methods import Method, slsqp
 from clearance_jax.design.search.program import Program
-from clearance_jax.design.search.scaling import (
-    ScaledProgram,
-    StandsStill,
-    UselessSlopes,
-    feasible_neighbour,
-    followed,
-    nearly_best,
-    optimality,
-)
+from clearance_jax.design.search.scaling import ScaledProgram
 
 # The first trust region in logarithms, and the one below which the models do not agree at all.
 RADIUS, LEAST_RADIUS = 0.7, 1e-7
@@ -123,7 +116,7 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
     here, radius, bend, failed, step = _dear_point(program, dear, z), RADIUS, 0.0, 0, np.inf
     while radius > LEAST_RADIUS:
         at = program.at(np.exp(here.z), True)
-        if at.feasible and optimality(program, at)[0] <= OPTIMAL:
+        if at.feasible and scaling.optimality(program, at)[0] <= OPTIMAL:
             return ""
         model, steepest = _matched(program, cheap, here, bend, near=step < NEAR), here.jacobian[np.argmax(here.limits)]
         # Above the multiplier of the deciding limit.
@@ -138,7 +131,7 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
         ratio = (here.merit(price) - there.merit(price)) / promised
         failed = 0 if ratio > 0 or promised <= tolerance else failed + 1
         if failed >= PATIENCE:
-            raise UselessSlopes(f"{failed} steps in a row gained nothing of what the slopes promised")
+            raise scaling.UselessSlopes(f"{failed} steps in a row gained nothing of what the slopes promised")
         if ratio < POOR and promised > tolerance:
             radius = 0.5 * min(radius, step)
         elif ratio > GOOD and step > 0.99 * radius:
@@ -176,10 +169,10 @@ def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[Scale
     assert cheap is not None
     begin = cheap.at(start, True)
     if not np.isfinite(begin.worst):
-        begin = feasible_neighbour(cheap, start, True) or begin
-    with suppress(StandsStill):
+        begin = scaling.feasible_neighbour(cheap, start, True) or begin
+    with suppress(scaling.StandsStill):
         slsqp(cheap, begin.x, tolerance)
-    best = nearly_best(cheap)
+    best = scaling.nearly_best(cheap)
     assert best is not None
     dear = ScaledProgram(program, best.x)
     return ScaledProgram(cheap, best.x), dear, dear.start
@@ -191,7 +184,7 @@ def _cheap_point(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray) -> M
 
 
 def _dear_point(program: Program, dear: ScaledProgram, z: np.ndarray) -> ModelPoint:
-    return ModelPoint(z, *dear.slopes_of(followed(program, program.at(np.exp(z), True))))
+    return ModelPoint(z, *dear.slopes_of(scaling.followed(program, program.at(np.exp(z), True))))
 
 
 def _matched(program: Program, cheap: ScaledProgram, here: ModelPoint, bend, near: bool) -> Corrected:

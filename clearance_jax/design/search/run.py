@@ -15,18 +15,9 @@ from contextlib import suppress
 import numpy as np
 import scipy.optimize
 
+from clearance_jax.design.search import scaling
 from clearance_jax.design.search.methods import Method, cobyqa, method_of
 from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
-from clearance_jax.design.search.scaling import (
-    FLOOR,
-    NEARLY,
-    ROUND_OFF,
-    StandsStill,
-    UselessSlopes,
-    feasible_neighbour,
-    nearly_best,
-    optimality,
-)
 
 INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
 STILL = "stopped: the search stands still"
@@ -42,25 +33,25 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
     try:
         # A motion that does not reach its end has no slopes: start from smaller clearances, with smaller impacts.
         if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
-            neighbour = feasible_neighbour(program, start, method.gradients)
+            neighbour = scaling.feasible_neighbour(program, start, method.gradients)
             start = start if neighbour is None else neighbour.x
         reason, still = "", False
         try:
             reason = method.solve(program, start, **options) or ""
-        except UselessSlopes as why:
+        except scaling.UselessSlopes as why:
             reason = f"{USELESS}{why}"
             if program.cheap is not None:
                 return reason
-        except StandsStill:
+        except scaling.StandsStill:
             still = True
         # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
-        if (best := nearly_best(program)) is not None:
-            feasible_neighbour(program, best.x, method.gradients)
+        if (best := scaling.nearly_best(program)) is not None:
+            scaling.feasible_neighbour(program, best.x, method.gradients)
         went_on = not method.is_mean and by_values(program, method)
         if still:
             # It is an optimum if a limit is active.
             best = program.best
-            return "" if best is None or np.any(best.limits > -NEARLY) else STILL
+            return "" if best is None or np.any(best.limits > -scaling.NEARLY) else STILL
         if reason and went_on:
             return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
         return reason
@@ -89,7 +80,9 @@ def is_settled(program: Program, method: Method) -> bool:
         return True
     if best.worst <= -method.slack:
         return False
-    return not method.gradients or best.gradient is None or optimality(program, best, method.slack)[0] <= SETTLED
+    return (
+        not method.gradients or best.gradient is None or scaling.optimality(program, best, method.slack)[0] <= SETTLED
+    )
 
 
 def by_values(program: Program, method: Method) -> bool:
@@ -98,7 +91,7 @@ def by_values(program: Program, method: Method) -> bool:
         return False
     _outwards(program, method.gradients)
     if len(program.names) > 1 and program.cheap is None and not is_settled(program, method):
-        with suppress(StandsStill):
+        with suppress(scaling.StandsStill):
             cobyqa(program, _best(program).x, LEAST_RADIUS, radius=RADIUS, most=EACH * len(program.names))
         _outwards(program, method.gradients)
     return True
@@ -138,13 +131,13 @@ def _between(low: tuple[float, float], high: tuple[float, float], before: float)
 
 def _excess(program: Program, point: Evaluation) -> float:
     """The logarithm of the most violated limit (value over bound), which is nearly linear in those of clearances."""
-    return float(np.log(max(1 + point.worst, FLOOR))) + program.inside
+    return float(np.log(max(1 + point.worst, scaling.FLOOR))) + program.inside
 
 
 def _room(program: Program, best: Evaluation, way: np.ndarray) -> np.ndarray:
     """How far each variable (n,) is from its bound in a direction, in logarithms."""
     room = np.where(way > 0, np.log(program.upper / best.x), np.log(best.x / program.lower))
-    return np.where((way == 0) | (room < ROUND_OFF), 0.0, room)
+    return np.where((way == 0) | (room < scaling.ROUND_OFF), 0.0, room)
 
 
 def _gaining(program: Program, best: Evaluation) -> np.ndarray:
