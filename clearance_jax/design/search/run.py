@@ -9,8 +9,10 @@ while a better part is a little further along the limit. So there is also a look
 designs that trade one variable against others.
 """
 
+import functools
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.optimize
@@ -25,42 +27,56 @@ USELESS = "stopped: "
 BY_VALUES = "So the search went on by values alone, and a better design may exist"
 
 
+Searched = TypeVar("Searched", bound=Callable[..., str])
+
+
+def stopping(search: Searched) -> Searched:
+    """A search of a program, for which to be interrupted or to have spent all evaluations is a reason to stop."""
+
+    @functools.wraps(search)
+    def stopped(program: Program, *arguments: Any, **options: Any) -> str:
+        try:
+            return search(program, *arguments, **options)
+        except BudgetSpent:
+            return SPENT
+        except KeyboardInterrupt:
+            if not program.history:
+                raise
+            return INTERRUPTED
+
+    return stopped  # pyright: ignore[reportReturnType]
+
+
+@stopping
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
     """Run a method on a program from a `start` (n,), then move its result inside the limits; returns why it stopped
     early, or nothing. `options`: the method's.
     """
     method = method_of(method)
+    # A motion that does not reach its end has no slopes: start from smaller clearances, with smaller impacts.
+    if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
+        neighbour = scaling.feasible_neighbour(program, start, method.gradients)
+        start = start if neighbour is None else neighbour.x
+    reason, still = "", False
     try:
-        # A motion that does not reach its end has no slopes: start from smaller clearances, with smaller impacts.
-        if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
-            neighbour = scaling.feasible_neighbour(program, start, method.gradients)
-            start = start if neighbour is None else neighbour.x
-        reason, still = "", False
-        try:
-            reason = method.solve(program, start, **options) or ""
-        except scaling.UselessSlopes as why:
-            reason = f"{USELESS}{why}"
-            if program.cheap is not None:
-                return reason
-        except scaling.StandsStill:
-            still = True
-        # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
-        if (best := scaling.nearly_best(program)) is not None:
-            scaling.feasible_neighbour(program, best.x, method.gradients)
-        went_on = not method.is_mean and by_values(program, method)
-        if still:
-            # It is an optimum if a limit is active.
-            best = program.best
-            return "" if best is None or np.any(best.limits > -scaling.NEARLY) else STILL
-        if reason and went_on:
-            return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
-        return reason
-    except BudgetSpent:
-        return SPENT
-    except KeyboardInterrupt:
-        if not program.history:
-            raise
-        return INTERRUPTED
+        reason = method.solve(program, start, **options) or ""
+    except scaling.UselessSlopes as why:
+        reason = f"{USELESS}{why}"
+        if program.cheap is not None:
+            return reason
+    except scaling.StandsStill:
+        still = True
+    # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
+    if (best := scaling.nearly_best(program)) is not None:
+        scaling.feasible_neighbour(program, best.x, method.gradients)
+    went_on = not method.is_mean and by_values(program, method)
+    if still:
+        # It is an optimum if a limit is active.
+        best = program.best
+        return "" if best is None or np.any(best.limits > -scaling.NEARLY) else STILL
+    if reason and went_on:
+        return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
+    return reason
 
 
 # The residual of the conditions of optimality below which a design counts as an optimum.
@@ -155,24 +171,20 @@ AWAY, GAIN, ROUNDS = (0.03, 0.1, 0.3), 0.01, 4
 FURTHEST = 0.7
 
 
+@stopping
 def trade(program: Program, method: Method, objective: Callable[[np.ndarray], float], reason: str, **options) -> str:
     """Go on from a better design beside the best one, as long as there is one; returns the `reason` why the search
     stopped early (or empty), or why this did. `objective`: of variables (n,); `options`: the method's.
     """
-    try:
-        for _ in range(ROUNDS):
-            best = program.found
-            if best is None or len(best.x) < 2 or reason in (INTERRUPTED, SPENT):
-                return reason
-            places = _beside(program, best, objective)
-            better = next((x for x in places if program.at(x, method.gradients).feasible), None)
-            if better is None:
-                return reason
-            reason = run(program, method, better, **options)
-    except BudgetSpent:
-        return SPENT
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    for _ in range(ROUNDS):
+        best = program.found
+        if best is None or len(best.x) < 2 or reason in (INTERRUPTED, SPENT):
+            break
+        places = _beside(program, best, objective)
+        better = next((x for x in places if program.at(x, method.gradients).feasible), None)
+        if better is None:
+            break
+        reason = run(program, method, better, **options)
     return reason
 
 

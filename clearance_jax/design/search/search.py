@@ -29,7 +29,7 @@ from clearance_jax.design.search.infeasible import unreachable, why_infeasible
 from clearance_jax.design.search.methods import AUTO, METHODS, Method, method_of
 from clearance_jax.design.search.model_management import MATCHED, MATCHED_VALUES
 from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
-from clearance_jax.design.search.run import INTERRUPTED, SPENT, USELESS, run, trade
+from clearance_jax.design.search.run import INTERRUPTED, SPENT, USELESS, run, stopping, trade
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.variants import change_each_play
@@ -101,7 +101,7 @@ def _continuous(specification: Specification, how: SearchOptions) -> Design:
     method = method_of(method)
     if method.gradients:
         _check_derivatives(specification, x)
-    if reason := _first(specification, program, x, method.gradients):
+    if reason := _first(program, specification, x, method.gradients):
         return _design(specification, program, method, reason, note)
     options = _options(specification, method)
     stop_reason = _runs(program, method, x, how, **options)
@@ -145,7 +145,7 @@ def _design(specification: Specification, program: Program, method: Method, stop
 def _managed(specification: Specification, program: Program, x: np.ndarray, how: SearchOptions) -> Design:
     """Search by model management of poses and dynamics; by values alone if slopes of the dynamics are useless."""
     tolerance = _options(specification, MATCHED)
-    if reason := _first(specification, program, x):
+    if reason := _first(program, specification, x):
         return _design(specification, program, MATCHED, reason, "")
     stop_reason = _runs(program, MATCHED, x, how, **tolerance)
     if not stop_reason.startswith(USELESS):
@@ -166,16 +166,10 @@ def _managed(specification: Specification, program: Program, x: np.ndarray, how:
     return _design(specification, wider, MATCHED_VALUES, stop_reason, note)
 
 
-def _first(specification: Specification, program: Program, x: np.ndarray, gradient: bool = True) -> str:
+@stopping
+def _first(program: Program, specification: Specification, x: np.ndarray, gradient: bool = True) -> str:
     """Why a search is not needed or was stopped before, in words; else empty."""
-    try:
-        return unreachable(specification, program, x, gradient)
-    except BudgetSpent:
-        return SPENT
-    except KeyboardInterrupt:
-        if not program.history:
-            raise
-        return INTERRUPTED
+    return unreachable(specification, program, x, gradient)
 
 
 def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
