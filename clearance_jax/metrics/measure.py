@@ -159,10 +159,7 @@ class AbstractMetric(AbstractMeasure):
         return MetricForm(self.unit)
 
     def static_bound(self) -> "AbstractMetric":
-        """The metric of the largest errors that play alone allows, of a metric that has an error as its `signal`.
-
-        **Raises:** `ClearanceError` for another.
-        """
+        """The metric of the largest errors that play alone allows. **Raises** `ClearanceError` if it has no error."""
         signal = getattr(self, "signal", None)
         if not getattr(signal, "needs_ideal", False):
             raise ClearanceError(

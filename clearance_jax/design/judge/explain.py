@@ -150,8 +150,8 @@ def tradeoff(
         program = _traded(design, limit, factors, progress, place)
     # The best of all evaluated points that hold the limit with each factor on its bound.
     moved = [np.where([group == limit for group in program.groups], factor, 1.0) for factor in factors]
-    held = [[p for p in program.history if np.all((1 + p.limits) / bounds - 1 <= SLACK)] for bounds in moved]
-    ends = [min(points, key=lambda p: p.objective, default=None) for points in held]
+    feasible = [[p for p in program.history if np.all((1 + p.limits) / bounds - 1 <= SLACK)] for bounds in moved]
+    ends = [min(points, key=lambda p: p.objective, default=None) for points in feasible]
     asked = {wanted.title: wanted for wanted in design.specification.limits}.get(limit)
     bound, unit, label = (1.0, "", limit) if asked is None else (asked.bound, asked.metric.unit, asked.label)
     objectives = np.array([np.nan if p is None else p.objective for p in ends])

@@ -11,7 +11,7 @@ from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.asked.specification import Scenario, scenarios_of
-from clearance_jax.design.search.evaluate import FEW, simulations_of, yield_of
+from clearance_jax.design.search.evaluate import most_violated, yield_of
 from clearance_jax.design.search.program import SLACK
 from clearance_jax.design.search.yields import USUAL, YieldEstimate, samples_needed, samples_to_judge
 from clearance_jax.errors import ClearanceError
@@ -116,15 +116,13 @@ def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Sol
     specification = design.specification.nominal()
     designed, fitted = specification.values(design.evaluation.x), list(lists)
     chosen = {i: max(sum(_greatest(f) <= float(designed[i]) for f in lists[i]) - 1, 0) for i in fitted}
-    simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
-    exact = design.program.gradients > 0 and len(designed) <= FEW  # that program is compiled already
+    violated = most_violated(specification, design.program.gradients > 0, place)
 
     def worst(places):
         x = designed.copy()
         for i in fitted:
             x[i] = _greatest(lists[i][places[i]])
-        # Not `program.at`: the ends of a fit may be outside of the bounds of the variables.
-        return float(np.max(simulations.worst(x, scenarios, exact)))
+        return violated(x)
 
     while worst(chosen) > SLACK:
         # The tightest fit may be wider than the design, or errors may not grow with clearances: tighten all.
@@ -158,17 +156,17 @@ def _judged(
     design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: SolvePlace
 ) -> StandardFits:
     """The limits with classes at their ends, and the yield of parts made to the classes."""
-    specification, judge = design.specification, design.specification.as_designed()
-    names, designed = list(design.clearances), specification.values(design.evaluation.x)
+    specification, names = design.specification, list(design.clearances)
+    designed = specification.values(design.evaluation.x)
     target = getattr(specification.manufacture, "target", None)
     if samples is None:
         samples = samples_needed(USUAL) if target is None else samples_to_judge(target)
-    simulations = simulations_of(judge, place=place)
-    exact = design.program.gradients > 0 and len(designed) <= FEW
+    exact = design.program.gradients > 0
+    violated = most_violated(specification.as_designed(), exact, place)
 
     def worst(end: str) -> float:
-        ends = [max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in zip(names, designed, strict=True)]
-        return float(np.max(simulations.worst(np.array(ends), scenarios_of(judge), exact)))
+        pairs = zip(names, designed, strict=True)
+        return violated(np.array([max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in pairs]))
 
     fitted = {name: entry.fit for name, entry in made.items() if entry.fit is not None}
     estimate = yield_of(specification.nominal(), designed, _sampled(design, made, samples, seed), exact, place)

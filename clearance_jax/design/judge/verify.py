@@ -8,9 +8,9 @@ import scipy.optimize
 
 from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.asked.formulation import formulate
-from clearance_jax.design.asked.specification import Specification, scenarios_of
+from clearance_jax.design.asked.specification import Specification
 from clearance_jax.design.judge.static import static_error, static_weights
-from clearance_jax.design.search.evaluate import FEW, fresh_yield, simulations_of
+from clearance_jax.design.search.evaluate import fresh_yield, most_violated
 from clearance_jax.design.search.methods import Method
 from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
 from clearance_jax.design.search.run import INTERRUPTED, run
@@ -211,7 +211,7 @@ def certify(
     prices, sampled = dict[str, float](), specification.manufacture.is_sampled
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
-    checked = prices if reoptimise else {}
+    judge, checked = specification.as_designed().judged_by(DYNAMICS), prices if reoptimise else {}
     checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
     return Certificate(
         # A common clearance has the first unit.
@@ -234,17 +234,8 @@ def certify(
         solver=solver,
         rtol=rtol,
         among=specification.manufacture.among,
-        least=None if least is None else _worst_at(specification, least, rtol, solver, place, method.gradients),
+        least=None if least is None else most_violated(judge, method.gradients, place, rtol, solver)(least),
     )
-
-
-def _worst_at(
-    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: SolvePlace, exact: bool
-) -> float:
-    """The most violated limit of a design, which may be outside of the bounds of the variables."""
-    judge = specification.as_designed().judged_by(DYNAMICS)
-    simulations = simulations_of(judge, rtol, solver, place)
-    return float(np.max(simulations.worst(x, scenarios_of(judge), exact and len(x) <= FEW)))
 
 
 def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:

@@ -19,8 +19,7 @@ import numpy as np
 from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import ChosenClasses, ToleranceClass, least_ends
-from clearance_jax.design.asked.specification import scenarios_of
-from clearance_jax.design.search.evaluate import FEW, simulations_of
+from clearance_jax.design.search.evaluate import most_violated
 from clearance_jax.design.search.program import SLACK, BudgetSpent, Evaluation, Program
 from clearance_jax.design.search.run import INTERRUPTED, SPENT, run
 
@@ -229,9 +228,7 @@ def choose_classes(
     lists = {places[name]: np.array([entry.greatest for entry in listed]) for name, listed in classes.items()}
     before = program.solves
     # A combination must also hold with every clearance at the least of its class.
-    asked, tried = design.specification.as_designed(), 0
-    simulations, scenarios = simulations_of(asked, place=place), scenarios_of(asked)
-    exact = program.gradients > 0 and len(asked.variables) <= FEW
+    violated, tried = most_violated(design.specification.as_designed(), program.gradients > 0, place), 0
 
     def relax(box: Program, start: np.ndarray) -> str:
         return run(box, design.method, start, **options)
@@ -239,8 +236,7 @@ def choose_classes(
     def holds(x: np.ndarray) -> bool:
         nonlocal tried
         tried += 1
-        least = least_ends(program.names, x, _names(program, classes, x))
-        return float(np.max(simulations.worst(least, scenarios, exact))) <= SLACK
+        return violated(least_ends(program.names, x, _names(program, classes, x))) <= SLACK
 
     costs, laws = None, design.specification.costs
     if len(lists) == len(program.names):

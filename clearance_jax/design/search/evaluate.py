@@ -5,7 +5,7 @@ this process.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
@@ -108,7 +108,7 @@ class Simulations:
         """The most violated scaled limit of a design in each scenario (scenarios,), infinite if a motion did not reach
         its end. `exact`: solve few scenarios with derivatives, by a program that is compiled already.
         """
-        exact = exact and not self._aged and not as_lanes(len(scenarios), self.place)
+        exact = exact and len(x) <= FEW and not self._aged and not as_lanes(len(scenarios), self.place)
         worst = self.together(x, scenarios, exact)[0].max(axis=1)
         return np.where(np.isfinite(worst), worst, np.inf)
 
@@ -182,6 +182,16 @@ def simulations_of(
     metrics, bounds = zip(*((limit.metric_solved(finer), limit.bound) for limit in specification.limits), strict=True)
     names, t1, solve = tuple(specification.variables), specification.t1, specification.settings(**changes)
     return Simulations(specification.mechanism, metrics, bounds, names, t1, solve, place)
+
+
+def most_violated(
+    specification: Specification, exact: bool, place: SolvePlace, *accuracy: Any
+) -> Callable[[np.ndarray], float]:
+    """The most violated limit as a function of a design, which may lie outside of the bounds of its variables; `exact`
+    as of `Simulations.worst`, `accuracy` as of `simulations_of`.
+    """
+    simulations, scenarios = simulations_of(specification, *accuracy, place=place), scenarios_of(specification)
+    return lambda x: float(np.max(simulations.worst(x, scenarios, exact)))
 
 
 def yield_of(
