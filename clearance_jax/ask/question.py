@@ -96,7 +96,8 @@ class Question(Module):
             inexact = jnp.issubdtype(jnp.result_type(number), jnp.inexact)
             return jnp.where(reached, number, jnp.nan) if inexact else number
 
-        return Answer(*jax.tree.map(masked, (values, slopes)), ending)
+        values, slopes = jax.tree.map(masked, (values, slopes))
+        return Answer(values, slopes, ending)
 
     def _differentiated(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
         wanted = tuple(self.metrics) if self.differentiated == ALL else self.differentiated

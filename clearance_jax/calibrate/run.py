@@ -137,7 +137,8 @@ def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variabl
             raise ClearanceError(f"Several starts are scattered over the bounds, but `{name}` has none. Give them.")
         rows.append((value, low, high))
         units[name] = leaf.unit
-    return Variables(tuple(bounds), *np.array(rows, float).T, units)
+    start, lower, upper = np.array(rows, float).T
+    return Variables(tuple(bounds), start, lower, upper, units)
 
 
 def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
