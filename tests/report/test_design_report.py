@@ -271,7 +271,7 @@ def test_an_interrupted_explanation_keeps_what_it_has(monkeypatch, tmp_path):
         raise KeyboardInterrupt
 
     # The package exports a function of the module's own name.
-    monkeypatch.setattr(sys.modules["clearance_jax.design.judge.findings"], "observe", interrupted)
+    monkeypatch.setattr(sys.modules["clearance_jax.design.judge.observed"], "observe", interrupted)
     said = []
     found = design.findings(answer([piston_limit()]), progress=said.append)
     assert said == ["loads and pictures"]
