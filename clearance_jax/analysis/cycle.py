@@ -266,10 +266,8 @@ def constant_memory(jacobian: Array, free: int) -> Array:
 
 
 def advance(search: CycleSearch, y: Array, effort: CycleOptions) -> tuple[Array, Any]:
-    """The state a period later (NaN if the solve fails) and the result code.
-
-    The start is projected on the ideal closures, so that a direction that opens a loop has multiplier 0, and I - dP/dy
-    is regular.
+    """The state a period later (NaN if the solve fails) and the result code. The start is projected on the ideal
+    closures, so that a direction that opens a loop has multiplier 0, and I - dP/dy is regular.
     """
     t0, mechanism = search.t0, search.mechanism
     if mechanism.closures():

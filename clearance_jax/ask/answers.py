@@ -134,8 +134,7 @@ TASKS = 8
 
 def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -> Answer:
     """The answers at points as `lanes` gives them, solved by the workers of a dask client on `cores` cores each.
-
-    **Raises:** `ClearanceError` if the cluster has no workers, or if workers are killed again and again.
+    **Raises** `ClearanceError` if the cluster has no workers, or if workers are killed again and again.
     """
     import cloudpickle
 

@@ -173,10 +173,8 @@ def lanes(
     ready: Callable[[np.ndarray, Answer], Any] | None = None,
     report: Callable[[BatchReport], Any] | None = None,
 ) -> Answer:
-    """The answers at points, as lanes of a batch, on every core.
-
-    **Arguments:** `width`: solve at least so many lanes, by copies of the last one (a chunk of another width is another
-    program, with other last digits); the others as `batch`'s.
+    """The answers at points, as lanes of a batch, on every core. `width`: solve at least so many lanes, by copies of
+    the last one (a chunk of another width is another program, with other last digits); the others as `batch`'s.
     """
     count = len(next(iter(points.values())))
     filled = {name: np.pad(column, (0, max(0, width - count)), mode="edge") for name, column in points.items()}

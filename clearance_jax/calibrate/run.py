@@ -172,9 +172,8 @@ MOST_AUTOMATIC, SAME = 8, 1.01
 
 
 def search(task: FitTask) -> list[FitResult]:
-    """The fit from every start, the best first, refined with estimated deviations.
-
-    **Raises:** `ClearanceError` if no motion of a start reaches its end.
+    """The fit from every start, the best first, refined with estimated deviations. **Raises** `ClearanceError` if no
+    motion of a start reaches its end.
     """
     spread = np.array([_first_deviation(task, series) for series in task.measurement.series])
     fits: list[FitResult] = []

@@ -130,9 +130,8 @@ class Journal:
 
     def ask(self, question: Mapping[str, Any]) -> None:
         """Continue the question of the file, or write it to a new file. **Warns** `RunWarning` of damaged lines.
-
-        **Raises:** `ClearanceError` if the file has another question (with the differences), is no journal, or cannot
-        be written; it is then unchanged.
+        **Raises** `ClearanceError` if the file has another question (with the differences), is no journal, or cannot be
+        written; it is then unchanged.
         """
         if not self._new:
             if not self.fingerprints or (self._ordered and self.question is None):

@@ -25,10 +25,9 @@ ROUND_OFF = 1e-14
 def open_store(
     path: str | Path, grid: Grid, provenance: Mapping[str, Any], *, resume: bool, least: int = LEAST
 ) -> Store:
-    """Open or create the store at a path for this question.
-
-    **Raises:** `ClearanceError` if it exists and `resume` is off, belongs to another question (with the differences),
-    is written by another process, or cannot be written; and for names of outputs and axes that no array can have.
+    """Open or create the store at a path for this question. **Raises** `ClearanceError` if it exists and `resume` is
+    off, belongs to another question (with the differences), is written by another process, or cannot be written; and
+    for names of outputs and axes that no array can have.
     """
     path = Path(path)
     _check_names(grid)

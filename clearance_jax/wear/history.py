@@ -308,9 +308,8 @@ def simulate_wear(
 
 
 def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> WearHistory | None:
-    """The history of an interrupted `simulate_wear` from its journal; `None` if no block is complete.
-
-    **Arguments:** `model`, `journal`, `until`: as of `simulate_wear`.
+    """The history of an interrupted `simulate_wear` from its journal; `None` if no block is complete. `model`,
+    `journal`, `until`: as of `simulate_wear`.
     """
     with closing(Journal(journal, ordered=True)) as kept:
         blocks = [WearBlock(**record) for record in kept.records]

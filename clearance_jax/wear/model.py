@@ -81,11 +81,9 @@ class WearModel(Module):
 
     def cycle_wears(self, stack: np.ndarray, names: Sequence[str], after: int, options: dict[str, Any]) -> np.ndarray:
         """What one cycle wears off [m] after so many, with its derivatives; stack: the profile, and below it its
-        derivatives by each of the named numbers, (1 + names, sectors).
-
-        **Raises:** `WornThrough` where the motion stops, and where a cycle wears off more than the clearance;
-        `WearFailure` where it wears off so much of what the pin stands in a foundation that depths run away;
-        `ClearanceError` for the name "cycle".
+        derivatives by each of the named numbers, (1 + names, sectors). **Raises** `WornThrough` where the motion stops,
+        and where a cycle wears off more than the clearance; `WearFailure` where it wears off so much of what the pin
+        stands in a foundation that depths run away; `ClearanceError` for the name "cycle".
         """
         if "cycle" in names:
             raise ClearanceError("There is no derivative by `cycle`, which moves the end of the motion: leave it out.")

@@ -180,9 +180,8 @@ def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float,
 
 
 def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceClass, ...]]) -> Specification:
-    """The problem with cost curves through the costs of classes, for variables whose classes have costs.
-
-    **Raises:** `ClearanceError` if a variable has no cost then, or if a looser class costs more.
+    """The problem with cost curves through the costs of classes, for variables whose classes have costs. **Raises**
+    `ClearanceError` if a variable has no cost then, or if a looser class costs more.
     """
     laws = dict(zip(specification.variables, specification.costs, strict=False))
     for name, listed in classes.items():

@@ -230,9 +230,8 @@ def sets(values: Mapping[str, Any], name: str) -> bool:
 
 
 def worth(mechanism: Mechanism, measures: Iterable[AbstractMeasure], name: str, given: Mapping[str, Any] = NONE) -> Any:
-    """The value of a number of the mechanism or of wear, after some numbers are set to `given` values.
-
-    **Raises:** `ClearanceError` for an unknown number, and if limits do not agree about it.
+    """The value of a number of the mechanism or of wear, after some numbers are set to `given` values. **Raises**
+    `ClearanceError` for an unknown number, and if limits do not agree about it.
     """
 
     def as_given(model: Any) -> Any:

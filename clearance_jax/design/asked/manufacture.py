@@ -240,9 +240,8 @@ class Yield(AbstractManufacture):
 
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
         """Draws (samples,) by name: factors on the scattered numbers and on all `names` (1 without scatter), and values
-        of numbers with a distribution. `fresh` > 0: so many purely random samples.
-
-        **Raises:** `ClearanceError` for a variable with a distribution.
+        of numbers with a distribution. `fresh` > 0: so many purely random samples. **Raises** `ClearanceError` for a
+        variable with a distribution.
         """
         self.check()
         count, seed = fresh or self.count, self.seed if seed is None else seed

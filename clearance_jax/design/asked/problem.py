@@ -163,8 +163,7 @@ STILL = 1e-9
 
 def with_held_ends(specification: Specification) -> Specification:
     """The problem with splines that keep their last values after their tables, if a table ends before the motion.
-
-    **Raises:** `ClearanceError` if a table begins after the motion, or ends before it and not at rest.
+    **Raises** `ClearanceError` if a table begins after the motion, or ends before it and not at rest.
     """
     t0, t1, mechanism = specification.t0, specification.t1, specification.mechanism
     tables = (leaf for leaf in leaves(mechanism) if leaf.path[-1] == "times" and isinstance(leaf.owners[-1], Spline))

@@ -192,8 +192,7 @@ class Specification:
 
     def worth(self, name: str, given: Mapping[str, Any] = NONE) -> Any:
         """The value of a number, the mechanism's or that of wear, in a condition that sets the `given` values.
-
-        **Raises:** `ClearanceError` for an unknown one.
+        **Raises** `ClearanceError` for an unknown one.
         """
         return worth(self.mechanism, self.metrics, name, given)
 

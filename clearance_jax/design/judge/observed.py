@@ -234,9 +234,8 @@ class Standing(NamedTuple):
 
 
 def standings(design: Design, look: Callable[[Scenario], Observed | None] | None = None) -> tuple[Standing, ...]:
-    """The standings of the limits nearest to their bounds, at most `SHOWN`, the nearest first.
-
-    **Arguments:** `look`: observes a scenario, for the instants of its peaks (default: these are `None`).
+    """The standings of the limits nearest to their bounds, at most `SHOWN`, the nearest first. `look`: observes a
+    scenario, for the instants of its peaks (default: these are `None`).
     """
     program, limits, specification = design.program, design.evaluation.limits, design.specification
     order = np.argsort(-np.nan_to_num(limits, nan=np.inf))[:SHOWN]

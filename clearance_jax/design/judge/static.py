@@ -100,9 +100,8 @@ def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
 
 
 def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
-    """How far the point moves per clearance (times,), by the suffix of the clearance's name.
-
-    **Arguments:** `slope` (times, axes, play); `flat`: whether walls bound each slide across separately.
+    """How far the point moves per clearance (times,), by the suffix of the clearance's name. `slope` (times, axes,
+    play); `flat`: whether walls bound each slide across separately.
     """
     turns = {k: np.asarray(c.turns, float) for k, c in enumerate(play) if c.turns is not None}
     if not turns:
@@ -121,9 +120,8 @@ def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> d
 
 
 def _both_ends(first: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The largest norm (times,) of P e + Q f over unit vectors e and f, for matrices P and Q (times, axes, k).
-
-    It is the maximum of |P^T n| + |Q^T n| over directions n, found by ascent from several directions.
+    """The largest norm (times,) of P e + Q f over unit vectors e and f, for matrices P and Q (times, axes, k). It is
+    the maximum of |P^T n| + |Q^T n| over directions n, found by ascent from several directions.
     """
     starts = [np.linalg.svd(part)[0][..., 0] for part in (first, other, first + other, first - other)]
     best = size = np.zeros(len(first))

@@ -217,12 +217,10 @@ class BranchAndBound:
 def choose_classes(
     design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: SolvePlace, **options: Any
 ) -> Design:
-    """The cheapest combination of `classes` that holds every limit, by branch and bound from a continuous design.
-
-    A combination holds if the limits of the problem hold with every clearance at the greatest of its class, and those
-    of parts as designed hold with every clearance at its least.
-
-    **Arguments:** `classes`: by variable, the tightest first; `options`: of the design's method.
+    """The cheapest combination of `classes` that holds every limit, by branch and bound from a continuous design. A
+    combination holds if the limits of the problem hold with every clearance at the greatest of its class, and those of
+    parts as designed hold with every clearance at its least. `classes`: by variable, the tightest first; `options`: of
+    the design's method.
     """
     program, places = design.program, {name: i for i, name in enumerate(design.program.names)}
     lists = {places[name]: np.array([entry.greatest for entry in listed]) for name, listed in classes.items()}

@@ -29,10 +29,9 @@ FEW = 5
 
 
 class Simulations:
-    """The simulations of designs, whose variables are the numbers `names` of a mechanism.
-
-    **Arguments:** `metrics` with their `bounds`: scaled limits are value / bound - 1; `t1` [s]; `solve`: the settings;
-    `place`: where many simulations are solved.
+    """The simulations of designs, whose variables are the numbers `names` of a mechanism. `metrics` with their
+    `bounds`: scaled limits are value / bound - 1; `t1` [s]; `solve`: the settings; `place`: where many simulations are
+    solved.
     """
 
     def __init__(

@@ -34,11 +34,9 @@ SURE = 1.2
 
 
 def unreachable(specification: Specification, program: Program, start: np.ndarray, gradient: bool) -> str:
-    """Why no design can hold a limit, in words; empty if one may.
-
-    The smallest clearances are evaluated: by quasi-static poses first, if the program has them, else by the dynamics if
-    the `start` violates a limit. A limit that they violate, and that grows with the clearances, is then compared with
-    the ideal mechanism (`floor_words`).
+    """Why no design can hold a limit, in words; empty if one may. The smallest clearances are evaluated: by
+    quasi-static poses first, if the program has them, else by the dynamics if the `start` violates a limit. A limit
+    that they violate, and that grows with the clearances, is then compared with the ideal mechanism (`floor_words`).
     """
     if not all(name.endswith(CLEARANCE) for name in specification.variables):
         return ""

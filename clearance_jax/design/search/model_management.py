@@ -55,7 +55,6 @@ class ModelPoint(NamedTuple):
 
 class Corrected(NamedTuple):
     """The cheap model with corrections of its limits about `z` (n,): `shift` (m,), `tilt` (m, n), `bend` (m, n, n).
-
     Near the optimum the cheap limits are replaced by a `series` about z (values, slopes, curvatures), as the residual
     of the iterations for poses would stop a search before the optimum.
     """
@@ -108,9 +107,8 @@ class Corrected(NamedTuple):
 
 
 def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
-    """Search by values and slopes; `tolerance` of the objective: the accuracy of the dear solves.
-
-    **Raises:** `UselessSlopes` if the slopes of the dear model are useless.
+    """Search by values and slopes; `tolerance` of the objective: the accuracy of the dear solves. **Raises**
+    `UselessSlopes` if the slopes of the dear model are useless.
     """
     cheap, dear, z = _begin(program, start, tolerance)
     here, radius, bend, failed, step = _dear_point(program, dear, z), RADIUS, 0.0, 0, np.inf

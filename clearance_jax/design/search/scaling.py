@@ -22,12 +22,9 @@ class UselessSlopes(Exception):
 
 
 def followed(program: Program, point: Evaluation) -> Evaluation:
-    """A point with the slopes that a search can follow.
-
-    A lower peak of a motion with useless slopes takes those of the highest one, as it never decides before that. A
-    limit far below its bound takes slopes of zero.
-
-    **Raises:** `UselessSlopes` if a limit that may decide has useless slopes.
+    """A point with the slopes that a search can follow. A lower peak of a motion with useless slopes takes those of the
+    highest one, as it never decides before that. A limit far below its bound takes slopes of zero. **Raises**
+    `UselessSlopes` if a limit that may decide has useless slopes.
     """
     if point.jacobian is None or not np.all(np.isfinite(point.limits)):
         return point

@@ -213,8 +213,7 @@ def smoothed(mechanism: Mechanism, width: float) -> Mechanism:
 def continued(specification: Specification, widths: Sequence[float], how: SearchOptions) -> Design:
     """The best design of the laws themselves, from designs of laws smoothed over `widths` [m], the last of which is 0.
     Only the first width has further starts. Every width has its own record beside that of the laws themselves.
-
-    **Raises:** `ClearanceError` for widths that do not fall to 0, and for classes.
+    **Raises** `ClearanceError` for widths that do not fall to 0, and for classes.
     """
     falls = all(high > low for high, low in itertools.pairwise(widths))
     if not (falls and widths and all(0 <= width < math.inf for width in widths) and widths[-1] == 0):
