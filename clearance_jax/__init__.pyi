@@ -87,6 +87,6 @@ from .solve.solution import Solution as Solution
 from .sweep.axes import Choice as Choice
 from .sweep.axes import Sampled as Sampled
 from .sweep.axes import Zipped as Zipped
+from .sweep.axes import scatter as scatter
+from .sweep.axes import sobol_samples as sobol_samples
 from .sweep.run import sweep as sweep
-from .sweep.scatter import scatter as scatter
-from .sweep.scatter import sobol_samples as sobol_samples

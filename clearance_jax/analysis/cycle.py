@@ -155,9 +155,6 @@ def _ends(drive: AbstractDrive, t0: Array, period: Array) -> tuple[tuple[Array, 
     return (jnp.asarray(q0, float), jnp.asarray(q1, float)), (jnp.asarray(v0, float), jnp.asarray(v1, float))
 
 
-# The search ----------------------------------------------------------------------------------------------------------
-
-
 @eqx.filter_custom_jvp
 def cycle(search: CycleSearch, *, effort: CycleOptions) -> PeriodicMotion:
     """Search; `y` is differentiable by every number of the mechanism and by the period."""
@@ -253,9 +250,8 @@ def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
         return going & (s.iterations < effort.iterations)
 
     nothing = jnp.asarray(jnp.inf), jnp.zeros(n), jnp.ones(size), jnp.zeros(()), jnp.asarray(False)
-    start = _State(
-        first, first, jnp.zeros((size, size)), *nothing, jnp.asarray(0), jnp.asarray(int(Result.REACHED_END))
-    )
+    count, code = jnp.asarray(0), jnp.asarray(int(Result.REACHED_END))
+    start = _State(first, first, jnp.zeros((size, size)), *nothing, count, code)
     s = jax.lax.while_loop(goes_on, iterate, start)
     gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
     converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
@@ -270,10 +266,8 @@ def constant_memory(jacobian: Array, free: int) -> Array:
 
 
 def advance(search: CycleSearch, y: Array, effort: CycleOptions) -> tuple[Array, Any]:
-    """The state a period later (NaN if the solve fails) and the result code.
-
-    The start is projected on the ideal closures, so that a direction that opens a loop has multiplier 0, and I - dP/dy
-    is regular.
+    """The state a period later (NaN if the solve fails) and the result code. The start is projected on the ideal
+    closures, so that a direction that opens a loop has multiplier 0, and I - dP/dy is regular.
     """
     t0, mechanism = search.t0, search.mechanism
     if mechanism.closures():
@@ -292,9 +286,8 @@ def scale(search: CycleSearch, y: Array) -> Array:
 
 
 def free_turns(search: CycleSearch) -> Array:
-    """Whole turns of each free coordinate in a period, shape (free,); NaN if only the motion can tell.
-
-    A slide makes none, nor does a rotation with a spring; a rotation with a servo follows the servo's target.
+    """Whole turns of each free coordinate in a period, shape (free,); NaN if only the motion can tell. A slide makes
+    none, nor does a rotation with a spring; a rotation with a servo follows the servo's target.
     """
     if search.turns is not None:
         return search.turns
@@ -313,10 +306,7 @@ def free_turns(search: CycleSearch) -> Array:
 
 
 def _inverse(search: CycleSearch, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
-    """The inverse of I - dP/dy, scaled by `unit`; the pseudo-inverse if it is singular within the Jacobian's error.
-
-    Constant memory can have any value: it keeps its own.
-    """
+    """The (pseudo-)inverse of I - dP/dy, scaled by `unit`, without constant memory, which keeps its value."""
     unit = scale(search, y) if unit is None else unit
     jacobian = jnp.where(constant_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
     matrix = jnp.eye(unit.size) - jacobian * unit[None, :] / unit[:, None]

@@ -49,15 +49,9 @@ def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
     stiff, loss, errors = _linearised(jnp.asarray(time, float), mechanism)
     check_start(mechanism, time, errors)
     stiff, loss = np.asarray(stiff), np.asarray(loss)
-    count = len(stiff)
-    roots = np.linalg.eigvals(np.block([[np.zeros((count, count)), np.eye(count)], [stiff, loss]]))
-    sizes = np.abs(roots)
-    modes = [
-        Mode(float(size / (2 * np.pi)), float(-root.real / size) if size else 0.0)
-        for root, size in zip(roots, sizes, strict=True)
-        if root.imag >= 0
-    ]
-    return tuple(sorted(modes))
+    roots = np.linalg.eigvals(np.block([[np.zeros_like(stiff), np.eye(len(stiff))], [stiff, loss]]))
+    pairs = [(root, size) for root, size in zip(roots, np.abs(roots), strict=True) if root.imag >= 0]
+    return tuple(sorted(Mode(float(s / (2 * np.pi)), float(-root.real / s) if s else 0.0) for root, s in pairs))
 
 
 def _linearise(time: Scalar, mechanism: Mechanism) -> tuple[Array, Array, StartErrors]:

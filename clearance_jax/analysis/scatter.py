@@ -3,7 +3,6 @@
 The divergence says up to when a derivative is meaningful, and how hard contacts touch.
 """
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,7 +15,6 @@ from clearance_jax.ask.question import Question, lanes
 from clearance_jax.dynamics.quantities import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.reductions import Peak
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
@@ -44,24 +42,17 @@ class SamplingPlan(NamedTuple):
         return np.where(self.centre == 0, 1.0, np.abs(self.centre))
 
     def moves(self) -> np.ndarray:
-        """Changes of the parameters (lanes, parameters): twice none, a step up of each, a step down of each, those
-        within the step, and draws of the scatter.
-        """
+        """Changes (lanes, parameters): twice none, a step up and down of each, within the step, and the scatter."""
         p, unit = len(self.names), self.unit
         # Antithetic pairs: the mean of a linear metric is then exact.
         half = np.random.default_rng(self.seed).standard_normal((-(-self.samples // 2), p))
         draws = self.scatter * unit * np.concatenate([half, -half])[: self.samples]
         ends = np.diag(self.step * unit)
-        return np.concatenate([np.zeros((2, p)), ends, -ends, self._within(), draws])
-
-    def _within(self) -> np.ndarray:
-        """Changes within the step (probes, parameters), of all parameters together. Those of each parameter are evenly
-        spaced (a Latin hypercube), so that their distance does not grow with the number of parameters.
-        """
-        even = (2 * np.arange(self.probes) + 1) / self.probes - 1
-        rng = np.random.default_rng(self.seed)
-        columns = [even, *(rng.permutation(even) for _ in self.names[1:])]
-        return self.step * self.unit * np.stack(columns, 1)
+        # Those within the step change all parameters together, each evenly spaced (a Latin hypercube), so that their
+        # distance does not grow with the number of parameters.
+        even, rng = (2 * np.arange(self.probes) + 1) / self.probes - 1, np.random.default_rng(self.seed)
+        within = np.stack([even, *(rng.permutation(even) for _ in self.names[1:])], 1)
+        return np.concatenate([np.zeros((2, p)), ends, -ends, self.step * unit * within, draws])
 
 
 class MetricSamples(NamedTuple):
@@ -94,8 +85,8 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Metr
     other = rtol / 10 if rtol >= 10 * SMALLEST else 10 * rtol
     rtols = np.where(np.arange(len(moves)) == 1, other, rtol)
     # The second highest peak is asked for too: where two peaks tie, the metric has a kink.
-    peak = isinstance(metric, Peak) and metric.count == 1
-    asked = dataclasses.replace(metric, count=2) if peak else metric
+    asked = metric.several(2)
+    peak = asked is not metric
     points = dict(zip(plan.names, (plan.centre + moves).T, strict=True)) | {"rtol": rtols}
     answers = lanes(Question(mechanism, {"": asked}, t1, options, plan.names), points)
     values, slopes = answers.values[""], answers.slopes[""]
@@ -104,20 +95,15 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Metr
     second = (values[0, 1], slopes[0, 1]) if peak else None
     values, slopes = (values[:, 0], slopes[:, 0]) if peak else (values, slopes)
     fine = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
-    step, within, scatter = (
-        slice(2, 2 + 2 * p),
-        slice(2 + 2 * p, len(moves) - plan.samples),
-        slice(-plan.samples, None),
-    )
+    step, scatter = slice(2, 2 + 2 * p), slice(-plan.samples, None)
+    within = slice(step.stop, len(moves) - plan.samples)
     if not fine[0] or np.sum(fine[scatter]) < p + 3:
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     up, down = np.split(values[step] - values[0], 2)
     inner, changes = (x[within][fine[within]] for x in (moves, values - values[0]))
     draws, cloud, over = (x[scatter][fine[scatter]] for x in (moves, values, slopes))
-    complete = bool(np.all(fine))
-    return MetricSamples(
-        values[0], slopes[0], slopes[1], up, down, inner, changes, draws, cloud, over, complete, second
-    )
+    within_step, scattered = (up, down, inner, changes), (draws, cloud, over)
+    return MetricSamples(values[0], slopes[0], slopes[1], *within_step, *scattered, bool(np.all(fine)), second)
 
 
 class Statistics(NamedTuple):
@@ -199,7 +185,7 @@ def neighbours(
     """
     times = evenly(options.t0, t1, SAMPLES)
     joints = mechanism.clearance_joints()
-    observers = tuple(TouchCounter(i) for i in range(len(joints)))
+    observers = tuple(map(TouchCounter, range(len(joints))))
 
     def at(point):
         def pins(point):
@@ -217,9 +203,7 @@ def neighbours(
 
 
 class Divergence(NamedTuple):
-    """The divergence and touches of motions over the scatter, named as in `GradientReport`; the defaults are those of a
-    mechanism without clearance.
-    """
+    """Divergence and touches over the scatter, named as in `GradientReport`; by default as without clearance."""
 
     lyapunov: float = 0.0
     horizon: float = np.inf
@@ -230,18 +214,15 @@ class Divergence(NamedTuple):
 
 
 def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: float, options: Settings) -> Divergence:
-    """The divergence of the motion and of those at `draws` (samples, parameters), by one program. Motions have parted
-    once their spread is above `limit` (over the clearance).
-    """
+    """The divergence of motions at `draws` (samples, parameters), parted where their spread is above `limit`."""
     if not mechanism.clearance_joints():
         return Divergence()
-    names, rtol = plan.names, plan.rtol
-    points = jnp.asarray(plan.centre + np.concatenate([np.zeros((1, len(names))), draws]))
+    points = jnp.asarray(plan.centre + np.concatenate([np.zeros((1, len(plan.names))), draws]))
     scatter = jnp.asarray(plan.scatter * plan.unit)
-    times, apart, touches = neighbours(mechanism, names, points, scatter, t1, options)
+    times, apart, touches = neighbours(mechanism, plan.names, points, scatter, t1, options)
     times, spread = np.asarray(times), np.sqrt(np.mean(np.asarray(apart) ** 2, axis=0))
     exponent, horizon = horizon_of(times, spread, limit)
-    precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
+    precision = np.log(1 / plan.rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
     count = np.sum([np.asarray(joint.count) for joint in touches], axis=0)
     slowest, miss = (min(float(joint[i][0]) for joint in touches) for i in (1, 2))
     return Divergence(exponent, horizon, precision, (int(count.min()), int(count.max())), slowest, miss)

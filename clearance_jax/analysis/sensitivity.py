@@ -109,20 +109,14 @@ def sensitivities(
     if mode == "screening":
         settings = settings._replace(derivatives="screening")
     solved = answer(Question(mechanism, {"": metric}, t1, settings, wrt))
-    value, jacobian = solved.values[""], _by_name(solved.slopes[""], values)
+    value, slopes = solved.values[""], solved.slopes[""]
     if not bool(jnp.all(jnp.isfinite(value))):
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
-    return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)
-
-
-def _by_name(slopes: Array, values: dict[str, Array]) -> dict[str, Array]:
-    """Derivatives by name, from an array with a last axis over the entries of all parameters."""
+    # The last axis is over the entries of all parameters.
     ends = np.cumsum([number.size for number in values.values()])
-    parts = jnp.split(slopes, ends[:-1], axis=-1)
-    return {
-        name: part.reshape(*slopes.shape[:-1], *number.shape)
-        for part, (name, number) in zip(parts, values.items(), strict=True)
-    }
+    parts = zip(jnp.split(slopes, ends[:-1], axis=-1), values.items(), strict=True)
+    jacobian = {name: part.reshape(*slopes.shape[:-1], *number.shape) for part, (name, number) in parts}
+    return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)
 
 
 def _not_in_reverse(mechanism, metric, values, options) -> str:
@@ -182,10 +176,8 @@ def hessian(
         return sensitivities(moved, metric, wrt, t1, mode="forward", **options).matrix()
 
     def differences(size):
-        rows = []
-        for k in range(len(wrt)):
-            move = jnp.zeros_like(centre).at[k].set(size * step[k])
-            rows.append((gradient(centre + move) - gradient(centre - move)) / (2 * size * step[k]))
+        moves = [jnp.zeros_like(centre).at[k].set(size * step[k]) for k in range(len(wrt))]
+        rows = [(gradient(centre + m) - gradient(centre - m)) / (2 * m[k]) for k, m in enumerate(moves)]
         return jnp.stack(rows, -2)
 
     near, far = differences(1.0), differences(2.0)
@@ -229,21 +221,9 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
             return jax.lax.scan(jax.checkpoint(step), y, times)
 
         final, _ = jax.lax.scan(stretch, start, (begins, ends))
-        none = jnp.zeros((), int)
-        reached = jnp.asarray(int(Result.REACHED_END))
-        end, unknown = ends[-1, -1], jnp.asarray(jnp.nan)
-        counts = reached, none, none
-        solution = Solution(
-            end[None],
-            final[None],
-            start,
-            final,
-            *counts,
-            unknown,
-            end,
-            sampled=False,
-            energy_balance=options.energy_balance,
-        )
+        end, none, reached = ends[-1, -1], jnp.zeros((), int), jnp.asarray(int(Result.REACHED_END))
+        unknown, how = jnp.asarray(jnp.nan), {"sampled": False, "energy_balance": options.energy_balance}
+        solution = Solution(end[None], final[None], start, final, reached, none, none, unknown, end, **how)
         return function.of(changed, solution.of(changed))
 
     value, pull = jax.vjp(of, values)
@@ -254,9 +234,7 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
 def reverse(
     mechanism: Mechanism, function: Function, values: dict[str, Array], t1: Any, settings: Settings
 ) -> tuple[Array, dict[str, Array]]:
-    """Value and Jacobian of a function of the final state by the named values. No value may move a time at which a
-    drive switches.
-    """
+    """Value and Jacobian of a function of the final state by named values, which move no time when a drive switches."""
     refuse_jumps(mechanism)
     inputs = Inputs(mechanism, settings.t0, jnp.asarray(t1, float), None, settings.rtol, None, None)
     # Without states only the energy balance is there to be integrated.

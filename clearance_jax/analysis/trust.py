@@ -57,6 +57,11 @@ THRESHOLDS = TrustThresholds()
 KNOWN = tuple(name for name in ALL if name != "derivatives")
 
 
+# Fields of a report that are as in `Statistics`, and as in `Divergence`.
+TESTED = ("digits", "linearity", "departure", "signal_to_noise", "slope_ratio", "slope_z", "heavy_tail")
+PARTING = ("lyapunov", "horizon", "precision_horizon", "slowest_impact", "nearest_miss")
+
+
 class UntrustedGradient(UserWarning):
     """A warning that a derivative cannot be trusted. The message says why."""
 
@@ -124,9 +129,8 @@ def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ..
     given = values_of(mechanism, names)
     if any(number.ndim for number in given.values()):
         raise ClearanceError("`gradient_report` wants scalars: name the entries of an array, `name.0`.")
-    p = len(names)
-    if samples < p + 3:
-        raise ClearanceError(f"{p} parameters need `samples` of at least {p + 3}, not {samples}.")
+    if samples < (fewest := len(names) + 3):
+        raise ClearanceError(f"{len(names)} parameters need `samples` of at least {fewest}, not {samples}.")
     if probes < 0:
         raise wrong_value("`probes`", "0 or more", probes, str(probes))
     if on_untrusted not in ("ignore", "warn", "raise", "smooth"):
@@ -251,19 +255,9 @@ def gradient_report(
         value=jnp.asarray(seen.value),
         gradient=jnp.asarray(stats.slope if smoothed else seen.gradient),
         gradient_error=jnp.asarray(stats.slope_error if smoothed else stats.error),
-        digits=jnp.asarray(stats.digits),
-        linearity=jnp.asarray(stats.linearity),
-        departure=jnp.asarray(stats.departure),
-        signal_to_noise=jnp.asarray(stats.signal_to_noise),
-        slope_ratio=jnp.asarray(stats.slope_ratio),
-        slope_z=jnp.asarray(stats.slope_z),
-        heavy_tail=jnp.asarray(stats.heavy_tail),
-        lyapunov=jnp.asarray(parting.lyapunov),
-        horizon=jnp.asarray(parting.horizon),
-        precision_horizon=jnp.asarray(parting.precision_horizon),
+        **{name: jnp.asarray(getattr(stats, name)) for name in TESTED},
+        **{name: jnp.asarray(getattr(parting, name)) for name in PARTING},
         impacts=parting.impacts,
-        slowest_impact=jnp.asarray(parting.slowest_impact),
-        nearest_miss=jnp.asarray(parting.nearest_miss),
         multipliers=None if period is None else periodic_motion(mechanism, period, **cycle_options).multipliers,
         names=names,
         reasons=tuple(reasons),

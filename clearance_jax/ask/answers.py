@@ -134,8 +134,7 @@ TASKS = 8
 
 def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -> Answer:
     """The answers at points as `lanes` gives them, solved by the workers of a dask client on `cores` cores each.
-
-    **Raises:** `ClearanceError` if the cluster has no workers, or if workers are killed again and again.
+    **Raises** `ClearanceError` if the cluster has no workers, or if workers are killed again and again.
     """
     import cloudpickle
 
@@ -148,8 +147,7 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
     whole = count if count <= LANES else LANES * math.ceil(count / LANES)
     places = np.minimum(np.arange(whole), count - 1)
     parts = [{name: column[places[at : at + size]] for name, column in points.items()} for at in range(0, whole, size)]
-    pickled = cloudpickle.dumps(question)
-    tasks = client.map(_answers, parts, question=pickled, cores=cores, pure=False)
+    tasks = client.map(_answers, parts, question=cloudpickle.dumps(question), cores=cores, pure=False)
     try:
         gathered = client.gather(tasks)
     except Exception as error:
@@ -165,17 +163,12 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
 
 
 def _answers(points: dict[str, np.ndarray], question: bytes, cores: int) -> Answer:
-    return lanes(_load(question), points, cores=cores)
+    return lanes(unpickled(question), points, cores=cores)
 
 
 @functools.lru_cache(maxsize=8)
-def _load(question: bytes) -> Question:
-    """The question of pickled bytes, read once by each worker."""
-    return unpickled(question)
-
-
 def unpickled(content: bytes) -> Any:
-    """What was sent to this worker, which from then on keeps compiled programs on disk."""
+    """What was sent to this worker, which reads it once, and from then on keeps compiled programs on disk."""
     import cloudpickle
 
     from clearance_jax.configure import configure

@@ -27,9 +27,7 @@ ENDING = " ending"
 
 
 class Ending(AbstractMetric):
-    """How the solve ended: result code, steps, rejected steps; the residual of an energy balance; the `Validity.level`
-    of quasi-static poses.
-    """
+    """How the solve ended: code, steps, rejected; the residual of an energy balance; the `Validity.level` of poses."""
 
     def static_bound(self):
         return self
@@ -88,14 +86,18 @@ class Question(Module):
 
     def __call__(self, numbers: Mapping[str, Any] | None = None) -> Answer:
         question = self.at(numbers) if numbers else self
-        values, slopes, ending = question._differentiated() if self.by else question._valued()
+        if self.by:
+            values, slopes, ending = question._differentiated()
+        else:
+            (values, ending), slopes = question._measure(question.model, question.metrics), {}
         reached = ending["code"] == int(Result.REACHED_END)
-        values, slopes = jax.tree.map(lambda x: _mask_unreached(x, reached), (values, slopes))
-        return Answer(values, slopes, ending)
 
-    def _valued(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
-        values, ending = self._measure(self.model, self.metrics)
-        return values, {}, ending
+        def masked(number):  # integers stay as they are
+            inexact = jnp.issubdtype(jnp.result_type(number), jnp.inexact)
+            return jnp.where(reached, number, jnp.nan) if inexact else number
+
+        values, slopes = jax.tree.map(masked, (values, slopes))
+        return Answer(values, slopes, ending)
 
     def _differentiated(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
         wanted = tuple(self.metrics) if self.differentiated == ALL else self.differentiated
@@ -118,11 +120,6 @@ class Question(Module):
         return measured, measured.pop(ENDING)
 
 
-def _mask_unreached(number: Any, reached: Array) -> Any:
-    """The number, NaN if the motion did not reach its end; integers stay as they are."""
-    return jnp.where(reached, number, jnp.nan) if jnp.issubdtype(jnp.result_type(number), jnp.inexact) else number
-
-
 class Undifferentiated(AbstractMetric):
     """A metric whose derivative is not asked for: its inputs are stopped, so that it need not have one."""
 
@@ -135,18 +132,12 @@ class Undifferentiated(AbstractMetric):
         return self.metric.request(mechanism, t1, options)
 
     def value(self, reply):
-        return self.metric.value(_fixed(reply))
-
-
-def _fixed(reply: Reply) -> Reply:
-    arrays, others = eqx.partition(reply, eqx.is_array)
-    return eqx.combine(jax.tree.map(jax.lax.stop_gradient, arrays), others)
+        arrays, others = eqx.partition(reply, eqx.is_array)
+        return self.metric.value(eqx.combine(jax.tree.map(jax.lax.stop_gradient, arrays), others))
 
 
 def shapes_of(question: Question, names: Sequence[str]) -> Answer:
-    """Shapes and types of the answer at a point with numbers of these names, without a solve. Questions of the same
-    structure are traced once.
-    """
+    """The answer's shapes with numbers of these names, without a solve; questions of a structure are traced once."""
     return _shapes(tree_shape(question), tuple(names))
 
 
@@ -182,10 +173,8 @@ def lanes(
     ready: Callable[[np.ndarray, Answer], Any] | None = None,
     report: Callable[[BatchReport], Any] | None = None,
 ) -> Answer:
-    """The answers at points, as lanes of a batch, on every core.
-
-    **Arguments:** `width`: solve at least so many lanes, by copies of the last one (a chunk of another width is another
-    program, with other last digits); the others as `batch`'s.
+    """The answers at points, as lanes of a batch, on every core. `width`: solve at least so many lanes, by copies of
+    the last one (a chunk of another width is another program, with other last digits); the others as `batch`'s.
     """
     count = len(next(iter(points.values())))
     filled = {name: np.pad(column, (0, max(0, width - count)), mode="edge") for name, column in points.items()}

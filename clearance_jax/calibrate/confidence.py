@@ -79,21 +79,15 @@ def confidence(task: FitTask, fit: FitResult) -> Confidence:
     half = factor * deviations
     intervals = np.clip(np.stack([x - half, x + half], axis=1), variables.lower[:, None], variables.upper[:, None])
     unknown = tuple(_unidentified(variables.names, rows, lengths, size))
-    return Confidence(
-        covariance, deviations, intervals, correlation, rows.T, size, lengths, factor, inflation, memory, unknown
-    )
+    ellipsoid = rows.T, size, lengths
+    return Confidence(covariance, deviations, intervals, correlation, *ellipsoid, factor, inflation, memory, unknown)
 
 
 def _noise(task: FitTask, fit: FitResult, freedom: int, memory: float) -> tuple[float, float]:
-    """The factor of the noise on the covariance, and half of an interval over the deviation.
-
-    Given deviations are used, unless the residuals are larger than these allow.
-    """
-    given = bool(np.all(task.given))
-    residuals = task.weigh(fit.point, fit.deviations).residuals
-    psi, slope = task.loss.influence(residuals)
+    """The factor of the noise on the covariance, and half of an interval over the deviation."""
+    psi, slope = task.loss.influence(task.weigh(fit.point, fit.deviations).residuals)
     shown = np.sum(psi**2) / max(freedom, 1) / max(np.mean(slope), np.finfo(float).eps) ** 2
-    if given:
+    if np.all(task.given):
         # Robust losses have more variance than least squares, also for normal noise.
         return max(1.0, float(shown)) * memory, float(norm.ppf(0.5 + LEVEL / 2))
     return float(shown) * memory, float(t.ppf(0.5 + LEVEL / 2, max(freedom / memory, 1.0)))
@@ -132,15 +126,10 @@ UNTOLD = 1e-6
 BETTER = 0.02
 
 
-class Profile(NamedTuple):
-    """The confidence with intervals of the motion itself, and a `better` point than the fit if one was met."""
-
-    known: Confidence
-    better: FitPoint | None
-
-
-def profile(task: FitTask, fit: FitResult, known: Confidence) -> Profile:
-    """Search for the ends of the intervals of the determined numbers, if the derivatives do not predict the motion."""
+def profile(task: FitTask, fit: FitResult, known: Confidence) -> tuple[Confidence, FitPoint | None]:
+    """Search for the ends of the intervals of the determined numbers, if the derivatives do not predict the motion: the
+    confidence with these, and a better point than the fit if one was met.
+    """
     walk, intervals, bent = _Walk(task, fit, known), known.intervals.copy(), []
     undetermined = {name for group in known.unidentified for name in group.names}
     determined = [k for k, name in enumerate(task.variables.names) if name not in undetermined]
@@ -150,11 +139,11 @@ def profile(task: FitTask, fit: FitResult, known: Confidence) -> Profile:
             for side, sign in enumerate((-1.0, 1.0)):
                 end, straight = walk.look(k, sign, far)
                 if walk.better:
-                    return Profile(known, walk.lowest)
+                    return known, walk.lowest
                 intervals[k, side] = sign * max(sign * intervals[k, side], sign * end)
                 bent += [] if straight else [task.variables.names[k]]
-    lower, upper = task.variables.lower[:, None], task.variables.upper[:, None]
-    return Profile(known._replace(intervals=np.clip(intervals, lower, upper), bent=tuple(dict.fromkeys(bent))), None)
+    intervals = np.clip(intervals, task.variables.lower[:, None], task.variables.upper[:, None])
+    return known._replace(intervals=intervals, bent=tuple(dict.fromkeys(bent))), None
 
 
 class _Walk:
@@ -167,9 +156,7 @@ class _Walk:
         self.lowest, self.lowest_rise, self.better = fit.point, 0.0, False
 
     def look(self, k: int, sign: float, far: bool) -> tuple[float, bool]:
-        """The end of the interval of number `k` to one side, and whether the derivatives predict it. With `far` it
-        looks for another minimum far away.
-        """
+        """The end of an interval to one side, and whether it is as predicted; `far`: look for another minimum."""
         task, known, x = self.task, self.known, self.fit.point.x
         way = sign * known.factor * known.deviations[k] * self.others_follow(k)
         wanted = task.loss.cost(self.here.residuals + self.here.jacobian @ way) - self.cost
@@ -191,9 +178,7 @@ class _Walk:
         return float(x[k] + end * way[k]), bool(not within if far else straight and end <= BENT)
 
     def others_follow(self, k: int) -> np.ndarray:
-        """The change of all numbers per unit of number `k`, with the others at their best fit for a linear motion,
-        without changes along undetermined directions, which would end at a bound.
-        """
+        """The change of all numbers per unit of number `k`, the others at their best fit (along what is determined)."""
         sizes, way = self.known.sizes, np.ones(len(self.known.sizes))
         others = np.arange(len(sizes)) != k
         scaled = self.here.jacobian[:, others] * sizes[others]
@@ -230,9 +215,7 @@ class _Walk:
 
 
 def _parts(most: float, wanted: float, rises: dict[float, float]) -> Iterator[float]:
-    """The places to evaluate, in predicted half intervals, by the `rises` so far: outwards until the cost has risen by
-    `wanted`, then by bisection.
-    """
+    """The places to evaluate, in predicted half intervals: outwards until the cost has risen, then by bisection."""
     part = min(1.0, most)
     yield part
     while part < most and (part < WIDEST or (rises[part] <= wanted and len(rises) < TRIALS)):

@@ -4,7 +4,7 @@ Noise has a size, and is independent in time.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -95,8 +95,8 @@ class Weighted(NamedTuple):
 
 class FitResult(NamedTuple):
     """The result of a search from one start: the `point`, its `cost`, the `deviations` (series,) that residuals are
-    divided by, whether it `converged` and the `ending` in words if not; the number of trial `steps`, and of `doubtful`
-    ones, which gained much less than the derivatives had predicted.
+    divided by, whether it `converged` and the `ending` in words if not; how many `steps` were tried, and how many were
+    `doubtful`, as they gained much less than the derivatives had predicted.
     """
 
     point: FitPoint
@@ -129,19 +129,11 @@ def descend(task: FitTask, first: FitPoint, deviations: np.ndarray, least: float
     def jacobian(u):
         return task.weigh(task.instruments(u * scale), deviations).jacobian * scale
 
+    bounds = variables.lower / scale, variables.upper / scale
+    how: Any = {"loss": loss.rho, "f_scale": loss.scale, "max_nfev": task.options.most, "ftol": least}
     # A motion that does not reach its end has NaN residuals, which count as a step that was too long.
     try:
-        solution = least_squares(
-            residuals,
-            first.x / scale,
-            jacobian,
-            bounds=(variables.lower / scale, variables.upper / scale),
-            x_scale="jac",
-            loss=loss.rho,
-            f_scale=loss.scale,
-            max_nfev=task.options.most,
-            ftol=least,
-        )
+        solution = least_squares(residuals, first.x / scale, jacobian, bounds=bounds, x_scale="jac", **how)
         point, converged, ending = task.instruments(solution.x * scale), solution.status > 0, SPENT
     except KeyboardInterrupt:
         point = min((trial for trial in trials if trial.reached), key=lambda trial: task.cost(trial, deviations))
@@ -239,7 +231,7 @@ def _memory(psi: np.ndarray) -> float:
     """
     total = -1.0
     for lag in range(0, len(psi) - 1, 2):
-        pair = (1.0 if lag == 0 else _correlation(psi, lag)) + _correlation(psi, lag + 1)
+        pair = (_correlation(psi, lag) if lag else 1.0) + _correlation(psi, lag + 1)
         if pair <= 0:
             break
         total += 2 * pair
@@ -247,9 +239,7 @@ def _memory(psi: np.ndarray) -> float:
 
 
 def _roughness(times: np.ndarray, values: np.ndarray) -> float:
-    """The standard deviation of the noise of readings, from their third differences; NaN if they are few or not
-    equidistant. It is too large if readings are too sparse for the motion.
-    """
+    """The deviation of the noise of readings, from their third differences; NaN if few or not equidistant."""
     steps = np.diff(times)
     if len(times) < MANY or np.max(steps) > 1.01 * np.min(steps):
         return np.nan

@@ -60,11 +60,6 @@ class Measurement(NamedTuple):
         cut = (series._replace(values=np.where(late, np.nan, series.values)) for series in self.series)
         return Measurement(self.times, tuple(cut))
 
-    @property
-    def missing(self) -> int:
-        """The number of missing values."""
-        return int(np.sum(~self.known))
-
 
 def read_measurement(
     mechanism: Mechanism,
@@ -73,21 +68,16 @@ def read_measurement(
     deviations: Mapping[str, Any] | None = None,
     books: bool = False,
 ) -> Measurement:
-    """Read the measured numbers of a dataset; arguments as `calibrate`'s. **Raises** `ClearanceError` for what is not a
-    quantity of the mechanism's motion.
-    """
+    """Read a dataset, as `calibrate`. **Raises** `ClearanceError` for what is no quantity of the motion."""
     if not isinstance(dataset, xr.Dataset):
         raise ClearanceError(f"Measured data must be an xarray Dataset, but this is a {type(dataset).__name__}.")
-    times, series = _times(dataset), []
-    deviations = dict(deviations or {})
-    readings = _readings(dataset, signals)
-    for name in deviations:
+    times, readings, given = _times(dataset), _readings(dataset, signals), dict(deviations or {})
+    for name in given:
         if name not in readings:
             raise unknown_name(f"`deviations`: there is no signal `{name}`.", str(name), readings)
-    known = _numbers(mechanism, books)
+    known, series = _numbers(mechanism, books), []
     for name, reading in readings.items():
-        deviation = _deviation(name, deviations.get(name))
-        series += _series(name, reading, dataset[name], known, deviation)
+        series += _series(name, reading, dataset[name], known, _deviation(name, given.get(name)))
     return Measurement(times, tuple(series))
 
 
@@ -200,9 +190,7 @@ def _unit(name: str, quantity: str, known: Mapping[str, str]) -> str:
 
 
 def _names(reading: str, array: xr.DataArray) -> Iterator[tuple[str, dict[str, int]]]:
-    """The quantities in a variable, and the index of each: `piston.position.x` in `position` over points and axes, or
-    in `piston.position` over axes.
-    """
+    """The quantities in a variable, and the index of each: `piston.position.x` in `position` or `piston.position`."""
     dims = [str(dim) for dim in array.dims if dim != TIME]
     for dim in dims:
         if dim not in array.coords:
@@ -212,9 +200,9 @@ def _names(reading: str, array: xr.DataArray) -> Iterator[tuple[str, dict[str, i
         labels = [str(array[dim].values[place]) for dim, place in at.items()]
         if labels and reading in OBSERVED:
             labels.insert(1, OF_COORDINATES.get(reading, reading))
-            yield ".".join(labels), at
         else:
-            yield ".".join([reading, *labels]), at
+            labels.insert(0, reading)
+        yield ".".join(labels), at
 
 
 # Errors of readings over the tolerance of the solves, by order of magnitude.
@@ -268,14 +256,14 @@ class Instruments:
         settings: Settings,
         progress: Callable[[FitPoint], Any] | None = None,
     ):
+        # The metric has quantities first.
         readings = [series.reading for series in measurement.series]
+        order = sorted(range(len(readings)), key=lambda i: not isinstance(readings[i], str))
         quantities = tuple(reading for reading in readings if isinstance(reading, str))
         signals = tuple(reading for reading in readings if isinstance(reading, AbstractSignal))
-        # The metric has quantities first.
-        self._order = np.argsort(sorted(range(len(readings)), key=lambda i: not isinstance(readings[i], str)))
-        self._question = Question(
-            mechanism, {"": Readings(quantities, signals, measurement.times)}, t1, settings, names
-        )
+        self._order = np.argsort(order)
+        metric = Readings(quantities, signals, measurement.times)
+        self._question = Question(mechanism, {"": metric}, t1, settings, names)
         self._names, self._progress = tuple(names), progress
         self._times, self._count = measurement.times, len(measurement.times)
         self.accuracy = FLOOR * float(settings.rtol)
@@ -298,8 +286,7 @@ class Instruments:
         key = self._count, np.asarray(x, float).tobytes()
         if key not in self._seen:
             solved = answer(self._question, dict(zip(self._names, x, strict=True)))
-            values = np.asarray(solved.values[""])[:, self._order]
-            slopes = np.asarray(solved.slopes[""])[:, self._order]
+            values, slopes = (np.asarray(of[""])[:, self._order] for of in (solved.values, solved.slopes))
             point = FitPoint(np.array(x, float), values, slopes, words(int(solved.ending["code"])))
             # The search cannot use readings without derivatives.
             self._seen[key] = point = point if point.reached else point._replace(values=np.full_like(values, np.nan))

@@ -30,9 +30,7 @@ class Loss(NamedTuple):
         return residuals * first, first + 2 * z * second
 
     def normal_squares(self) -> tuple[float, float]:
-        """The mean of psi^2 for normal residuals, and the degrees of freedom of a chi-square distribution with the same
-        relative scatter.
-        """
+        """The mean of psi^2 for normal residuals, and the freedom of a chi-square with the same relative scatter."""
         noise = np.linspace(-8.0, 8.0, 4001)
         weights = np.exp(-(noise**2) / 2)
         squares = self.influence(noise)[0] ** 2
@@ -42,10 +40,6 @@ class Loss(NamedTuple):
     def cost(self, residuals: np.ndarray) -> float:
         """The sum of the losses, which the fit minimises."""
         return float(0.5 * self.scale**2 * np.sum(self.rho((residuals / self.scale) ** 2)[0]))
-
-
-def _linear(z: np.ndarray) -> np.ndarray:
-    return np.stack([z, np.ones_like(z), np.zeros_like(z)])
 
 
 def _soft_l1(z: np.ndarray) -> np.ndarray:
@@ -59,20 +53,12 @@ def _huber(z: np.ndarray) -> np.ndarray:
     return np.stack([np.where(outside, 2 * root - 1, z), 1 / root, np.where(outside, -0.5 / root**3, 0.0)])
 
 
-def _cauchy(z: np.ndarray) -> np.ndarray:
-    return np.stack([np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2])
-
-
-def _arctan(z: np.ndarray) -> np.ndarray:
-    return np.stack([np.arctan(z), 1 / (1 + z**2), -2 * z / (1 + z**2) ** 2])
-
-
 LOSSES: dict[str, Loss] = {
-    "linear": Loss(1.0, _linear),
+    "linear": Loss(1.0, lambda z: np.stack([z, np.ones_like(z), np.zeros_like(z)])),
     "soft_l1": Loss(1.2871, _soft_l1),
     "huber": Loss(1.3450, _huber),
-    "cauchy": Loss(2.3849, _cauchy),
-    "arctan": Loss(2.5714, _arctan),
+    "cauchy": Loss(2.3849, lambda z: np.stack([np.log1p(z), 1 / (1 + z), -1 / (1 + z) ** 2])),
+    "arctan": Loss(2.5714, lambda z: np.stack([np.arctan(z), 1 / (1 + z**2), -2 * z / (1 + z**2) ** 2])),
 }
 
 

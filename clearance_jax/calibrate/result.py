@@ -64,9 +64,7 @@ class Calibration:
         gaps = f", {self.missing} missing" if self.missing else ""
         lines.append(f"{count} numbers compared{gaps}, {self.motions} motions solved, chi-square {self.chi_square:.3g}")
         for other in self.others[:TOLD]:
-            at = ", ".join(
-                f"{name} = {format_quantity(value, self.units[name], 4)}" for name, value in other.values.items()
-            )
+            at = ", ".join(f"{n} = {format_quantity(value, self.units[n], 4)}" for n, value in other.values.items())
             lines.append(f"Another minimum, of {other.ratio:.3g} times the cost: {at}.")
         if len(self.others) > TOLD:
             lines.append(f"{len(self.others) - TOLD} more minima cost more.")
@@ -104,7 +102,7 @@ def result_of(
         {series.name: float(size) for series, size in zip(measurement.series, fit.deviations, strict=True)},
         float(np.sum(residuals**2) / max(freedom, 1)),
         freedom,
-        measurement.missing,
+        int(np.sum(~measurement.known)),
         tuple(name for group in known.unidentified for name in group.names),
         notes,
         tuple(_others(task, fits, known)),
@@ -115,18 +113,13 @@ def result_of(
 
 def _ellipsoid(task: FitTask, known: Confidence) -> xr.Dataset:
     """The dataset of the confidence ellipsoid: its axes as changes over the sizes of the numbers, and their lengths."""
-    return xr.Dataset(
-        {
-            "axes": (("parameter", "axis"), known.axes, {"long_name": "change over the sizes, along each axis"}),
-            "sizes": ("parameter", known.sizes, {"long_name": "half of the bounds' distance, or the number itself"}),
-            "half_lengths": (
-                "axis",
-                known.lengths,
-                {"long_name": f"half of each axis, of {100 * LEVEL:.0f} % confidence"},
-            ),
-        },
-        {"parameter": list(task.variables.names)},
-    )
+    half = f"half of each axis, of {100 * LEVEL:.0f} % confidence"
+    variables = {
+        "axes": (("parameter", "axis"), known.axes, {"long_name": "change over the sizes, along each axis"}),
+        "sizes": ("parameter", known.sizes, {"long_name": "half of the bounds' distance, or the number itself"}),
+        "half_lengths": ("axis", known.lengths, {"long_name": half}),
+    }
+    return xr.Dataset(variables, {"parameter": list(task.variables.names)})
 
 
 def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
@@ -141,15 +134,16 @@ def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
 
 def _others(task: FitTask, fits: list[FitResult], known: Confidence):
     """The minima that are outside of each other's intervals, without the best."""
-    size = known.factor * known.deviations
-    undetermined = [name in {n for group in known.unidentified for n in group.names} for name in task.variables.names]
-    seen, best = [fits[0]], task.cost(fits[0].point, fits[0].deviations)
+    size, vague = known.factor * known.deviations, {name for group in known.unidentified for name in group.names}
+    undetermined = [name in vague for name in task.variables.names]
+    seen, best = [fits[0].point.x], task.cost(fits[0].point, fits[0].deviations)
     for fit in fits[1:]:
-        apart = [np.abs(fit.point.x - other.point.x) / np.maximum(size, 1e-3 * np.abs(other.point.x)) for other in seen]
+        x = fit.point.x
+        apart = [np.abs(x - other) / np.maximum(size, 1e-3 * np.abs(other)) for other in seen]
         if fit.converged and all(np.any(np.where(undetermined, 0.0, distances) > 1) for distances in apart):
-            seen.append(fit)
+            seen.append(x)
             ratio = task.cost(fit.point, fits[0].deviations) / max(best, np.finfo(float).tiny)
-            yield Minimum(dict(zip(task.variables.names, fit.point.x.tolist(), strict=True)), float(ratio))
+            yield Minimum(dict(zip(task.variables.names, x.tolist(), strict=True)), float(ratio))
 
 
 # Share of steps that gained much less than predicted from which on this is told, and the least number of steps.
@@ -173,9 +167,15 @@ def doubts(task: FitTask, fit: FitResult, known: Confidence) -> Iterator[str]:
             f"The residuals of {listed(exact)} are no larger than the errors of the solves: the intervals are a rough "
             "guess. Choose a smaller `rtol`."
         )
-    inexact = [check for check in every if not check.exact]
     yield from _sizes([check for check in every if check.given or not check.exact])
-    yield from _correlated(inexact, known)
+    for check in every:
+        if check.correlated and not check.exact:
+            yield (
+                f"The residuals of `{check.name}` follow each other (their correlation from one instant to the next is "
+                f"{check.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(check.count):.2f}): the model "
+                "lacks an effect, or the noise is not independent. The intervals are made wider by the factor "
+                f"{np.sqrt(known.memory):.2g}, but if the model is wrong the truth may lie outside of them."
+            )
     if fit.steps >= MANY and fit.doubtful > MISLED * fit.steps:
         yield (
             f"{fit.doubtful} of {fit.steps} steps of the search brought less than a quarter of the improvement that "
@@ -203,9 +203,8 @@ def _undetermined(group: Unidentified, units: Mapping[str, str]) -> str:
             "its bounds. Fix it, or measure something that depends on it."
         )
     if len(group.directions) == len(group.names):
-        return (
-            f"The data do not determine {listed(group.names)}, nor any combination of them. Fix them, or measure more."
-        )
+        none = f"The data do not determine {listed(group.names)}, nor any combination of them"
+        return f"{none}. Fix them, or measure more."
     how = ""
     if len(group.directions) == 1:
         parts = zip(group.names, group.directions[0], strict=True)
@@ -231,31 +230,14 @@ def _at_bounds(task: FitTask, fit: FitResult) -> Iterator[str]:
 def _sizes(every: Sequence[ResidualCheck]) -> Iterator[str]:
     """Sentences about residuals that are larger or smaller than the noise."""
     for check in every:
-        times, square = f"{np.sqrt(check.size):.3g} times as large as", f"(reduced chi-square {check.size:.3g})"
-        if check.size > check.high and check.given:
-            yield (
-                f"The residuals of `{check.name}` are {times} its noise {square}: the model is wrong, there are "
-                "outliers, or the noise is larger than the given deviation."
-            )
-        elif check.size > check.high:
-            yield (
-                f"The residuals of `{check.name}` are {times} the noise that the readings themselves show, from one "
-                "instant to the next: the model is wrong, there are outliers, or the noise is not independent."
-            )
+        its, root, square = f"The residuals of `{check.name}` are", np.sqrt(check.size), f"{check.size:.3g}"
+        noise, why = f"its noise (reduced chi-square {square})", "the noise is larger than the given deviation"
         if check.size < check.low:
-            yield (
-                f"The residuals of `{check.name}` are only {np.sqrt(check.size):.2g} times as large as its noise "
-                f"{square}: the noise is smaller than the given deviation. The intervals are too wide."
-            )
-
-
-def _correlated(every: Sequence[ResidualCheck], known: Confidence) -> Iterator[str]:
-    """Sentences about series whose residuals are correlated in time."""
-    for check in every:
-        if check.correlated:
-            yield (
-                f"The residuals of `{check.name}` follow each other (their correlation from one instant to the next is "
-                f"{check.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(check.count):.2f}): the model "
-                "lacks an effect, or the noise is not independent. The intervals are made wider by the factor "
-                f"{np.sqrt(known.memory):.2g}, but if the model is wrong the truth may lie outside of them."
-            )
+            why = "the noise is smaller than the given deviation. The intervals are too wide."
+            yield f"{its} only {root:.2g} times as large as {noise}: {why}"
+        if not check.given:
+            noise = "the noise that the readings themselves show, from one instant to the next"
+            why = "the noise is not independent"
+        if check.size > check.high:
+            wrong = "the model is wrong, there are outliers, or"
+            yield f"{its} {root:.3g} times as large as {noise}: {wrong} {why}."

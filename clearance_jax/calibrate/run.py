@@ -12,14 +12,14 @@ from scipy.stats import qmc
 
 from clearance_jax.calibrate.confidence import Confidence, confidence, profile
 from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variables, descend, residuals_of
-from clearance_jax.calibrate.measurement import FitPoint, Instruments, Measurement, Series, read_measurement
+from clearance_jax.calibrate.measurement import FitPoint, Instruments, Series, read_measurement
 from clearance_jax.calibrate.options import FitOptions, fit_options
 from clearance_jax.calibrate.result import Calibration, doubts, result_of
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters, replace
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import SolveOptions, settings_of
 
 # How often the search continues from a better fit that was met at the ends of the intervals.
 ROUNDS = 4
@@ -70,8 +70,23 @@ def calibrate(
     how = fit_options(loss, starts, seed, most)
     variables = _variables(mechanism, parameters, how)
     measurement = read_measurement(mechanism, dataset, signals, deviations, bool(options.get("energy_balance", False)))
-    _check_count(measurement, variables)
-    settings, t1 = _span(mechanism, measurement.times, t1, options)
+    count, wanted = int(np.sum(measurement.known)), len(variables.names)
+    if count < wanted:
+        few = f"{count} measured numbers cannot determine {wanted} parameters."
+        raise ClearanceError(f"{few} Measure more, or look for fewer.")
+    if count == wanted and any(series.deviation is None for series in measurement.series):
+        raise ClearanceError(
+            f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "
+            "give `deviations`."
+        )
+    times, t1 = measurement.times, float(measurement.times[-1] if t1 is None else t1)
+    settings = settings_of(mechanism, t1, options)
+    begin = float(settings.t0)
+    if times[0] < begin or times[-1] > t1:
+        raise ClearanceError(
+            f"The measured times, {times[0]:g} to {times[-1]:g} s, must lie inside the motion, from {begin:g} to "
+            f"{t1:g} s. Cut the data, or set `t0` and `t1`."
+        )
     instruments = Instruments(mechanism, measurement, variables.names, t1, settings, progress)
     task = FitTask(instruments, variables, measurement, how)
     fits = search(task)
@@ -88,25 +103,25 @@ def settle(task: FitTask, fit: FitResult) -> tuple[FitResult, Confidence, tuple[
         for _ in range(ROUNDS):
             if fit.ending == INTERRUPTED or any(check.exact for check in residuals_of(task, fit)):
                 return fit, known, ()
-            profiled = profile(task, fit, known)
-            if profiled.better is None:
-                return fit, profiled.known, ()
-            fit = refine(task, descend(task, profiled.better, fit.deviations).after(fit))
+            known, better = profile(task, fit, known)
+            if better is None:
+                return fit, known, ()
+            fit = refine(task, descend(task, better, fit.deviations).after(fit))
             known = confidence(task, fit)
     except KeyboardInterrupt:
         return fit, known, (f"Interrupted: {UNSEEN}.",)
-    message = f"Each look at the ends of the intervals has shown a better fit nearby: {UNSEEN}. Try more starts."
-    return fit, known, (message,)
+    nearby = "Each look at the ends of the intervals has shown a better fit nearby"
+    return fit, known, (f"{nearby}: {UNSEEN}. Try more starts.",)
 
 
 def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variables:
     """The numbers to be fitted, with start values and bounds."""
-    known = parameters(mechanism)
+    known, units = parameters(mechanism), {}
     given = (given,) if isinstance(given, str) else given
     bounds = given if isinstance(given, Mapping) else dict.fromkeys(given, None)
     if not bounds:
         raise ClearanceError("There is no number to look for: `parameters` is empty.")
-    ends, start, units = [], [], {}
+    rows = []
     for name, pair in bounds.items():
         leaf, entry = find(known, name)
         if entry is None and np.ndim(leaf.value):
@@ -120,11 +135,10 @@ def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variabl
             )
         if (options.starts or 1) > 1 and not np.isfinite(high - low):
             raise ClearanceError(f"Several starts are scattered over the bounds, but `{name}` has none. Give them.")
-        ends.append((low, high))
-        start.append(value)
+        rows.append((value, low, high))
         units[name] = leaf.unit
-    lower, upper = np.array(ends, float).T
-    return Variables(tuple(bounds), np.array(start), lower, upper, units)
+    start, lower, upper = np.array(rows, float).T
+    return Variables(tuple(bounds), start, lower, upper, units)
 
 
 def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
@@ -145,31 +159,6 @@ def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
     return max([low, *least]), high if about.get("below") is None else min(high, about["below"])
 
 
-def _check_count(measurement: Measurement, variables: Variables) -> None:
-    count, wanted = int(np.sum(measurement.known)), len(variables.names)
-    if count < wanted:
-        text = f"{count} measured numbers cannot determine {wanted} parameters. Measure more, or look for fewer."
-        raise ClearanceError(text)
-    if count == wanted and any(series.deviation is None for series in measurement.series):
-        raise ClearanceError(
-            f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "
-            "give `deviations`."
-        )
-
-
-def _span(mechanism: Mechanism, times: np.ndarray, t1: Any, options: Any) -> tuple[Settings, float]:
-    """The settings of the solves, and the end of the motion [s]."""
-    end = float(times[-1] if t1 is None else t1)
-    settings = settings_of(mechanism, end, options)
-    begin = float(settings.t0)
-    if times[0] < begin or times[-1] > end:
-        raise ClearanceError(
-            f"The measured times, {times[0]:g} to {times[-1]:g} s, must lie inside the motion, from "
-            f"{begin:g} to {end:g} s. Cut the data, or set `t0` and `t1`."
-        )
-    return settings, end
-
-
 # Ratio of bounds above which the starts of a positive number are scattered in its logarithm.
 WIDE = 10.0
 # The largest number of refits with deviations from residuals, and their relative change that ends these.
@@ -183,9 +172,8 @@ MOST_AUTOMATIC, SAME = 8, 1.01
 
 
 def search(task: FitTask) -> list[FitResult]:
-    """The fit from every start, the best first, refined with estimated deviations.
-
-    **Raises:** `ClearanceError` if no motion of a start reaches its end.
+    """The fit from every start, the best first, refined with estimated deviations. **Raises** `ClearanceError` if no
+    motion of a start reaches its end.
     """
     spread = np.array([_first_deviation(task, series) for series in task.measurement.series])
     fits: list[FitResult] = []
@@ -199,8 +187,8 @@ def search(task: FitTask) -> list[FitResult]:
             raise
         fits = [fit._replace(converged=False, ending=INTERRUPTED) for fit in fits]
     if not fits:
-        variables = task.variables
-        at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(variables.names, variables.start, strict=True))
+        pairs = zip(task.variables.names, task.variables.start, strict=True)
+        at = ", ".join(f"{name} = {value:.4g}" for name, value in pairs)
         why = next((point.why for point in task.instruments.points if point.why), "")
         raise ClearanceError(
             f"No motion from which the search could start reaches its end ({at}): "
@@ -236,19 +224,20 @@ def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]
     if count == 1:
         return
     by_log = (lower > 0) & (upper > WIDE * lower)
-    low, high = np.where(by_log, np.log(lower, where=by_log, out=lower.copy()), lower), upper.copy()
-    high[by_log] = np.log(upper[by_log])
+    low, high = (np.log(end, where=by_log, out=end.copy()) for end in (lower, upper))
     for draw in qmc.LatinHypercube(len(lower), rng=np.random.default_rng(options.seed)).random(count - 1):
         between = low + draw * (high - low)
-        yield np.where(by_log, np.exp(np.where(by_log, between, 0.0)), between)
+        yield np.exp(between, where=by_log, out=between.copy())
 
 
 def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[FitResult]:
-    """The fit from one start, first to a part of the measured time and then to longer ones; none if its motion does not
-    reach its end.
-    """
+    """The fit from one start, first to a part of the measured time, then to longer ones; none if no motion ends."""
     best, places = None, [start]
-    for count in _counts(task):
+    # The numbers of measured instants to fit, in turn; the last one is all.
+    times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
+    ends = np.searchsorted(times, times[0] + np.array(PARTS) * (times[-1] - times[0]), side="right")
+    enough = {int(end) for end in ends if known[end - 1] >= ENOUGH * len(task.variables.names)}
+    for count in sorted(enough | {len(times)}):
         part = task.until(count)
         try:
             tried = [point for point in map(part.instruments, places) if point.reached]
@@ -269,14 +258,6 @@ def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[F
         yield from (best._replace(point=point, cost=task.cost(point, deviations)),) if point.reached else ()
 
 
-def _counts(task: FitTask) -> list[int]:
-    """The numbers of measured instants to fit, in turn; the last one is all."""
-    times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
-    ends = np.searchsorted(times, times[0] + np.array(PARTS) * (times[-1] - times[0]), side="right")
-    enough = {int(end) for end in ends if known[end - 1] >= ENOUGH * len(task.variables.names)}
-    return sorted(enough | {len(times)})
-
-
 def refine(task: FitTask, fit: FitResult) -> FitResult:
     """Refit with deviations estimated from the residuals, for series without a given deviation."""
     given = task.given
@@ -293,12 +274,10 @@ def refine(task: FitTask, fit: FitResult) -> FitResult:
 
 
 def _shown_deviations(task: FitTask, point: FitPoint) -> np.ndarray:
-    """The deviation of each series from its residuals, shape (series,): their root mean square, or from their median
-    with a robust loss, corrected for the fitted degrees of freedom.
-    """
-    measurement, known = task.measurement, task.measurement.known
+    """The deviation of each series (series,) from its residuals, or from their median with a robust loss."""
+    measured, known = task.measurement.values, task.measurement.known
     left, deviations = 1 - len(task.variables.names) / np.sum(known), []
-    for off, values, there in zip((point.values - measurement.values).T, measurement.values.T, known.T, strict=True):
+    for off, values, there in zip((point.values - measured).T, measured.T, known.T, strict=True):
         size = np.abs(off[there])
         # Of normal noise the median is 0.6745 deviations.
         size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745

@@ -8,8 +8,7 @@ import numpy as np
 from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.asked.classes import ChosenClasses, least_ends
 from clearance_jax.design.asked.specification import Specification
-from clearance_jax.design.judge.certificate import Certificate
-from clearance_jax.design.judge.verify import certify, judge_of, moved_inside
+from clearance_jax.design.judge.verify import Certificate, certify, judge_of, moved_inside
 from clearance_jax.design.search.evaluate import fresh_yield
 from clearance_jax.design.search.methods import Method
 from clearance_jax.design.search.program import Evaluation, Program
@@ -146,10 +145,11 @@ class Design:
         return replace(self.specification.mechanism, self.clearances)
 
     def __str__(self) -> str:
+        chosen = {} if self.classes is None else self.classes.chosen
         lines = [
             "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.lack}",
             *(
-                f"  {name} = {format_quantity(value, unit)}{self._class_words(name)}"
+                f"  {name} = {format_quantity(value, unit)}" + (f" ({chosen[name]})" if name in chosen else "")
                 for (name, unit), value in zip(self.units.items(), self.clearances.values(), strict=True)
             ),
         ]
@@ -166,10 +166,6 @@ class Design:
     def with_note(self, note: str, **changes: Any) -> "Design":
         """The design with a further note, unless that is empty, and other changed fields."""
         return dataclasses.replace(self, note="; ".join(text for text in (self.note, note) if text), **changes)
-
-    def _class_words(self, name: str) -> str:
-        chosen = {} if self.classes is None else self.classes.chosen
-        return f" ({chosen[name]})" if name in chosen else ""
 
 
 def _counted(program: Program) -> str:

@@ -107,6 +107,8 @@ class AbstractMetric(AbstractMeasure):
     """What study files call it; empty: they do not know it."""
     each: ClassVar[str] = "value"
     """What reports call each of several values."""
+    ranked: ClassVar[bool] = False
+    """Whether its values are peaks, the highest first, at the instants that the observer of its request picks."""
 
     @property
     def base_metric(self) -> "AbstractMetric":
@@ -157,10 +159,7 @@ class AbstractMetric(AbstractMeasure):
         return MetricForm(self.unit)
 
     def static_bound(self) -> "AbstractMetric":
-        """The metric of the largest errors that play alone allows, of a metric that has an error as its `signal`.
-
-        **Raises:** `ClearanceError` for another.
-        """
+        """The metric of the largest errors that play alone allows. **Raises** `ClearanceError` if it has no error."""
         signal = getattr(self, "signal", None)
         if not getattr(signal, "needs_ideal", False):
             raise ClearanceError(

@@ -16,7 +16,6 @@ from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.metrics.measure import AbstractMetric, Request
-from clearance_jax.metrics.reductions import Peak
 from clearance_jax.metrics.signals import clearance_index
 from clearance_jax.solve.steps.observers import AbstractObserver
 from clearance_jax.solve.steps.problem import Problem, motion
@@ -30,9 +29,9 @@ class Instants(NamedTuple):
 
 
 class PeakInstants(AbstractMetric):
-    """The values and times of a peak, from the solve of the peak itself. Times have no derivative."""
+    """The values and times of a `ranked` metric, from its own solve. Times have no derivative."""
 
-    peak: Peak
+    peak: AbstractMetric
 
     @property
     def unit(self):

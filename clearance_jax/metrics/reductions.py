@@ -50,6 +50,7 @@ class Peak(AbstractMetric):
 
     word: ClassVar[str] = "peak"
     each: ClassVar[str] = "peak"
+    ranked: ClassVar[bool] = True
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
     since: Scalar | None = since_field()

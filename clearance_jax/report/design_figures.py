@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.design.answer import Design
 from clearance_jax.design.judge.budget import ErrorBudget
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff
-from clearance_jax.design.judge.standings import TimeHistory
+from clearance_jax.design.judge.observed import TimeHistory
 from clearance_jax.report.figures import draw_path
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.skeleton import Skeleton

@@ -23,9 +23,7 @@ from clearance_jax.runs.identity import as_in_file, differences, fingerprint, re
 
 @contextmanager
 def refuse_in_words(what: str, *, begun: bool = False) -> Iterator[None]:
-    """Turn an `OSError` of writing `what` into a `ClearanceError` that says why and what to do. `begun`: a part of it
-    has been written before.
-    """
+    """Turn an `OSError` of writing `what` into a `ClearanceError` in words. `begun`: a part has been written."""
     try:
         yield
     except OSError as error:
@@ -132,34 +130,30 @@ class Journal:
 
     def ask(self, question: Mapping[str, Any]) -> None:
         """Continue the question of the file, or write it to a new file. **Warns** `RunWarning` of damaged lines.
-
-        **Raises:** `ClearanceError` if the file has another question (with the differences), is no journal, or cannot
-        be written; it is then unchanged.
+        **Raises** `ClearanceError` if the file has another question (with the differences), is no journal, or cannot be
+        written; it is then unchanged.
         """
         if not self._new:
-            self._check(question)
+            if not self.fingerprints or (self._ordered and self.question is None):
+                raise ClearanceError(
+                    f"`{self.path}` is no journal of a run, one of an earlier form, or damaged at its begin. "
+                    "Choose another path, or delete it."
+                )
+            if changes := self.differences(question):
+                raise ClearanceError(refusal(self.path, changes))
         if self.damaged:
-            first = len(self.records) + 2  # below the question, counted from 1
-            damage = f"line {first} is damaged; it and what follows are" if self._ordered else _damage(self.damaged)
+            damage = f"{self.damaged} lines are damaged; what they held is"
+            if self.damaged == 1:
+                damage = "1 line is damaged; what it held is"
+            if self._ordered:  # below the question, counted from 1
+                damage = f"line {len(self.records) + 2} is damaged; it and what follows are"
             warnings.warn(f"`{self.path}`: {damage} computed again.", RunWarning, stacklevel=2)
         self._own = fingerprint(as_in_file(question))
         if self.question is None:
             self.add(**{QUESTION: as_in_file(question)})
 
-    def _check(self, question: Mapping[str, Any]) -> None:
-        if not self.fingerprints or (self._ordered and self.question is None):
-            raise ClearanceError(
-                f"`{self.path}` is no journal of a run, one of an earlier form, or damaged at its begin. "
-                "Choose another path, or delete it."
-            )
-        changes = self.differences(question)
-        if changes:
-            raise refusal(self.path, changes)
-
     def add(self, **record: Any) -> None:
-        """Write a record and flush it to the disk. **Raises** `ClearanceError` if that fails; the file is then
-        unchanged.
-        """
+        """Write a record and flush it. **Raises** `ClearanceError` if that fails; the file is then unchanged."""
         line = line_of({OF: self._own, **record})
         with refuse_in_words(f"`{self.path}`", begun=QUESTION not in record):
             lock = self._lock or Lock(self.path, itself=True, wait=True)
@@ -192,10 +186,6 @@ class Journal:
 def _end(text: bytes) -> int:
     """Where the last complete line ends."""
     return text.rfind(b"\n") + 1
-
-
-def _damage(count: int) -> str:
-    return "1 line is damaged; what it held is" if count == 1 else f"{count} lines are damaged; what they held is"
 
 
 def line_of(record: Mapping[str, Any]) -> bytes:

@@ -38,9 +38,7 @@ class PartialResults:
         self._written = time.monotonic()
 
     def add(self, part: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
-        """Keep the values at these places of a part. A call writes to the disk if the last write is `PATIENCE` ago.
-        **Raises** `OSError` if that fails.
-        """
+        """Keep values at places of a part; write if the last write is `PATIENCE` ago. **Raises** `OSError`."""
         rows = np.zeros(len(places), self._row)
         rows[PLACE] = places
         for i, name in enumerate(self._names):
@@ -99,17 +97,14 @@ class PartialResults:
     def _blocks(self, part: int) -> Iterator[np.ndarray]:
         self.flush()
         for file in sorted(self._folder.glob(f"{part}.*")):
-            yield from self._read(file.read_bytes())
-
-    def _read(self, data: bytes) -> Iterator[np.ndarray]:
-        begin = 0
-        while begin < len(data):
-            first = begin + DIGEST + COUNT
-            end = first + self._row.itemsize * int.from_bytes(data[begin + DIGEST : first], "little")
-            if _digest(data[first:end]) != data[begin : begin + DIGEST]:
-                return
-            yield np.frombuffer(data[first:end], self._row)
-            begin = end
+            data, begin = file.read_bytes(), 0
+            while begin < len(data):
+                first = begin + DIGEST + COUNT
+                end = first + self._row.itemsize * int.from_bytes(data[begin + DIGEST : first], "little")
+                if _digest(data[first:end]) != data[begin : begin + DIGEST]:
+                    break
+                yield np.frombuffer(data[first:end], self._row)
+                begin = end
 
 
 def _digest(data: bytes) -> bytes:

@@ -1,7 +1,6 @@
 """The answers of a sweep while it runs, and as a labelled dataset; here those in memory (on disk: `sweep.store`)."""
 
 import abc
-import functools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar
@@ -20,7 +19,7 @@ def coordinates(grid: Grid) -> Iterator[tuple[str, str, Any, dict[str, str]]]:
     """The name, dimension, values and attributes of every coordinate."""
     for dimension in grid.dims:
         if dimension.models:
-            yield dimension.name, dimension.name, dimension.labels, {"long_name": dimension.name}
+            yield dimension.name, dimension.name, list(dimension.models), {"long_name": dimension.name}
         elif dimension.name not in dimension.columns:
             yield dimension.name, dimension.name, np.arange(dimension.size), {"long_name": dimension.name, "units": "1"}
         for name, values in dimension.columns.items():
@@ -36,20 +35,9 @@ def attributes(grid: Grid) -> dict[str, Any]:
     numbers = {f"parameter.{n}": np.asarray(leaf.value).tolist() for n, leaf in parameters(question.model).items()}
     settings = {k: v for k, v in question.settings._asdict().items() if v is not None and k != "save_at"}
     shown = {k: np.asarray(v).tolist() if isinstance(v, jax.Array) else v for k, v in settings.items()}
-    return {
-        "software": _software(),
-        "mechanism": question.model.name,
-        "t1": float(question.t1),
-        "solve": repr(shown),
-        **sampled,
-        **numbers,
-    }
-
-
-@functools.cache
-def _software() -> str:
-    """The versions that compute."""
-    return f"clearance_jax {__version__}, jax {jax.__version__}, numpy {np.__version__}"
+    software = f"clearance_jax {__version__}, jax {jax.__version__}, numpy {np.__version__}"
+    asked = {"mechanism": question.model.name, "t1": float(question.t1), "solve": repr(shown)}
+    return {"software": software} | asked | sampled | numbers
 
 
 def ending_counts(codes: np.ndarray) -> dict[str, int]:
@@ -60,9 +48,7 @@ def ending_counts(codes: np.ndarray) -> dict[str, int]:
 
 def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:
     """The attributes about failed lanes, from the `ending_counts` of the parts of a dataset."""
-    total: Counter[int] = Counter()
-    for part in endings:
-        total.update({int(code): size for code, size in part.items()})
+    total = sum((Counter({int(code): size for code, size in part.items()}) for part in endings), Counter())
     run = {code: size for code, size in sorted(total.items()) if code != NOT_RUN}
     wrong = {code: size for code, size in run.items() if code != int(Result.REACHED_END)}
     return {

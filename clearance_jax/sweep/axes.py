@@ -1,11 +1,14 @@
-"""The axes of a sweep: the numbers or models at each place along each dimension of the answer."""
+"""The axes of a sweep: the numbers or models at each place along each dimension of the answer; numbers that scatter."""
 
+import inspect
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy.special
+import scipy.stats
 from jaxtyping import Float
 from scipy.stats import qmc
 
@@ -13,7 +16,6 @@ from clearance_jax.ask.question import OPTIONS
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_bounds, find, parameters
-from clearance_jax.sweep.scatter import check_scatter, in_words
 
 METHODS = ("sobol", "latin-hypercube", "random")
 
@@ -60,15 +62,15 @@ class Sampled(NamedTuple):
             check_scatter(name, distribution)
         if not self.scatter or isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise ClearanceError("`Sampled` wants numbers that scatter, and a count of at least 1.")
-        shares = correlate(_points(self.method, len(self.scatter), self.count, self.seed), self._root())
+        shares = _points(self.method, len(self.scatter), self.count, self.seed)
+        if self.correlation:
+            # Normal scores, correlated by the Cholesky factor.
+            shares = scipy.special.ndtr(scipy.special.ndtri(shares) @ self._root(self.correlation).T)
         return {name: law.ppf(shares[:, i]) for i, (name, law) in enumerate(self.scatter.items())}
 
-    def _root(self) -> np.ndarray | None:
-        """The Cholesky factor of the correlation matrix; `None` if there are no correlations."""
-        if not self.correlation:
-            return None
+    def _root(self, correlation: Mapping[tuple[str, str], float]) -> np.ndarray:
         places, matrix = {name: i for i, name in enumerate(self.scatter)}, np.eye(len(self.scatter))
-        for pair, value in self.correlation.items():
+        for pair, value in correlation.items():
             for name in pair:
                 if name not in places:
                     raise unknown_name(f"`correlation`: `{name}` does not scatter.", str(name), places)
@@ -80,13 +82,6 @@ class Sampled(NamedTuple):
             return np.linalg.cholesky(matrix)
         except np.linalg.LinAlgError:
             raise ClearanceError("`correlation` contradicts itself: its matrix must be positive definite.") from None
-
-
-def correlate(shares: np.ndarray, root: np.ndarray | None) -> np.ndarray:
-    """Correlate the normal scores of points (n, d) in the unit cube, by the Cholesky factor (d, d) of a correlation."""
-    if root is None:
-        return shares
-    return scipy.special.ndtr(scipy.special.ndtri(shares) @ root.T)
 
 
 def _points(method: str, width: int, count: int, seed: int) -> Float[np.ndarray, "count width"]:
@@ -117,23 +112,15 @@ class Dimension(NamedTuple):
     models: dict[str, Any]
     sampling: dict[str, Any]
 
-    @property
-    def labels(self) -> list[str]:
-        """The labels of its models."""
-        return list(self.models)
-
 
 def dimensions(axes: Mapping[str, Any]) -> tuple[Dimension, ...]:
     """Read the axes of a sweep. **Raises** `ClearanceError` for an axis that is wrong or empty."""
     if not isinstance(axes, Mapping) or not axes:
         raise ClearanceError('`axes` must be values by name, such as `{"wrist.radial_clearance": [1e-4, 2e-4]}`.')
     dims = tuple(_dimension(str(name), given) for name, given in axes.items())
-    seen: dict[str, str] = {}
-    for dimension in dims:
-        for name in dimension.columns:
-            if name in seen:
-                raise ClearanceError(f"`{name}` is varied by the axes `{seen[name]}` and `{dimension.name}`. Take one.")
-            seen[name] = dimension.name
+    for first, other in itertools.combinations(dims, 2):
+        for name in (name for name in other.columns if name in first.columns):
+            raise ClearanceError(f"`{name}` is varied by the axes `{first.name}` and `{other.name}`. Take one.")
     return dims
 
 
@@ -144,10 +131,9 @@ def _dimension(name: str, given: Any) -> Dimension:
         models = {str(label): model for label, model in given.models.items()}
         return Dimension(name, len(models), {}, models, {})
     if isinstance(given, Sampled):
-        columns = given.draw()
-        laws = {name: in_words(law) for name, law in given.scatter.items()}
-        pairs = {" ".join(pair): float(value) for pair, value in (given.correlation or {}).items()}
-        sampling = {"method": given.method, "seed": int(given.seed), "scatter": laws, "correlation": pairs}
+        columns, sampling = given.draw(), {"method": given.method, "seed": int(given.seed)}
+        sampling["scatter"] = {name: in_words(law) for name, law in given.scatter.items()}
+        sampling["correlation"] = {" ".join(pair): float(value) for pair, value in (given.correlation or {}).items()}
         return Dimension(name, given.count, columns, {}, sampling)
     columns = {str(k): _values(k, v) for k, v in (given.values if isinstance(given, Zipped) else {name: given}).items()}
     sizes = {k: len(v) for k, v in columns.items()}
@@ -205,3 +191,129 @@ def units_of_columns(model: Mechanism, dims: Sequence[Dimension]) -> dict[str, s
             for bad in (values.min(), values.max()):
                 check_bounds(bad, leaf.metadata, f"`{name}`", units[name])
     return units
+
+
+def normal(mean: float, deviation: float, lower: float | None = None, upper: float | None = None) -> Any:
+    """A normal distribution, truncated at the bounds if they are given."""
+    _check_deviation(mean, deviation)
+    if lower is None and upper is None:
+        return scipy.stats.norm(mean, deviation)
+    ends = -math.inf if lower is None else lower, math.inf if upper is None else upper
+    _check_bounds(*ends)
+    low, high = ((end - mean) / deviation for end in ends)
+    return scipy.stats.truncnorm(low, high, loc=mean, scale=deviation)
+
+
+def log_normal(mean: float, deviation: float) -> Any:
+    """A log-normal distribution, by the mean and the standard deviation of the number itself."""
+    _check_deviation(mean, deviation)
+    if mean <= 0:
+        raise wrong_value("The mean of a log-normal scatter", "above zero", mean, shown=f"{mean:g}")
+    wide = math.log1p((deviation / mean) ** 2)
+    return scipy.stats.lognorm(math.sqrt(wide), scale=mean * math.exp(-0.5 * wide))
+
+
+def uniform(lower: float, upper: float) -> Any:
+    """A uniform distribution between two bounds."""
+    _check_bounds(lower, upper)
+    return scipy.stats.uniform(lower, upper - lower)
+
+
+DISTRIBUTIONS: Mapping[str, Callable[..., Any]] = {"normal": normal, "log-normal": log_normal, "uniform": uniform}
+"""Distributions by their names in a study."""
+
+
+def scatter(
+    mean: float | None = None,
+    deviation: float | None = None,
+    lower: float | None = None,
+    upper: float | None = None,
+    distribution: str = "normal",
+) -> Any:
+    """How a number scatters: a frozen distribution of `scipy.stats`. You may use any other of those in its place.
+
+    **Arguments:**
+
+    - `mean`, `deviation`: mean and standard deviation [SI]; for parts that are sorted, those before sorting.
+    - `lower`, `upper`: bounds of parts that were measured and sorted [SI]: no value lies outside. `None`: no bound.
+    - `distribution`: "normal"; "log-normal", for numbers that scatter widely and are never negative, such as wear
+      coefficients; "uniform", from `lower` to `upper`.
+
+    **Raises:** `ClearanceError` for numbers that make no distribution.
+    """
+    if distribution not in DISTRIBUTIONS:
+        raise wrong_value("`distribution`", ", ".join(DISTRIBUTIONS), distribution)
+    every = {"mean": mean, "deviation": deviation, "lower": lower, "upper": upper}
+    given = {name: number for name, number in every.items() if number is not None}
+    known = arguments_of(distribution)
+    for name in given.keys() - known.keys():
+        raise ClearanceError(f"A {distribution} scatter has no `{name}`: leave it out. It has {', '.join(known)}.")
+    needed = [name for name, required in known.items() if required]
+    if not given.keys() >= set(needed):
+        raise ClearanceError(f"A {distribution} scatter needs `{'` and `'.join(needed)}`.")
+    return DISTRIBUTIONS[distribution](**given)
+
+
+def arguments_of(distribution: str) -> dict[str, bool]:
+    """The arguments of a distribution, and whether each is required."""
+    taken = inspect.signature(DISTRIBUTIONS[distribution]).parameters.values()
+    return {argument.name: argument.default is argument.empty for argument in taken}
+
+
+def check_scatter(name: str, given: Any) -> None:
+    """Raise `ClearanceError` if `given`, for the number `name`, is not a frozen distribution of finite numbers."""
+    if not callable(getattr(given, "ppf", None)):
+        raise ClearanceError(
+            f"`{name}` must scatter by `cj.scatter(...)` or by a frozen distribution of `scipy.stats`, not by "
+            f"{quote(given)}."
+        ).about(name, given)
+    if not np.all(np.isfinite(given.ppf(np.array([0.1, 0.9])))):
+        raise ClearanceError(f"The distribution by which `{name}` is to scatter has no finite numbers.")
+
+
+def in_words(given: Any) -> list[Any]:
+    """The name and numbers of a distribution, for the attributes of a dataset."""
+    dist = getattr(given, "dist", None)
+    if dist is None:  # a distribution of scipy's new infrastructure
+        return [repr(given)]
+    return [dist.name, *map(float, given.args), *(f"{key}={float(value)!r}" for key, value in given.kwds.items())]
+
+
+def _check_deviation(mean: float, deviation: float) -> None:
+    if not (math.isfinite(mean) and 0 < deviation < math.inf):
+        raise wrong_value("`deviation`", "greater than zero and finite", deviation, shown=f"{deviation:g}")
+
+
+def _check_bounds(lower: float, upper: float) -> None:
+    if not lower < upper:
+        raise ClearanceError(f"`lower` must be below `upper`, but they are {lower:g} and {upper:g}.")
+
+
+def sobol_samples(scatter: Mapping[str, Any], count: int, seed: int = 0) -> dict[str, Float[np.ndarray, " lanes"]]:
+    """Samples from which `sobol_indices` can compute the indices: count (d + 2) lanes of d numbers.
+
+    **Arguments:**
+
+    - `scatter`: dotted name -> `cj.scatter(...)` or a frozen distribution of `scipy.stats`. The numbers scatter
+      independently.
+    - `count`: a power of two; `seed`: of the scrambled Sobol sequence.
+
+    **Returns:** the values by name, shape (lanes,), for `cj.Zipped`.
+
+    **Raises:** `ClearanceError` if `count` is not a power of two, or if nothing scatters.
+    """
+    if count < 2 or count & (count - 1):
+        raise wrong_value("`count`", "a power of two, for Sobol's sequence", count, str(count))
+    if not scatter:
+        raise ClearanceError("There is nothing to scatter: give at least one number by its name.")
+    for name, law in scatter.items():
+        check_scatter(name, law)
+    width = len(scatter)
+    unit = _points("sobol", 2 * width, count, seed)
+    halves = unit[:, :width], unit[:, width:]
+    ours, others = (
+        np.stack([law.ppf(x) for law, x in zip(scatter.values(), half.T, strict=True)], 1) for half in halves
+    )
+    mixed = [np.where(np.arange(width) == i, others, ours) for i in range(width)]
+    every = np.concatenate([ours, others, *mixed])
+    return {name: every[:, i] for i, name in enumerate(scatter)}

@@ -12,11 +12,10 @@ from clearance_jax.ask.question import OPTIONS, Answer, Question
 from clearance_jax.ask.question import lanes as answered
 from clearance_jax.parameters import replace
 from clearance_jax.runs.identity import digest, numbers, versions
-from clearance_jax.runs.identity import settings as settings_in_words
+from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers.batch import BatchReport
 from clearance_jax.solve.drivers.lanes import chunk_on
-from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.validity import WORDS as LEVELS
 from clearance_jax.sweep.axes import Dimension
 
@@ -67,13 +66,10 @@ class Partition(NamedTuple):
 
     def of(self, lanes: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
         """The regions of lanes, and the places of lanes within their regions."""
-        places = np.unravel_index(lanes, self.shape)
-        inside = [p % step for p, step in zip(places, self.chunk, strict=True)]
+        places, here = np.unravel_index(lanes, self.shape), np.zeros(len(lanes), int)
         regions = np.ravel_multi_index([p // step for p, step in zip(places, self.chunk, strict=True)], self.grid)
-        here = np.zeros(len(lanes), int)
-        for place, step, size, at in zip(inside, self.chunk, self.shape, places, strict=True):
-            begin = at - place
-            here = here * np.minimum(step, size - begin) + place
+        for at, step, size in zip(places, self.chunk, self.shape, strict=True):
+            here = here * np.minimum(step, size - at // step * step) + at % step
         return regions, here
 
 
@@ -117,16 +113,14 @@ class Kind(NamedTuple):
         return math.nan if self.dtype.startswith("f") else NOT_RUN
 
 
+_CODES = ", ".join(f"{code.value} {code.name.lower()}" for code in Result)
+_LEVELS = ", ".join(f"{k} {level}" for k, level in enumerate(LEVELS))
 ENDINGS = {
-    "code": Kind(
-        (), (), "i1", "1", f"how the solve ended ({', '.join(f'{r.value} {r.name.lower()}' for r in Result)})"
-    ),
+    "code": Kind((), (), "i1", "1", f"how the solve ended ({_CODES})"),
     "steps": Kind((), (), "i4", "1", "integration steps"),
     "rejected": Kind((), (), "i4", "1", "steps tried in vain"),
     "energy_residual": Kind((), (), "f8", "1", "energy missing in the balance over energy exchanged"),
-    "validity": Kind(
-        (), (), "i1", "1", f"whether poses can be believed ({', '.join(f'{k} {w}' for k, w in enumerate(LEVELS))})"
-    ),
+    "validity": Kind((), (), "i1", "1", f"whether poses can be believed ({_LEVELS})"),
     "again": Kind((), (), "i1", "1", "how often the sample was solved again with other settings"),
 }
 
@@ -162,11 +156,8 @@ class Grid:
     def numbers(self, lanes: Lanes) -> dict[str, np.ndarray]:
         """The varied numbers of lanes, which are given by their index in C order."""
         places = np.unravel_index(lanes, self.shape)
-        return {
-            name: values[place]
-            for dimension, place in zip(self.dims, places, strict=True)
-            for name, values in dimension.columns.items()
-        }
+        pairs = zip(self.dims, places, strict=True)
+        return {name: values[place] for dimension, place in pairs for name, values in dimension.columns.items()}
 
     def program(self, lanes: Lanes) -> np.ndarray:
         """The index of each lane's question."""
@@ -200,12 +191,16 @@ class Grid:
                 if progress is not None:
                     progress((done + share * size) / len(lanes))
 
-            def some(places, values, members=members):
+            def some(places, answer, members=members):
                 if ready is not None:
-                    ready(members[places], values)
+                    ready(members[places], self._values(answer))
 
-            question, how = self.questions[program], {"cores": cores, "progress": part, "report": report}
-            solved = self._solve(question, lanes[members], some, **how)
+            question, points = self.questions[program], self.numbers(lanes[members])
+            # Models alone: a column must give the number of lanes.
+            points = points or {"rtol": np.full(len(members), float(question.settings.rtol))}
+            # Always a chunk of the same width, so that an answer does not depend on which lanes are solved together.
+            how = {"width": min(chunk_on(), self.count // len(self.questions)), "cores": cores, "report": report}
+            solved = self._values(answered(question, points, progress=part, ready=some, **how))
             for name, values in solved.items():
                 out[name][members] = values
             done += len(members)
@@ -227,18 +222,6 @@ class Grid:
             for name, column in answers.items():
                 values[name][rest] = column
         return int(rest.size)
-
-    def _solve(self, question: Question, lanes: Lanes, ready: Callable, **how: Any) -> dict[str, np.ndarray]:
-        points = self.numbers(lanes)
-        if not points:  # models alone: a column must give the number of lanes
-            points = {"rtol": np.full(len(lanes), float(question.settings.rtol))}
-        # Always a chunk of the same width, so that an answer does not depend on which lanes are solved together.
-        width = min(chunk_on(), self.count // len(self.questions))
-
-        def some(places, answer):
-            ready(places, self._values(answer))
-
-        return self._values(answered(question, points, width=width, ready=some, **how))
 
     def _values(self, answer: Answer) -> dict[str, np.ndarray]:
         """Every variable of the lanes of an answer, by its name."""
@@ -267,7 +250,10 @@ def description(grid: Grid) -> dict[str, Any]:
     """The description of a question: numbers and short texts by name."""
     described: dict[str, Any] = versions()
     for dimension in grid.dims:
-        described[f"{AXIS}{dimension.name}"] = _axis(dimension)
+        drawn = [f"{k} {v}" for k, v in dimension.sampling.items() if k in ("method", "seed")]
+        pairs = dimension.columns.items()
+        columns = [f"{name}: {len(v)} from {v[0]:.9g} to {v[-1]:.9g}, {digest(v)}" for name, v in pairs]
+        described[f"{AXIS}{dimension.name}"] = ", ".join(dimension.models) or "; ".join([*drawn, *columns])
     varied = {name: np.nan for dimension in grid.dims for name in dimension.columns}
     for label, question in zip(labels(grid), grid.questions, strict=True):
         model = replace(question.model, {k: v for k, v in varied.items() if k not in OPTIONS})
@@ -279,13 +265,8 @@ def description(grid: Grid) -> dict[str, Any]:
     described["derivatives_of"] = list(question.differentiated)
     if "t1" not in varied:
         described["t1"] = float(question.t1)
-    described |= {f"option {name}": value for name, value in solve_words(question.settings).items()}
+    described |= {f"option {name}": value for name, value in in_words(question.settings._asdict()).items()}
     return described
-
-
-def solve_words(settings: Settings) -> dict[str, Any]:
-    """Settings as short texts and numbers."""
-    return settings_in_words(settings._asdict())
 
 
 def labels(grid: Grid) -> list[str]:
@@ -293,13 +274,5 @@ def labels(grid: Grid) -> list[str]:
     suffixes = [""]
     for dimension in grid.dims:
         if dimension.models:
-            suffixes = [f"{before} ({dimension.name}: {label})" for before in suffixes for label in dimension.labels]
+            suffixes = [f"{before} ({dimension.name}: {label})" for before in suffixes for label in dimension.models]
     return suffixes
-
-
-def _axis(dimension: Dimension) -> str:
-    if dimension.models:
-        return ", ".join(dimension.labels)
-    parts = [f"{name}: {len(v)} from {v[0]:.9g} to {v[-1]:.9g}, {digest(v)}" for name, v in dimension.columns.items()]
-    drawn = [f"{k} {v}" for k, v in dimension.sampling.items() if k in ("method", "seed")]
-    return "; ".join([*drawn, *parts])

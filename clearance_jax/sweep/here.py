@@ -18,28 +18,24 @@ import numpy as np
 
 from clearance_jax.ask.answers import unpickled, workers_of
 from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.drivers.lanes import LANES
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.sweep.answers import AbstractAnswers, Values, ending_counts
-from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain, solve_words
+from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.plan import SweepPace, SweepPlan, Tell, choose, keep, pilot_time, time_lanes
 from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, partial_answers
 from clearance_jax.sweep.widen import before_of
 
 
-def plan_of(answers: AbstractAnswers, place: str) -> SweepPlan:
-    """The plan of a sweep, without the expected time."""
+def plan_of(answers: AbstractAnswers, place: str, time: Callable[[], float | None]) -> SweepPlan:
+    """The plan of a sweep, by the `time` that a lane takes [s] (`None`: not known), which is measured last."""
     grid, cut, missing = answers.grid, answers.partition, answers.open_regions()
     new = sum(cut.size(region) for region in missing) - sum(answers.partial_counts().values())
     memory = min(grid.count, int(np.prod(cut.chunk))) * grid.bytes_a_lane
     disk = grid.count * grid.bytes_a_lane if answers.on_disk else 0
-    known = grid.count - new
-    return SweepPlan(grid.count, known, cut.count, len(grid.questions), None, memory, disk, place)
-
-
-def with_time(todo: SweepPlan, seconds: float | None) -> SweepPlan:
-    """The plan with the expected time, at so many seconds a lane."""
-    return todo if seconds is None else todo._replace(seconds=seconds * (todo.lanes - todo.known))
+    a_lane, size = time(), (cut.count, len(grid.questions))
+    return SweepPlan(grid.count, grid.count - new, *size, None if a_lane is None else a_lane * new, memory, disk, place)
 
 
 def run_here(
@@ -49,12 +45,10 @@ def run_here(
     progress: Tell,
     again: Mapping[str, Any] | None,
 ) -> None:
-    """Answer the missing regions, and then solve failed lanes once more with the options `again`. If there is a `plan`
-    callback, a few lanes are timed first.
-    """
-    todo, missing = plan_of(answers, f"{cores} cores"), answers.open_regions()
+    """Answer the missing regions, then solve failed lanes with the options `again`; for a `plan` a few are timed."""
+    missing = answers.open_regions()
     if plan is not None:
-        plan(with_time(todo, pilot_time(answers, missing, cores)))
+        plan(plan_of(answers, f"{cores} cores", lambda: pilot_time(answers, missing, cores)))
     pace = SweepPace(answers, progress)
     for region in missing:
         lanes, values = answers.partition.lanes(region), answers.partial_answers(region)
@@ -93,7 +87,7 @@ def with_options(grid: Grid, options: Mapping[str, Any]) -> tuple[Grid, str]:
         settings = settings_of(question.model, question.t1, options)
         questions.append(dataclasses.replace(question, settings=settings._replace(save_at=question.settings.save_at)))
     grid = dataclasses.replace(grid, questions=tuple(questions))
-    return grid, repr(solve_words(questions[0].settings))
+    return grid, repr(in_words(questions[0].settings._asdict()))
 
 
 # Workers on which a few lanes are timed.
@@ -112,16 +106,14 @@ def run_on(
     progress: Tell,
     again: Mapping[str, Any] | None,
 ) -> None:
-    """As `run_here`, on the workers of a cluster, with `cores` cores for each region; some of the workers time a few
-    lanes.
-    """
+    """As `run_here`, on the workers of a cluster, with `cores` cores for each region."""
     missing, workers = store.open_regions(), len(workers_of(client))
-    todo = plan_of(store, f"{workers} workers ({client.dashboard_link})")
     if missing and not workers:
         raise ClearanceError("The cluster has no workers. Start some, and go on with `resume`.")
     with _hand_out(store, store.grid) as name:
         if plan is not None:
-            plan(with_time(todo, _time_lanes(client, store, name, missing, cores)))
+            there = f"{workers} workers ({client.dashboard_link})"
+            plan(plan_of(store, there, lambda: _time_lanes(client, store, name, missing, cores)))
         pace = SweepPace(store, progress)
         for region, (digest, endings, new) in _each(client, store, missing, _answer, name, cores):
             store.confirm(region, digest, endings)

@@ -38,11 +38,11 @@ class SweepPlan(NamedTuple):
     def __str__(self) -> str:
         new = f" ({self.known} of them known)" if self.known else ""
         time = "a time not known" if self.seconds is None else shown_time(self.seconds)
-        where = f", at most {size(self.disk)} on disk" if self.disk else ""
-        return (
-            f"{self.lanes} samples{new} in {self.regions} regions, {self.programs} programs, on {self.place}: {time} "
-            f"after compiling, {size(self.memory)} of answers in memory{where}"
+        where = f"{size(self.memory)} of answers in memory" + (
+            f", at most {size(self.disk)} on disk" if self.disk else ""
         )
+        what = f"{self.lanes} samples{new} in {self.regions} regions, {self.programs} programs"
+        return f"{what}, on {self.place}: {time} after compiling, {where}"
 
 
 class SweepProgress(NamedTuple):
@@ -85,12 +85,8 @@ def check_room(path: Path, needed: int) -> None:
 
 def size(count: int) -> str:
     """Bytes in words."""
-    left = float(count)
-    for unit in ("B", "kB", "MB", "GB"):
-        if left < 1000:
-            return f"{left:.3g} {unit}"
-        left /= 1000
-    return f"{left:.3g} TB"
+    power = next((k for k in range(4) if count < 1000 ** (k + 1)), 4)
+    return f"{count / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"
 
 
 def shown_time(seconds: float) -> str:
@@ -118,9 +114,7 @@ SHARE = 4
 
 
 def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
-    """`count` lanes spread over at most `LANES` missing regions, as each has its own partial results; none if few lanes
-    are missing.
-    """
+    """`count` lanes spread over at most `LANES` missing regions; none if few lanes are missing."""
     if sum(partition.size(region) for region in missing) < SHARE * count:
         return np.zeros(0, int)
     regions = [missing[i] for i in np.unique(np.linspace(0, len(missing) - 1, LANES).astype(int))]
@@ -130,9 +124,7 @@ def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
 
 
 def pilot_time(answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
-    """The time of a lane with all cores running [s], measured with a few lanes whose answers are kept; `None`: not
-    known.
-    """
+    """The time of a lane with all cores running [s], measured with lanes that are kept; `None`: not known."""
     lanes = choose(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
         return None
@@ -160,9 +152,7 @@ Tell = Callable[[SweepProgress], Any] | None
 
 
 class SweepPace:
-    """Counts the lanes of a sweep and reports a `SweepProgress`. The clock starts with the first lanes that are done,
-    so that compiling does not count.
-    """
+    """Counts lanes and reports a `SweepProgress`; the clock starts with the first that are done, after compiling."""
 
     def __init__(self, answers: AbstractAnswers, tell: Tell):
         self._lanes, self._tell, self._sizes = answers.grid.count, tell, answers.partition.size
@@ -176,9 +166,8 @@ class SweepPace:
         if self._tell is None:
             return
         now, new = time.perf_counter(), self._new + more
-        self._begin = self._begin or (now, new)
-        done = self._done + int(more)
-        self._tell(SweepProgress(self._lanes, done, self._failed, new - self._begin[1], now - self._begin[0]))
+        begin, before = self._begin = self._begin or (now, new)
+        self._tell(SweepProgress(self._lanes, self._done + int(more), self._failed, new - before, now - begin))
 
     def end_region(self, region: int, new: int, wrong: int) -> None:
         """Report a finished region, with the numbers of newly solved and of failed lanes."""

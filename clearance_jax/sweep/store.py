@@ -83,34 +83,25 @@ def _lay_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Seque
     layout = {CHUNK: list(chunk), VARIABLES: list(grid.kinds)}
     columns = list(coordinates(grid))
     inner = " ".join(name for name, dim, *_ in columns if name != dim)
-    root = zarr.create_group(
-        partial, attributes={**attributes(grid), **provenance, **layout, **({"coordinates": inner} if inner else {})}
-    )
+    layout |= {"coordinates": inner} if inner else {}
+    root = zarr.create_group(partial, attributes={**attributes(grid), **provenance, **layout})
+
+    def array(name, dims, shape, chunks, **about):
+        codecs = [ZstdCodec(level=1), Crc32cCodec()]
+        return root.create_array(name, shape=shape, chunks=chunks, dimension_names=dims, compressors=codecs, **about)
+
     for name, dim, values, attrs in columns:
         values = _as_stored(values)
-        array = root.create_array(
-            name,
-            shape=values.shape,
-            chunks=values.shape,
-            dtype=values.dtype,
-            dimension_names=(dim,),
-            attributes=attrs,
-            compressors=[ZstdCodec(level=1), Crc32cCodec()],
-        )
-        array[...] = values
+        array(name, (dim,), values.shape, values.shape, dtype=values.dtype, attributes=attrs)[...] = values
     names = tuple(dimension.name for dimension in grid.dims)
     for name, kind in grid.kinds.items():
-        root.create_array(
-            name,
-            shape=(*grid.shape, *kind.shape),
-            chunks=(*chunk, *(max(size, 1) for size in kind.shape)),
-            dtype=kind.dtype,
-            fill_value=kind.missing,
-            dimension_names=(*names, *kind.dims),
-            attributes=kind.attributes,
-            compressors=[ZstdCodec(level=1), Crc32cCodec()],
-        )
-    _consolidate(zarr, partial)
+        chunks = *chunk, *(max(size, 1) for size in kind.shape)
+        about = {"dtype": kind.dtype, "fill_value": kind.missing, "attributes": kind.attributes}
+        array(name, (*names, *kind.dims), (*grid.shape, *kind.shape), chunks, **about)
+    with warnings.catch_warnings():
+        # Warnings that this is not in the standard yet, and about the journal in the folder.
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(partial)  # in one file, which is read and replaced at once
     return partial
 
 
@@ -118,15 +109,6 @@ def _as_stored(values: Any) -> np.ndarray:
     """A coordinate's values in the type that zarr stores."""
     values = np.asarray(values)
     return values.astype(np.dtypes.StringDType()) if values.dtype.kind == "U" else values
-
-
-def _consolidate(zarr: Any, path: Path) -> None:
-    """Collect the metadata of all arrays in one file, which is read and replaced at once."""
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # warnings that this is not in the standard yet, and about the journal in the folder
-        zarr.consolidate_metadata(path)
 
 
 class Regions:
@@ -174,22 +156,18 @@ class Regions:
 
     def verify(self) -> None:
         """Drop the records of damaged regions, and warn."""
-        bad = [region for region in self.records if not self._good(region)]
+        bad = []
+        for region, record in self.records.items():
+            with suppress(OSError):
+                if self._digest(region) == record["digest"]:
+                    continue
+            bad.append(region)
         for region in bad:
             del self.records[region]
         if bad:
             shown = ", ".join(map(str, bad[:10])) + (" ..." if len(bad) > 10 else "")
-            warnings.warn(
-                f"`{self.path}`: {len(bad)} of its regions are damaged ({shown}); they are computed again.",
-                RunWarning,
-                stacklevel=2,
-            )
-
-    def _good(self, region: int) -> bool:
-        try:
-            return self._digest(region) == self.records[region]["digest"]
-        except OSError:
-            return False
+            message = f"`{self.path}`: {len(bad)} of its regions are damaged ({shown}); they are computed again."
+            warnings.warn(message, RunWarning, stacklevel=2)
 
     def _digest(self, region: int) -> str:
         """The digest of the files of a region's chunks, which need not be decompressed for it."""
@@ -204,16 +182,11 @@ class Regions:
     def read(self, region: int) -> Values:
         """Read the variables of a region, shape (lanes, ...)."""
         where, lead = self.partition.slices(region), len(self.partition.shape)
-        out = {}
-        for name in self.names:
-            block = np.asarray(self.arrays[name][where])
-            out[name] = block.reshape(-1, *block.shape[lead:])
-        return out
+        blocks = {name: np.asarray(self.arrays[name][where]) for name in self.names}
+        return {name: block.reshape(-1, *block.shape[lead:]) for name, block in blocks.items()}
 
     def write(self, region: int, values: Mapping[str, np.ndarray], old: Values | None = None) -> str:
-        """Write a region's chunks and return their digest. The `old` values, if there are any, are kept as partial
-        results until all chunks are written.
-        """
+        """Write a region's chunks and return their digest; until then `old` values are kept as partial results."""
         if old is not None:
             self.partial.add(region, np.arange(self.partition.size(region)), old)
             self.partial.flush()
@@ -279,14 +252,9 @@ class Store(AbstractAnswers):
         return refuse_in_words(f"region {region} of `{self.path}`", begun=True)
 
     def regions_to_repeat(self, settings):
-        def wrong(record: Mapping[str, Any]) -> bool:
-            return set(record["ended"]) != {str(int(Result.REACHED_END))} and settings not in record.get("again", [])
-
-        return [region for region, record in sorted(self._regions.records.items()) if wrong(record)]
-
-    def record(self, region: int) -> dict[str, Any]:
-        """The journal's record of a region."""
-        return self._regions.records[region]
+        reached, records = {str(int(Result.REACHED_END))}, sorted(self._regions.records.items())
+        tried = {region for region, record in records if settings in record.get("again", [])}
+        return [region for region, record in records if set(record["ended"]) != reached and region not in tried]
 
     def dataset(self):
         """All answers as a dataset that reads the store lazily."""

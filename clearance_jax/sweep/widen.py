@@ -25,10 +25,9 @@ ROUND_OFF = 1e-14
 def open_store(
     path: str | Path, grid: Grid, provenance: Mapping[str, Any], *, resume: bool, least: int = LEAST
 ) -> Store:
-    """Open or create the store at a path for this question.
-
-    **Raises:** `ClearanceError` if it exists and `resume` is off, belongs to another question (with the differences),
-    is written by another process, or cannot be written; and for names of outputs and axes that no array can have.
+    """Open or create the store at a path for this question. **Raises** `ClearanceError` if it exists and `resume` is
+    off, belongs to another question (with the differences), is written by another process, or cannot be written; and
+    for names of outputs and axes that no array can have.
     """
     path = Path(path)
     _check_names(grid)
@@ -38,7 +37,13 @@ def open_store(
             text = f"`{path}` exists already. Go on with it by `resume` (`--resume`), or choose another path."
             raise ClearanceError(text)
         if path.exists():
-            grid = snap(grid, _regions_of(path, grid, provenance))
+            try:
+                old = Regions(path)
+            except ClearanceError:
+                if not remade(path, grid, provenance):
+                    raise
+                old = Regions(path)
+            grid = snap(grid, old)
         if not path.exists():
             create(path, grid, provenance, least)
         elif _differs(path, narrower, grid):
@@ -65,16 +70,6 @@ def _check_names(grid: Grid) -> None:
         raise ClearanceError(text).about(name)
 
 
-def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Regions:
-    """The regions of the store at a path, whose metadata are repaired if they are damaged."""
-    try:
-        return Regions(path)
-    except ClearanceError:
-        if not remade(path, grid, provenance):
-            raise
-        return Regions(path)
-
-
 def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
     """Whether the store at a path has a narrower question. **Raises** `ClearanceError` if it has another one."""
     old = Regions(path)
@@ -94,9 +89,7 @@ def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
 
 
 def snap(grid: Grid, old: Regions) -> Grid:
-    """The grid with the exact numbers of an older store, if its own differ by round-off. Otherwise a calculated axis
-    (`linspace`) would not have the old places.
-    """
+    """The grid with the exact numbers of an older store, where its own (`linspace`) differ by round-off."""
     dims = []
     for dimension in grid.dims:
         columns = dict(dimension.columns)
@@ -116,16 +109,14 @@ def _snap(values: np.ndarray, old: np.ndarray) -> np.ndarray:
 
 
 def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
-    """By dimension, the index in the older store of every place (-1: new); `None` if a place of the older store is
-    missing.
-    """
+    """By dimension, the index in the older store of every place (-1: new); `None` if one of its places is missing."""
     if len(old.partition.shape) != len(grid.dims):
         return None
     by_axis = []
     for dimension, size in zip(grid.dims, old.partition.shape, strict=True):
         if any(name not in old.root for name in (dimension.name, *dimension.columns)):
             return None
-        columns = {dimension.name: np.asarray(dimension.labels)} if dimension.models else dimension.columns
+        columns = {dimension.name: np.asarray(list(dimension.models))} if dimension.models else dimension.columns
         before = list(zip(*(old.coordinate(name).tolist() for name in columns), strict=True))
         known = {key: i for i, key in enumerate(before)}
         now = list(zip(*(values.tolist() for values in columns.values()), strict=True))
@@ -173,15 +164,12 @@ class Before:
 
     def _region(self, region: int) -> dict[str, np.ndarray]:
         if region not in self._kept:
-            self._kept = {region: self._read(region)}  # the next call mostly needs the same region
+            known = region in self._old.records
+            values = self._old.read(region) if known else self._blank(self._old.partition.size(region))
+            if not known:
+                self._old.partial.fill(region, values)
+            self._kept = {region: values}  # the next call mostly needs the same region
         return self._kept[region]
-
-    def _read(self, region: int) -> dict[str, np.ndarray]:
-        if region in self._old.records:
-            return self._old.read(region)
-        values = self._blank(self._old.partition.size(region))
-        self._old.partial.fill(region, values)
-        return values
 
     def remove(self) -> None:
         """Remove the store, when all of it has been copied."""

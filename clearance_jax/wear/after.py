@@ -110,7 +110,7 @@ class AfterWear(AbstractAged):
         return WearModel(mechanism, self.joint, self.wear, self.pressure, self.cycle)
 
     def _sectors(self, mechanism: Mechanism, options: Mapping[str, Any]) -> int:
-        """The number of sectors for all designs, from the mechanism's own numbers."""
+        """For all designs, from the mechanism's own numbers."""
         return self.sectors or self.model(mechanism).sectors(dict(options))
 
     def of(self, mechanism, values, t1, by=(), **options):
@@ -135,11 +135,9 @@ class AfterWear(AbstractAged):
             worn = Worn(names, jnp.asarray(stack), jnp.asarray(now, float), model)
             outcome = answer(Question(worn, {"": self.metric}, t1, solve, names))
             value = np.ravel(outcome.values[""])
-            rows.append(
-                (value, np.reshape(outcome.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0)))
-            )
-        values_, slopes = zip(*rows, strict=True)
-        return np.concatenate(values_), np.concatenate(slopes)
+            rows.append((value, np.reshape(outcome.slopes[""] if names else [], (value.size, len(names)))))
+        answers, slopes = zip(*rows, strict=True)
+        return np.concatenate(answers), np.concatenate(slopes)
 
     def lives(self, mechanism, values, t1, bound, most, **options):
         until = Exceeds(self.metric, bound, t1, dict(options))

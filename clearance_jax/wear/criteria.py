@@ -1,7 +1,7 @@
 """Criteria that end a life: a number of the worn joint reaches its bound."""
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -19,8 +19,8 @@ from clearance_jax.parameters import physical
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.solve.drivers.trace import trace
 from clearance_jax.solve.settings import settings_of
-from clearance_jax.wear.contacts import pin_of
 from clearance_jax.wear.model import WearModel
+from clearance_jax.wear.rubbing import pin_of
 
 
 class AbstractCriterion(Module):
@@ -38,10 +38,8 @@ class AbstractCriterion(Module):
         """The name of the number in a dataset."""
         return type(self).__name__
 
-    @property
-    def has_derivatives(self) -> bool:
-        """Whether the number has derivatives, so that life has."""
-        return True
+    has_derivatives: ClassVar[bool] = True
+    """Whether the number has derivatives, so that life has."""
 
     @abc.abstractmethod
     def value(self, mechanism: Mechanism, joint: str) -> Any:
@@ -60,9 +58,7 @@ class Deepest(AbstractCriterion):
 
     bound: Scalar = physical("m", above=0.0)
 
-    @property
-    def unit(self):
-        return "m"
+    unit: ClassVar[str] = "m"
 
     def value(self, mechanism, joint):
         return jnp.max(pin_of(mechanism, joint).profile)
@@ -100,13 +96,8 @@ class ImpactSpeed(AbstractCriterion):
     t1: Scalar = physical("s")
     options: dict[str, Any] = eqx.field(default_factory=dict)
 
-    @property
-    def unit(self):
-        return "m/s"
-
-    @property
-    def has_derivatives(self):
-        return False
+    unit: ClassVar[str] = "m/s"
+    has_derivatives: ClassVar[bool] = False
 
     def value(self, mechanism, joint):
         motion = trace(mechanism, float(self.t1), **{**self.options, "save_at": None})
@@ -123,13 +114,8 @@ class Of(AbstractCriterion):
     function: Any = eqx.field(static=True)
     bound: Scalar = physical("", default=0.0)
 
-    @property
-    def unit(self):
-        return ""
-
-    @property
-    def label(self):
-        return "function of the profile"
+    unit: ClassVar[str] = ""
+    label: ClassVar[str] = "function of the profile"
 
     def value(self, mechanism, joint):
         return jnp.asarray(self.function(pin_of(mechanism, joint).profile), float)
@@ -141,10 +127,9 @@ def criterion_of(until: Any) -> AbstractCriterion | None:
 
 
 def end_slopes(criterion: AbstractCriterion, model: WearModel, names: tuple[str, ...], stack: Array) -> Array:
-    """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,).
-
-    Where g(h(n, a), a) = 0 stays so, dn/da = -(dg/da) / (dg/dn); stack: the profile there, its derivatives by each of
-    the numbers, and by n.
+    """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,). Where g(h(n, a),
+    a) = 0 stays so, dn/da = -(dg/da) / (dg/dn); stack: the profile there, its derivatives by each of the numbers, and
+    by n.
     """
     *slopes, grows = _slopes(criterion, model, names, stack)
     return -jnp.asarray(slopes) / model.sizes(names) / grows

@@ -65,9 +65,7 @@ class WearHistory(NamedTuple):
 
     @property
     def by(self) -> Mapping[str, float]:
-        """The derivatives of the end by name [cycles by the number's unit]; none where the criterion was not reached,
-        or none were asked for.
-        """
+        """The derivatives of the end by name [cycles by the number's unit]; none if there are none."""
         slopes = () if self.end_slopes is None else self.end_slopes.tolist()
         return dict(zip(self.names, slopes, strict=False))
 
@@ -167,9 +165,9 @@ def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) ->
 def _history(blocks: list[WearBlock]) -> WearHistory:
     every = np.array([block.depth for block in blocks])
     depth, slopes = (every, None) if every.ndim == 2 else (every[:, 0], every[:, 1:])
-    cycles = np.array([block.cycles for block in blocks])
+    cycles, last = np.array([block.cycles for block in blocks]), blocks[-1]
     beyond = None if blocks[0].beyond is None else np.array([block.beyond for block in blocks], float)
-    return WearHistory(cycles, depth, blocks[-1].evaluations, blocks[-1].end, beyond, slopes=slopes)
+    return WearHistory(cycles, depth, last.evaluations, last.end, beyond, slopes=slopes)
 
 
 def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: int | None, until: Any) -> WearBlock:
@@ -187,8 +185,7 @@ def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: i
         # Each row of a stack has its own scale.
         worst = np.max(error / np.where(allowed > 0, allowed, np.where(error > 0, 1e-300, 1.0)))
         factor = GROWS if worst == 0 else np.clip(USED / np.sqrt(worst), SHRINKS, GROWS)
-        most = cycles if longest is None else longest
-        wanted = int(np.clip(np.floor(jump * factor), 1, most))
+        wanted = int(np.clip(np.floor(jump * factor), 1, cycles if longest is None else longest))
         if worst <= 1 or jump == 1:
             return _end(now, h, (first, then), jump, wanted, count, until)
         jump = max(1, min(wanted, jump - 1))
@@ -309,9 +306,8 @@ def simulate_wear(
 
 
 def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> WearHistory | None:
-    """The history of an interrupted `simulate_wear` from its journal; `None` if no block is complete.
-
-    **Arguments:** `model`, `journal`, `until`: as of `simulate_wear`.
+    """The history of an interrupted `simulate_wear` from its journal; `None` if no block is complete. `model`,
+    `journal`, `until`: as of `simulate_wear`.
     """
     with closing(Journal(journal, ordered=True)) as kept:
         blocks = [WearBlock(**record) for record in kept.records]
@@ -327,8 +323,7 @@ def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> We
 
 def description(model: WearModel, until: AbstractCriterion | None, **rest: Any) -> dict[str, Any]:
     """A question by the names of its parts, each a number or a short text; `rest`: further arguments."""
-    parts = {"law of wear": model.wear, "pressure": model.pressure, "until": until}
     question = versions() | numbers(model.mechanism)
-    for what, part in parts.items():
+    for what, part in {"law of wear": model.wear, "pressure": model.pressure, "until": until}.items():
         question |= {} if part is None else numbers(part, f" ({what})")
     return question | settings({"joint": model.joint, "cycle": float(model.cycle), **rest})

@@ -5,7 +5,7 @@ distance [1/Pa], which equals volume by force and distance [mm^3/(N m)], or Arch
 """
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -39,10 +39,8 @@ class AbstractWearLaw(Parametrised):
     def rate(self, at: SlidingState) -> Array:
         """The rate at which the surface wears off [m/s], at least 0."""
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether the rate is in proportion to the pressure: then the volume does not depend on how a force spreads."""
-        return False
+    is_linear: ClassVar[bool] = False
+    """Whether the rate is in proportion to the pressure: then the volume does not depend on how a force spreads."""
 
 
 class Archard(AbstractWearLaw):
@@ -57,9 +55,7 @@ class Archard(AbstractWearLaw):
     def rate(self, at):
         return self.coefficient * at.pressure * at.speed
 
-    @property
-    def is_linear(self):
-        return True
+    is_linear: ClassVar[bool] = True
 
 
 class Reye(AbstractWearLaw):
@@ -74,9 +70,7 @@ class Reye(AbstractWearLaw):
     def rate(self, at):
         return self.coefficient * at.traction * at.pressure * at.speed
 
-    @property
-    def is_linear(self):
-        return True
+    is_linear: ClassVar[bool] = True
 
 
 class Threshold(AbstractWearLaw):

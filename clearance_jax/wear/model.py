@@ -29,9 +29,9 @@ from clearance_jax.solve.drivers.trace import trace
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.units import format_quantity
-from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, look, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.rubbing import CHUNK, contacts, look, pin_of, sections_of
 from clearance_jax.wear.worn import USUAL, SectorsWarning, accumulate, doubt, fewest, surely_fine, wear_of, wear_round
 
 # Options of a trace that the solve with derivatives does not take.
@@ -80,11 +80,9 @@ class WearModel(Module):
 
     def cycle_wears(self, stack: np.ndarray, names: Sequence[str], after: int, options: dict[str, Any]) -> np.ndarray:
         """What one cycle wears off [m] after so many, with its derivatives; stack: the profile, and below it its
-        derivatives by each of the named numbers, (1 + names, sectors).
-
-        **Raises:** `WornThrough` where the motion stops, and where a cycle wears off more than the clearance;
-        `WearFailure` where it wears off so much of what the pin stands in a foundation that depths run away;
-        `ClearanceError` for the name "cycle".
+        derivatives by each of the named numbers, (1 + names, sectors). **Raises** `WornThrough` where the motion stops,
+        and where a cycle wears off more than the clearance; `WearFailure` where it wears off so much of what the pin
+        stands in a foundation that depths run away; `ClearanceError` for the name "cycle".
         """
         if "cycle" in names:
             raise ClearanceError("There is no derivative by `cycle`, which moves the end of the motion: leave it out.")
@@ -95,8 +93,11 @@ class WearModel(Module):
         before = jnp.asarray(after * (self.cycle - motion.time[0]), float)
         sleeve, seen = sections_of(now, self.joint), contacts(motion, self.joint)
         profile = jnp.asarray(stack[0])
-        if after == 0:
-            self._doubt(seen, stack.shape[-1])
+        round_sleeve, count = sections_of(self.mechanism, self.joint), stack.shape[-1]
+        if after == 0 and not surely_fine(seen, round_sleeve, self.pressure, count):
+            too_few = doubt(wear_round(seen, round_sleeve, self.wear, self.pressure), count, self.joint)
+            if too_few:
+                warnings.warn(too_few, SectorsWarning, stacklevel=3)
         worn = wear_of(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
         off = np.asarray(worn.depth)
         self._check(off.max(), float(worn.relief), after)
@@ -115,30 +116,17 @@ class WearModel(Module):
         motion = trace(self.at(self.begin(USUAL)), float(self.cycle), **{"save_at": None, **options})
         if motion.message:
             return USUAL  # the first cycle says so
-        return fewest(self._wear_round(contacts(motion, self.joint)))
-
-    def _wear_round(self, seen: Contacts) -> np.ndarray:
-        return wear_round(seen, sections_of(self.mechanism, self.joint), self.wear, self.pressure)
-
-    def _doubt(self, seen: Contacts, sectors: int) -> None:
-        """Warn of sectors that are too wide for the patch."""
-        if surely_fine(seen, sections_of(self.mechanism, self.joint), self.pressure, sectors):
-            return
-        if message := doubt(self._wear_round(seen), sectors, self.joint):
-            warnings.warn(message, SectorsWarning, stacklevel=4)
+        seen, sleeve = contacts(motion, self.joint), sections_of(self.mechanism, self.joint)
+        return fewest(wear_round(seen, sleeve, self.wear, self.pressure))
 
     def _check(self, deepest: float, relief: float, after: int) -> None:
         """Raise where a cycle wears off too much to be taken at one profile."""
         wears, play = f"After {after} cycles one cycle wears off", self.clearance.radial_clearance
-        fix = (
-            "but within a cycle the profile is taken as it is. Check the unit of the law's coefficient, or take a "
-            "shorter cycle"
-        )
+        check = "Check the unit of the law's coefficient, or take a shorter cycle"
+        fix = f"but within a cycle the profile is taken as it is. {check}"
         if not deepest <= play:
-            raise WornThrough(
-                f"{wears} {format_quantity(deepest, 'm')}, more than the radial clearance of `{self.joint}`, "
-                f"{format_quantity(float(play), 'm')}; {fix}."
-            )
+            depth, most = (format_quantity(float(length), "m") for length in (deepest, play))
+            raise WornThrough(f"{wears} {depth}, more than the radial clearance of `{self.joint}`, {most}; {fix}.")
         if not relief <= MOST_RELIEF:
             raise WearFailure(
                 f"{wears} {relief:.3g} times what the pin stands in the foundation of `{self.joint}`: beyond "
@@ -147,16 +135,11 @@ class WearModel(Module):
             )
 
     def shift(self, names: tuple[str, ...], stack: Array, shares: Array) -> "WearModel":
-        """The same with the named numbers moved by shares of their scales (`sizes`), each with its row of the stack;
-        further rows have no number.
-        """
-        sizes = self.sizes(names)
-        old = values_of(self, names)
-        moved: WearModel = replace(
-            self, {name: old[name] + size * share for name, size, share in zip(names, sizes, shares, strict=False)}
-        )
+        """The same with named numbers moved by shares of their `sizes`, each with its row; others have no number."""
+        sizes, old = self.sizes(names), values_of(self, names).items()
+        new = {name: value + size * x for (name, value), size, x in zip(old, sizes, shares, strict=False)}
         whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
-        return moved.wear_by(stack[0], stack[1:] * whole[:, None], shares)
+        return replace(self, new).wear_by(stack[0], stack[1:] * whole[:, None], shares)
 
     def wear_by(self, depth: Array, rows: Array, shares: Array) -> "WearModel":
         """The same worn by a depth [m], (sectors,), and by shares of `rows` [m], (shares, sectors), on top."""

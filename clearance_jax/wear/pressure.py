@@ -6,7 +6,7 @@ one section of the joint, where the force is one per length.
 
 import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -85,17 +85,12 @@ class AbstractPressure(Parametrised):
         """
         return 1 - place * place
 
-    @property
-    def rises(self) -> Scalar | float:
-        """By how much a pressure rises where the sleeve stands higher [Pa/m], with a fixed pin; 0 if it does not depend
-        on the worn profile.
-        """
-        return 0.0
-
-    @property
-    def is_narrow(self) -> bool:
-        """Whether a patch is taken as flat: then pressures, not their components along the force, sum to it."""
-        return True
+    rises: ClassVar[Any] = 0.0
+    """By how much a pressure rises where the sleeve stands higher [Pa/m], with a fixed pin; 0 if it does not depend
+    on the worn profile.
+    """
+    is_narrow: ClassVar[bool] = True
+    """Whether a patch is taken as flat: then pressures, not their components along the force, sum to it."""
 
 
 def hertz_half_angle(geometry: Geometry, force: Scalar) -> Scalar:
@@ -192,9 +187,7 @@ class Foundation(AbstractPressure):
     def rises(self):
         return self.stiffness
 
-    @property
-    def is_narrow(self):
-        return False
+    is_narrow: ClassVar[bool] = False
 
     def prepare(self, section):
         geometry, worn = section.geometry, refine(section.depth, PARTS)

@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 
 from clearance_jax.joints import AbstractPin
 from clearance_jax.parameters import parameters
-from clearance_jax.wear.contacts import sections_of
 from clearance_jax.wear.history import WearHistory
 from clearance_jax.wear.model import WearModel
+from clearance_jax.wear.rubbing import sections_of
 
 
 def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.Dataset:
@@ -37,19 +37,18 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
     count = depth.shape[1]
     angle, clearance = 2 * np.pi * np.arange(count) / count, pin.radial_clearance
     pin_travel = np.asarray(pin_travels(pin, jnp.asarray(depth)))
-    across = 0.5 * (pin_travel + _opposite(pin_travel))
+    # The travel in the opposite direction is interpolated for an odd number of sectors.
+    low, high = (np.roll(pin_travel, -shift, axis=1) for shift in (count // 2, -(-count // 2)))
+    across = 0.5 * (pin_travel + 0.5 * (low + high))
     area = float(jnp.sum(sleeve.lengths) * sleeve.geometry.sleeve_radius) * 2 * np.pi / count
+    widest = "radial clearance, at its widest"
     data: dict[str, Any] = {
         "depth": (("cycle", "sector"), depth, {"units": "m", "long_name": "depth of wear"}),
         "deepest": ("cycle", depth.max(axis=1), {"units": "m", "long_name": "largest depth of wear"}),
         "mean_depth": ("cycle", depth.mean(axis=1), {"units": "m", "long_name": "mean depth of wear"}),
         "volume": ("cycle", depth.sum(axis=1) * area, {"units": "m^3", "long_name": "volume worn off"}),
         "pin_travel": (("cycle", "sector"), pin_travel, {"units": "m", "long_name": "how far the pin's centre can go"}),
-        "radial_clearance": (
-            "cycle",
-            across.max(axis=1),
-            {"units": "m", "long_name": "radial clearance, at its widest"},
-        ),
+        "radial_clearance": ("cycle", across.max(axis=1), {"units": "m", "long_name": widest}),
     }
     until = history.until
     if until is not None and history.beyond is not None:
@@ -72,13 +71,6 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
         **({} if history.end is None else {"life": float(history.end)}),
     }
     return xr.Dataset(data, coords, attributes | numbers | provenance)
-
-
-def _opposite(pin_travel: np.ndarray) -> np.ndarray:
-    """The travel in the opposite direction [m], (cycles, sectors), interpolated for an odd number of sectors."""
-    half = pin_travel.shape[1] / 2
-    low, high = (np.roll(pin_travel, -shift, axis=1) for shift in (int(np.floor(half)), int(np.ceil(half))))
-    return 0.5 * (low + high)
 
 
 @eqx.filter_jit

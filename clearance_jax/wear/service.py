@@ -75,9 +75,7 @@ class ServiceLives(NamedTuple):
 
     def to_dataset(self) -> xr.Dataset:
         """The values and lives over the dimension `part`."""
-        data: dict[str, Any] = {
-            name: ("part", values, {"units": self.units[name]}) for name, values in self.values.items()
-        }
+        data: dict[str, Any] = {n: ("part", x, {"units": self.units[n]}) for n, x in self.values.items()}
         data["life"] = "part", self.end, {"units": "cycles", "long_name": "life"}
         return xr.Dataset(data, attrs={"cycles": self.cycles, "evaluations": self.evaluations})
 
@@ -136,17 +134,10 @@ def service_lives(
     if sectors is None:
         sectors = max(row.sectors(dict(options)) for row in rows)
 
+    how = {"sectors": sectors, "tolerance": tolerance, "longest": longest, "until": until, **options}
+
     def life(i: int):
-        return simulate_wear(
-            rows[i],
-            cycles,
-            sectors=sectors,
-            tolerance=tolerance,
-            longest=longest,
-            until=until,
-            journal=None if journal is None else Path(journal) / f"{i}.jsonl",
-            **options,
-        )
+        return simulate_wear(rows[i], cycles, journal=journal and Path(journal) / f"{i}.jsonl", **how)
 
     histories = []
     with ThreadPoolExecutor(cores or cores_here()) as pool:

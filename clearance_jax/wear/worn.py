@@ -22,9 +22,9 @@ from clearance_jax.errors import ClearanceError, WearFailure, wrong_value
 from clearance_jax.joints import Sections
 from clearance_jax.solve.drivers.trace import Trace
 from clearance_jax.units import format_quantity
-from clearance_jax.wear.contacts import Contacts, contacts, largest_swing, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
+from clearance_jax.wear.rubbing import Contacts, contacts, largest_swing, pin_of, sections_of
 
 # The part of the force that the pressures of the sectors may miss: round-off and the tolerance of a search.
 MISSED = 1e-6
@@ -89,8 +89,11 @@ def surely_fine(seen: Contacts, sleeve: Sections, pressure: AbstractPressure, se
 def _patches(seen: Contacts, sleeve: Sections, pressure: AbstractPressure) -> tuple[np.ndarray, np.ndarray]:
     """Forces per length [N/m], and half angles of their patches [rad], (times, sections)."""
     loads = np.asarray(seen.force) / np.asarray(sleeve.lengths)
-    halves = jax.vmap(jax.vmap(lambda load: pressure.half_angle(sleeve.geometry, load)))(jnp.asarray(loads))
-    return loads, np.asarray(halves)
+    return loads, np.asarray(_halves(jnp.asarray(loads), sleeve, pressure))
+
+
+def _halves(loads: Array, sleeve: Sections, pressure: AbstractPressure) -> Array:
+    return jax.vmap(jax.vmap(lambda load: pressure.half_angle(sleeve.geometry, load)))(loads)
 
 
 def missed_part(worn: Float[np.ndarray, "sections places"], sectors: int) -> float:
@@ -155,12 +158,8 @@ class Wear(Module):
         return jnp.max(self.depth)
 
     def __repr__(self) -> str:
-        volume, deepest, sliding = (
-            1e9 * float(self.volume),
-            format_quantity(float(self.deepest), "m"),
-            float(self.sliding),
-        )
-        return f"worn off: {volume:.6g} mm^3, {deepest} at most, by {format_quantity(sliding, 'm')} of sliding"
+        deepest, sliding = (format_quantity(float(length), "m") for length in (self.deepest, self.sliding))
+        return f"worn off: {1e9 * float(self.volume):.6g} mm^3, {deepest} at most, by {sliding} of sliding"
 
 
 def wear(
@@ -193,11 +192,9 @@ def wear(
     wide for a flat one, and if pressures do not add up to the force.
     """
     mechanism = trace.solution.mechanism
-    sleeve, profile = sections_of(mechanism, joint), pin_of(mechanism, joint).profile
-    if pressure is None and (depth is not None or profile is not None):
+    sleeve, depth = sections_of(mechanism, joint), pin_of(mechanism, joint).profile if depth is None else depth
+    if pressure is None and depth is not None:
         raise ClearanceError(f"`{joint}` is worn: say how a force spreads, by a `Foundation` on the worn profile.")
-    if depth is None:
-        depth = profile
     pressure, fixed = pressure or HertzLine(), sectors if depth is None else jnp.asarray(depth).shape[-1]
     seen = _follow(trace, joint, sleeve, pressure, of, fixed or USUAL)
     whole = wear_round(seen, sleeve, law, pressure, of)
@@ -216,8 +213,7 @@ def _follow(trace: Trace, joint: str, sleeve: Sections, pressure: AbstractPressu
     while True:
         seen = contacts(trace, joint, parts)
         angle = seen.angle if of == "sleeve" or seen.turn is None else seen.angle - seen.turn[:, None]
-        half = jax.vmap(jax.vmap(lambda force: pressure.half_angle(sleeve.geometry, force)))
-        allowed = 2 * np.pi / sectors + half(seen.force / sleeve.lengths[None, :])
+        allowed = 2 * np.pi / sectors + _halves(seen.force / sleeve.lengths[None, :], sleeve, pressure)
         swing = float(largest_swing(seen, angle, allowed, parts))
         if swing <= JUMPED or parts >= PARTS:
             return seen
@@ -334,9 +330,7 @@ def accumulate(
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
-    """Mean values of sectors on a grid that is turned back by an angle [rad]. Each value is shared between the two
-    sectors that it lies on, so that the sum is kept.
-    """
+    """Mean values on a grid turned back by an angle [rad], shared between the two sectors that they lie on."""
     count = means.shape[0]
     sectors = angle * (count / (2 * np.pi))
     whole = jnp.floor(sectors)

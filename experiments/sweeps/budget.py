@@ -9,8 +9,7 @@ import numpy as np
 
 from clearance_jax.solve.drivers.lanes import LANES
 from clearance_jax.sweep.grid import LEAST, partition
-from clearance_jax.sweep.question import grid_of
-from clearance_jax.sweep.run import CHUNKS_A_CORE
+from clearance_jax.sweep.run import CHUNKS_A_CORE, grid_of
 from experiments.batches import END
 from experiments.common import peak_memory
 from experiments.sweeps.asked import CLEARANCE, METRICS, clearances, measured, mechanism

@@ -179,8 +179,8 @@ def fitted(monkeypatch, designed, least=1e-6, manufacture: Any = None) -> design
     )
     asked, x = problem.specification, np.array(designed)
     fake = Sum(float(x.sum()), float(cj.parameters(mechanism)[MASS].value))
-    for module in ("standard", "evaluate"):
-        monkeypatch.setattr(sys.modules[f"clearance_jax.design.{module}"], "simulations_of", lambda *_, **__: fake)
+    evaluate_module = sys.modules["clearance_jax.design.search.evaluate"]
+    monkeypatch.setattr(evaluate_module, "simulations_of", lambda *_, **__: fake)
 
     def evaluate(x, gradient):
         return design.Evaluation(x, float((1e-4 / x).sum()), np.array([-1e-6]), -1e-4 / x**2, np.ones((1, 2)))

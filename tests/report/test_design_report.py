@@ -18,8 +18,7 @@ from places import refused
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.judge.findings import CUT_SHORT, known_findings
-from clearance_jax.design.judge.observed import Observed, _of_fall, pin_size
-from clearance_jax.design.judge.standings import standings
+from clearance_jax.design.judge.observed import Observed, _of_fall, pin_size, standings
 from clearance_jax.design.search.yields import YieldEstimate
 from clearance_jax.metrics.observed import Instants
 from clearance_jax.report import design_figures, html
@@ -272,7 +271,7 @@ def test_an_interrupted_explanation_keeps_what_it_has(monkeypatch, tmp_path):
         raise KeyboardInterrupt
 
     # The package exports a function of the module's own name.
-    monkeypatch.setattr(sys.modules["clearance_jax.design.judge.findings"], "observe", interrupted)
+    monkeypatch.setattr(sys.modules["clearance_jax.design.judge.observed"], "observe", interrupted)
     said = []
     found = design.findings(answer([piston_limit()]), progress=said.append)
     assert said == ["loads and pictures"]

@@ -13,7 +13,7 @@ import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import recurrence_figures, sweep_axes, sweep_figures
 from clearance_jax.results.sobol import middle_derivatives, sobol_indices
-from clearance_jax.sweep.scatter import sobol_samples
+from clearance_jax.sweep.axes import sobol_samples
 
 pytestmark = pytest.mark.quick
 

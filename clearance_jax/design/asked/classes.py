@@ -82,11 +82,10 @@ class ChosenClasses:
     def sentences(self) -> list[str]:
         """Sentences on the search and on how good the choice is."""
         searched = f"branch and bound: {self.nodes} nodes, {self.solves} solves for {self.combinations} combinations"
-        lines = [searched]
         if self.chosen:
             continuous = "" if np.isnan(self.relaxed) else f"; continuous clearances would cost {self.relaxed:.6g}"
-            lines = [f"{searched}. {self.optimality}{continuous}"]
-        return lines + [f"a bound is in doubt, as its search {doubt}" for doubt in self.doubts]
+            searched += f". {self.optimality}{continuous}"
+        return [searched] + [f"a bound is in doubt, as its search {doubt}" for doubt in self.doubts]
 
 
 NONE_CHOSEN = ChosenClasses({}, np.nan, -np.inf, np.nan, 0, 0, 0, ())
@@ -104,12 +103,9 @@ def fit_costs(names: Iterable[str], diameter: float, hole: AbstractCost, shaft: 
     **Arguments:** `names` such as "H7/g6"; `diameter`: the nominal one [m]; `hole`, `shaft`: cost laws of the
     tolerance of a diameter [m], each of one process (boring, reaming, grinding), with constants of your shop.
     """
-    costs = {}
-    for name in names:
-        made = fit_of(diameter, name)
-        bore, pin = (high - low for low, high in (made.hole, made.shaft))
-        costs[name] = float(hole(bore)) + float(shaft(pin))
-    return costs
+    fits = {name: fit_of(diameter, name) for name in names}
+    ends = {name: (*fit.hole, *fit.shaft) for name, fit in fits.items()}
+    return {name: float(hole(b - a)) + float(shaft(d - c)) for name, (a, b, c, d) in ends.items()}
 
 
 def diameters_of(mechanism: Mechanism, names: Iterable[str]) -> dict[str, float]:
@@ -123,12 +119,8 @@ def classes_of(
     specification: Specification, candidates: Candidates, diameters: Mapping[str, float] | None = None
 ) -> dict[str, tuple[ToleranceClass, ...]]:
     """The classes to choose from by variable, the tightest first; of equal greatest clearances the cheapest is kept.
-    Classes whose greatest clearance is not within the variable's bounds are left out.
-
-    **Arguments:** `diameters`: nominal ones by variable [m], by default twice the joint's pin radius.
-
-    **Raises:** `ClearanceError` for an unknown variable or fit, a class that may have no clearance, and where none is
-    left.
+    Classes whose greatest clearance is not within the variable's bounds are left out. `diameters`: nominal ones by
+    variable [m], by default twice the joint's pin radius.
     """
     sizes = {**diameters_of(specification.mechanism, specification.variables), **(diameters or {})}
     if not candidates:
@@ -187,12 +179,14 @@ def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float,
 
 
 def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceClass, ...]]) -> Specification:
-    """The problem with cost curves through the costs of classes, for variables whose classes have costs.
-
-    **Raises:** `ClearanceError` if a variable has no cost then, or if a looser class costs more.
+    """The problem with cost curves through the costs of classes, for variables whose classes have costs. **Raises**
+    `ClearanceError` if a variable has no cost then, or if a looser class costs more.
     """
     laws = dict(zip(specification.variables, specification.costs, strict=False))
-    laws |= {name: _curve(listed) for name, listed in classes.items() if listed[0].cost is not None}
+    for name, listed in classes.items():
+        if listed[0].cost is not None:
+            x, y = [entry.greatest for entry in listed], [entry.cost for entry in listed]
+            laws[name] = CostTable(x, y) if len(x) > 1 else CostTable([0.5 * x[0], x[0]], [y[0], y[0]])
     for name in specification.variables:
         if name not in laws:
             raise ClearanceError(
@@ -207,8 +201,3 @@ def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceCl
                     f"({less:g}), but the search wants costs that fall as the clearance grows. Leave {loose.name} out."
                 ).about(name, loose.name)
     return dataclasses.replace(specification, costs=tuple(laws[name] for name in specification.variables))
-
-
-def _curve(listed: Sequence[ToleranceClass]) -> CostTable:
-    x, y = np.array([entry.greatest for entry in listed]), [entry.cost for entry in listed]
-    return CostTable(x, y) if len(x) > 1 else CostTable([0.5 * x[0], x[0]], [y[0], y[0]])

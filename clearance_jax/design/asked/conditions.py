@@ -16,17 +16,20 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
-from clearance_jax.mechanism.body import Body
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.metrics.measure import AbstractMeasure
-from clearance_jax.parameters import Leaf, lookup, parameters, replace, values_of
+from clearance_jax.parameters import lookup, parameters, replace, values_of
 from clearance_jax.units import time_power
 
 Values = dict[str, Any]
+NONE: Mapping[str, Any] = MappingProxyType({})
 # Relative size of a payload's effect below which its body need not have a number for it.
 ROUNDED = 1e-12
+ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+# Fields of courses in time: of drives, loads, and payloads that are picked up.
+COURSES = {"drive", "course", "picked_up", "put_down"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +67,10 @@ class Payload:
         about = _tensor(body.inertia) + _steiner(bare, place - centre)
         about += _tensor(self.inertia) + _steiner(self.mass, given - centre)
         numbers = {"mass": mass} | {f"center_of_mass.{x}": c for x, c in zip("xyz", centre, strict=True)}
-        numbers |= _inertia(body, about)
+        if isinstance(body.inertia, Inertia):
+            numbers |= {f"inertia.{name}": float(about[place]) for name, place in ENTRIES.items()}
+        else:
+            numbers["inertia"] = float(about[2, 2])
         known = {name.removeprefix(f"{body.name}.") for name in parameters(body)}
         size = self.mass * float(np.max(np.abs(np.concatenate([given, place, [ROUNDED]]))))
         for name, value in numbers.items():
@@ -104,25 +110,18 @@ def condition_product(
     loads = {name: payload.values(mechanism) for name, payload in (payloads or {}).items()}
     axes = [list(axis.items()) or [("", {})] for axis in (given, loads, dict(others or {}))]
     conditions = {}
-    for moved, loaded, other in itertools.product(*axes):
-        values = _apart((moved, loaded, other))
+    for parts in itertools.product(*axes):
+        values: Values = {}
+        for name, part in parts:
+            for twice in (given for given in part if sets(values, given)):
+                raise ClearanceError(f"`{name}` sets `{twice}`, which another part of the same condition sets too.")
+            values |= part
         for name, factor in faster.items() or [("", 1.0)]:
             scaled = _scaled(mechanism, values, float(factor), name) if faster else {}
-            kept = {
-                n: value for n, value in values.items() if n.rpartition(".")[0] not in scaled
-            }  # entries are in arrays
-            conditions[", ".join(n for n in (moved[0], loaded[0], other[0], name) if n) or "as given"] = kept | scaled
+            # Entries are in arrays.
+            kept = {n: value for n, value in values.items() if n.rpartition(".")[0] not in scaled}
+            conditions[", ".join(n for n in (*(n for n, _ in parts), name) if n) or "as given"] = kept | scaled
     return conditions
-
-
-def _apart(parts: Sequence[tuple[str, Values]]) -> Values:
-    """The values of all parts. **Raises** `ClearanceError` for a value that two parts set."""
-    values: Values = {}
-    for name, part in parts:
-        for twice in (given for given in part if sets(values, given)):
-            raise ClearanceError(f"`{name}` sets `{twice}`, which another part of the same condition sets too.")
-        values |= part
-    return values
 
 
 def _trajectory(name: str, drives: Mapping[str, AbstractMotionLaw], mechanism: Mechanism) -> Values:
@@ -148,7 +147,8 @@ def _scaled(mechanism: Mechanism, values: Values, factor: float, name: str) -> V
         raise ClearanceError("Speeds scale drives, and controllers follow references of their own: set their numbers.")
     scaled, once = {}, replace(mechanism, values)
     for n, leaf in parameters(once).items():
-        power = time_power(leaf.unit) if _is_course(leaf) else 0
+        is_course = COURSES & set(leaf.path)
+        power = time_power(leaf.unit) if is_course else 0
         if power:
             scaled[n] = np.asarray(leaf.value, float) * factor**-power
     _check_scaled(once, replace(once, scaled), factor, name)
@@ -173,11 +173,6 @@ def _check_scaled(once: Mechanism, scaled: Mechanism, factor: float, name: str) 
                 )
 
 
-def _is_course(leaf: Leaf) -> bool:
-    """Whether a number belongs to a course in time: of a drive, a load, or a payload that is picked up."""
-    return bool({"drive", "course", "picked_up", "put_down"} & set(leaf.path))
-
-
 # Masses --------------------------------------------------------------------------------------------------------------
 
 
@@ -200,14 +195,6 @@ def _tensor(inertia: Any) -> np.ndarray:
     if len(numbers) < 2:
         return np.diag([0.0, 0.0, *numbers]) if len(numbers) else np.zeros((3, 3))
     return _tensor(Inertia(*numbers))
-
-
-def _inertia(body: Body, tensor: np.ndarray) -> Values:
-    """The entries of a tensor (3, 3) by the names of a body's numbers."""
-    if not isinstance(body.inertia, Inertia):
-        return {"inertia": float(tensor[2, 2])}
-    pairs = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-    return {f"inertia.{name}": float(tensor[place]) for name, place in pairs.items()}
 
 
 def without_wear(
@@ -243,15 +230,9 @@ def sets(values: Mapping[str, Any], name: str) -> bool:
     return any(name == given or _within(name, given) or _within(given, name) for given in values)
 
 
-def worth(
-    mechanism: Mechanism,
-    measures: Iterable[AbstractMeasure],
-    name: str,
-    given: Mapping[str, Any] = MappingProxyType({}),
-) -> Any:
-    """The value of a number of the mechanism or of wear, after some numbers are set to `given` values.
-
-    **Raises:** `ClearanceError` for an unknown number, and if limits do not agree about it.
+def worth(mechanism: Mechanism, measures: Iterable[AbstractMeasure], name: str, given: Mapping[str, Any] = NONE) -> Any:
+    """The value of a number of the mechanism or of wear, after some numbers are set to `given` values. **Raises**
+    `ClearanceError` for an unknown number, and if limits do not agree about it.
     """
 
     def as_given(model: Any) -> Any:

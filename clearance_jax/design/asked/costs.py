@@ -7,6 +7,7 @@ power (Michael and Siddall 1981).
 
 import abc
 import itertools
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -21,21 +22,10 @@ from clearance_jax.parameters import PARAMETER, physical
 POWER = f"{PARAMETER} to the power"
 
 
-def _factor(unit: str = POWER):
-    example = '"0.04 mm^2"' if unit else "3.0"
-    return physical(unit, above=0.0, help="factor of the clearance-dependent part", example=example)
-
-
-def _rate():
-    return physical(f"1/{PARAMETER}", above=0.0, help="rate at which the cost falls", example='"1 / (10 um)"')
-
-
-def _power():
-    return physical("", above=0.0, default=1.0, help="power of the clearance", example="2")
-
-
-def _fixed():
-    return physical("", default=0.0, help="cost that no clearance saves", example="1.0")
+_FACTOR: Any = {"above": 0.0, "help": "factor of the clearance-dependent part"}
+_RATE: Any = {"above": 0.0, "help": "rate at which the cost falls", "example": '"1 / (10 um)"'}
+_POWER: Any = {"above": 0.0, "default": 1.0, "help": "power of the clearance", "example": "2"}
+_FIXED: Any = {"default": 0.0, "help": "cost that no clearance saves", "example": "1.0"}
 
 
 class AbstractCost(Module):
@@ -49,9 +39,9 @@ class AbstractCost(Module):
 class Reciprocal(AbstractCost):
     """`fixed + factor / clearance^power`; power 1 and 2 are the classical ones."""
 
-    factor: Scalar = _factor()
-    power: Scalar = _power()
-    fixed: Scalar = _fixed()
+    factor: Scalar = physical(POWER, **_FACTOR, example='"0.04 mm^2"')
+    power: Scalar = physical("", **_POWER)
+    fixed: Scalar = physical("", **_FIXED)
 
     def __call__(self, clearance):
         return self.fixed + self.factor / clearance**self.power
@@ -60,9 +50,9 @@ class Reciprocal(AbstractCost):
 class Exponential(AbstractCost):
     """`fixed + factor exp(-rate clearance)`, rate in 1/m."""
 
-    factor: Scalar = _factor("")
-    rate: Scalar = _rate()
-    fixed: Scalar = _fixed()
+    factor: Scalar = physical("", **_FACTOR, example="3.0")
+    rate: Scalar = physical(f"1/{PARAMETER}", **_RATE)
+    fixed: Scalar = physical("", **_FIXED)
 
     def __call__(self, clearance):
         return self.fixed + self.factor * jnp.exp(-self.rate * clearance)
@@ -71,10 +61,10 @@ class Exponential(AbstractCost):
 class ExponentialReciprocal(AbstractCost):
     """`fixed + factor exp(-rate clearance) / clearance^power`."""
 
-    factor: Scalar = _factor()
-    rate: Scalar = _rate()
-    power: Scalar = _power()
-    fixed: Scalar = _fixed()
+    factor: Scalar = physical(POWER, **_FACTOR, example='"0.04 mm^2"')
+    rate: Scalar = physical(f"1/{PARAMETER}", **_RATE)
+    power: Scalar = physical("", **_POWER)
+    fixed: Scalar = physical("", **_FIXED)
 
     def __call__(self, clearance):
         return self.fixed + self.factor * jnp.exp(-self.rate * clearance) / clearance**self.power

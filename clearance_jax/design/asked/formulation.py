@@ -13,7 +13,6 @@ from clearance_jax.design.asked.specification import AUTO, Scenario, Specificati
 from clearance_jax.design.search.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.search.program import INSIDE, Evaluation, Program
 from clearance_jax.errors import ClearanceError
-from clearance_jax.metrics.reductions import Peak
 from clearance_jax.runs.identity import numbers, short, versions
 from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.settings import QUASI_STATIC
@@ -67,8 +66,12 @@ def _program(specification: Specification, simulations: Simulations, **options: 
         gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
         return _evaluate(specification, x, gradient, scenarios, simulations)
 
-    def several(points):
-        return _evaluate_points(specification, points, scenarios, simulations)
+    def several(points):  # in one batch
+        first = specification.values(points[0])
+        factors = [specification.values(x) / first for x in points]
+        every = [s._replace(factors=s.factors * factor) for s in scenarios for factor in factors]
+        limits = simulations.together(first, every, False)[0].reshape(len(scenarios), len(points), -1)
+        return [_point(specification, x, limits[:, i], None) for i, x in enumerate(points)]
 
     drawn = dataclasses.replace(specification, manufacture=specification.manufacture.without_margin)
 
@@ -96,7 +99,7 @@ def _leaders(specification: Specification, simulations: Simulations, count: int)
     if specification.manufacture.title:
         return np.arange(count)
     sizes = simulations.sizes()
-    ends, kinds = np.cumsum([0, *sizes]), [isinstance(metric.base_metric, Peak) for metric in simulations.metrics]
+    ends, kinds = np.cumsum([0, *sizes]), [metric.base_metric.ranked for metric in simulations.metrics]
     once = [np.full(n, a) if peak else np.arange(a, a + n) for a, n, peak in zip(ends, sizes, kinds, strict=False)]
     return np.concatenate([np.concatenate(once) + k for k in range(0, count, int(ends[-1]))])
 
@@ -135,20 +138,7 @@ def _identity(specification: Specification, simulations: Simulations) -> dict[st
 def _evaluate(
     specification: Specification, x, gradient, scenarios: Sequence[Scenario], simulations: Simulations
 ) -> Evaluation:
-    clearances = specification.values(x)
-    return _point(specification, x, *simulations.together(clearances, scenarios, gradient))
-
-
-def _evaluate_points(
-    specification: Specification, points: Sequence[np.ndarray], scenarios: Sequence[Scenario], simulations: Simulations
-) -> list[Evaluation]:
-    """Evaluate several points, with all of their simulations in one batch."""
-    first = specification.values(points[0])
-    factors = [specification.values(x) / first for x in points]
-    every = [s._replace(factors=s.factors * factor) for s in scenarios for factor in factors]
-    limits, _ = simulations.together(first, every, False)
-    each = np.moveaxis(limits.reshape(len(scenarios), len(points), -1), 1, 0)
-    return [_point(specification, x, values, None) for x, values in zip(points, each, strict=True)]
+    return _point(specification, x, *simulations.together(specification.values(x), scenarios, gradient))
 
 
 def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray | None) -> Evaluation:

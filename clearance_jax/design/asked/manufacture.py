@@ -11,16 +11,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.design.search.yields import (
-    CONFIDENCE,
-    samples_needed,
-    samples_to_search,
-    worst_parts,
-    yield_supported,
-)
+from clearance_jax.design.search import yields
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.parameters import describe, physical
-from clearance_jax.sweep.scatter import check_scatter
+from clearance_jax.sweep.axes import check_scatter
 
 # The relative standard deviation above which a number scatters log-normally.
 WIDE = 0.2
@@ -47,30 +41,16 @@ class AbstractManufacture(abc.ABC):
     is_sampled: ClassVar[bool] = False
     """Whether parts are samples: then a design has a yield, and fresh samples can be drawn."""
 
-    @property
-    def title(self) -> str:
-        """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
-        return ""
-
-    @property
-    def among(self) -> str:
-        """The parts among which each limit is judged at once, in words; empty: part by part."""
-        return ""
-
-    @property
-    def is_design(self) -> bool:
-        """Whether the only part is the design itself."""
-        return False
-
-    @property
-    def scattered(self) -> tuple[str, ...]:
-        """Names of the numbers that scatter."""
-        return ()
-
-    @property
-    def doubt(self) -> str:
-        """A sentence on why the design may miss its target, if that is known before the search; else empty."""
-        return ""
+    title: ClassVar[str] = ""
+    """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
+    among: ClassVar[str] = ""
+    """The parts among which each limit is judged at once, in words; empty: part by part."""
+    is_design: ClassVar[bool] = False
+    """Whether the only part is the design itself."""
+    scattered: ClassVar[tuple[str, ...]] = ()
+    """Names of the numbers that scatter."""
+    doubt: ClassVar[str] = ""
+    """A sentence on why the design may miss its target, if that is known before the search; else empty."""
 
     @property
     def without_margin(self) -> "AbstractManufacture":
@@ -108,9 +88,7 @@ class AbstractManufacture(abc.ABC):
 class AsDesigned(AbstractManufacture):
     """Every part is exactly as designed."""
 
-    @property
-    def is_design(self):
-        return True
+    is_design: ClassVar[bool] = True
 
     def parts(self, names, fresh=0, seed=None):
         return [Part("", np.ones(len(names)), is_design=True)]
@@ -181,7 +159,12 @@ class Yield(AbstractManufacture):
     )
     seed: int = describe("its seed", "1", default=0)
     confidence: float = physical(
-        "", least=0.0, below=1.0, default=CONFIDENCE, help="with which the made parts have this share", example="0.9"
+        "",
+        least=0.0,
+        below=1.0,
+        default=yields.CONFIDENCE,
+        help="with which the made parts have this share",
+        example="0.9",
     )
     is_sampled: ClassVar[bool] = True
 
@@ -196,18 +179,18 @@ class Yield(AbstractManufacture):
     @property
     def count(self) -> int:
         """The number of samples."""
-        return samples_to_search(self.target) if self.samples is None else self.samples
+        return yields.samples_to_search(self.target) if self.samples is None else self.samples
 
     @property
     def doubt(self):
-        if not self.confidence or self.count >= samples_needed(self.target, self.confidence):
+        if not self.confidence or self.count >= yields.samples_needed(self.target, self.confidence):
             return ""
-        supported = yield_supported(self.count, self.confidence)
+        supported = yields.yield_supported(self.count, self.confidence)
         return (
             f"{self.count} samples support a yield of {supported:.4g} at {self.confidence:.4g} confidence, but the "
             f"target is {self.target:.6g}: the made parts may fall short of it. Give at least "
-            f"{samples_needed(self.target, self.confidence)} `samples`, or leave them out "
-            f"({samples_to_search(self.target)})."
+            f"{yields.samples_needed(self.target, self.confidence)} `samples`, or leave them out "
+            f"({yields.samples_to_search(self.target)})."
         )
 
     @property
@@ -257,9 +240,8 @@ class Yield(AbstractManufacture):
 
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
         """Draws (samples,) by name: factors on the scattered numbers and on all `names` (1 without scatter), and values
-        of numbers with a distribution. `fresh` > 0: so many purely random samples.
-
-        **Raises:** `ClearanceError` for a variable with a distribution.
+        of numbers with a distribution. `fresh` > 0: so many purely random samples. **Raises** `ClearanceError` for a
+        variable with a distribution.
         """
         self.check()
         count, seed = fresh or self.count, self.seed if seed is None else seed
@@ -269,38 +251,36 @@ class Yield(AbstractManufacture):
             normal = _normal_scores(len(self.scatter), count, seed)
         draws = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
-            if not isinstance(deviation, int | float):
-                if name in names:
-                    text = f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
-                    raise ClearanceError(text)
+            if isinstance(deviation, int | float):
+                # A normal factor with a large deviation could be negative.
+                wide = np.sqrt(np.log1p(deviation**2))
+                draws[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
+            elif name in names:
+                raise ClearanceError(
+                    f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
+                )
+            else:
                 draws[name] = deviation.ppf(scipy.stats.norm.cdf(column))
-                continue
-            # A normal factor with a large deviation could be negative.
-            wide = np.sqrt(np.log1p(deviation**2))
-            draws[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
         return draws
 
     def judge(self, values, slopes):
-        which = np.argmax(values, axis=1)
-        worst = np.take_along_axis(values, which[:, None], 1)[:, 0]
+        pairs = np.arange(len(values)), np.argmax(values, axis=1)
+        worst = values[pairs]
         weights = self.weights(worst)
-        risk = np.array([float(weights @ worst)])
-        if slopes is None:
-            return risk, None
-        return risk, (weights @ np.take_along_axis(slopes, which[:, None, None], 1)[:, 0])[None]
+        return np.array([float(weights @ worst)]), None if slopes is None else (weights @ slopes[pairs])[None]
 
     def weights(self, worst: np.ndarray) -> np.ndarray:
         """The weights (samples,) of the mean over the worst samples, by their worst scaled limits; their sum is 1."""
-        tail = worst_parts(len(worst), self.target, self.confidence)
-        order = np.argsort(-worst)
-        weights = np.zeros(len(worst))
-        weights[order] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
+        tail, weights = yields.worst_parts(len(worst), self.target, self.confidence), np.zeros(len(worst))
+        weights[np.argsort(-worst)] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
 
     def __str__(self) -> str:
-        worst = worst_parts(self.count, self.target, self.confidence)
-        numbers = ", ".join(self.scatter) or "nothing"
-        asked = f"{numbers} scattered; {self.target:.6g} of the parts must hold every limit"
+        worst, scattered = (
+            yields.worst_parts(self.count, self.target, self.confidence),
+            ", ".join(self.scatter) or "nothing",
+        )
+        asked = f"{scattered} scattered; {self.target:.6g} of the parts must hold every limit"
         return f"{asked}: of {self.count} samples the worst {worst:.3g} on average"
 
 
@@ -329,9 +309,8 @@ class Neighbours(AbstractManufacture):
         return values[pairs], None if slopes is None else slopes[pairs]
 
     def __str__(self) -> str:
-        return (
-            f"as designed; of each limit the largest counts among {self.samples} neighbours within {self.scatter:.0%}"
-        )
+        largest = "as designed; of each limit the largest counts"
+        return f"{largest} among {self.samples} neighbours within {self.scatter:.0%}"
 
 
 def _normal_scores(width: int, count: int, seed: int) -> np.ndarray:

@@ -6,10 +6,11 @@ keeps its last value.
 """
 
 import dataclasses
+import functools
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import equinox as eqx
 import jax
@@ -25,7 +26,7 @@ from clearance_jax.design.asked.manufacture import AbstractManufacture, AsDesign
 from clearance_jax.design.asked.specification import Limit, Specification
 from clearance_jax.design.search.methods import Method
 from clearance_jax.design.search.program import Evaluation
-from clearance_jax.design.search.search import continued, search
+from clearance_jax.design.search.search import SearchOptions, continued, search
 from clearance_jax.design.search.yields import YieldWarning
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -75,13 +76,16 @@ class ToleranceProblem:
         fidelity, known = options.pop("fidelity", DYNAMICS), parameters(mechanism)
         variables = expand(variables, known)
         cost = expand(cost, known) if isinstance(cost, Mapping) else cost
+        conditions = conditions or [{}]
+        if not isinstance(conditions, Mapping):
+            conditions = {f"condition {i + 1}": values for i, values in enumerate(conditions)}
         asked = Specification(
             mechanism,
             float(t1),
             {name: (float(low), float(high)) for name, (low, high) in variables.items()},
             tuple(limits),
             _costs(cost, tuple(variables)),
-            _conditions(conditions),
+            {name: dict(values) for name, values in conditions.items()},
             manufacture or AsDesigned(),
             options,
             cost_unit,
@@ -134,12 +138,9 @@ class ToleranceProblem:
             warnings.warn(doubt, YieldWarning, stacklevel=2)
         with place_of(cluster) as place:
             specification = self.specification if fidelity is None else self.specification.judged_by(fidelity)
-            given = {"method": method, "seed": seed, "most": most, "progress": progress, "place": place}
-            given |= {"classes": classes, "diameters": diameters}
+            how = SearchOptions(method, start, starts, seed, record, most, progress, place, classes, diameters)
             widths = tuple(map(float, smoothing))
-            if widths == (0.0,):
-                return search(specification, start=start, starts=starts, record=record, **given)
-            return continued(specification, widths, start, starts, record, **given)
+            return search(specification, how) if widths == (0.0,) else continued(specification, widths, how)
 
 
 def _costs(cost, names) -> tuple[Callable, ...]:
@@ -147,17 +148,10 @@ def _costs(cost, names) -> tuple[Callable, ...]:
         return ()
     if not isinstance(cost, Mapping):
         return (cost,) * len(names)
-    missing = [name for name in names if name not in cost]
-    if missing:
-        raise ClearanceError(f"There is no cost for `{missing[0]}`. Give one for every variable.")
+    for name in names:
+        if name not in cost:
+            raise ClearanceError(f"There is no cost for `{name}`. Give one for every variable.")
     return tuple(cost[name] for name in names)
-
-
-def _conditions(conditions) -> dict[str, dict[str, Any]]:
-    conditions = conditions or [{}]
-    if not isinstance(conditions, Mapping):
-        conditions = {f"condition {i + 1}": values for i, values in enumerate(conditions)}
-    return {name: dict(values) for name, values in conditions.items()}
 
 
 # A motion ends at rest if its speed at the end is at most this part of its largest one. With few rows a cubic shows
@@ -167,52 +161,35 @@ REST, ROUGH, MOST = 0.01, 50.0, 0.25
 STILL = 1e-9
 
 
-class Course(NamedTuple):
-    """A spline of a mechanism: the prefix of its numbers' names ("drive.crank."), and the path to it."""
-
-    begin: str
-    path: tuple[str, ...]
-
-
 def with_held_ends(specification: Specification) -> Specification:
     """The problem with splines that keep their last values after their tables, if a table ends before the motion.
-
-    **Raises:** `ClearanceError` if a table begins after the motion, or ends before it and not at rest.
+    **Raises** `ClearanceError` if a table begins after the motion, or ends before it and not at rest.
     """
-    t0, t1 = specification.t0, specification.t1
-    courses = _courses(specification.mechanism)
+    t0, t1, mechanism = specification.t0, specification.t1, specification.mechanism
+    tables = (leaf for leaf in leaves(mechanism) if leaf.path[-1] == "times" and isinstance(leaf.owners[-1], Spline))
+    # The prefix of the names of a spline's numbers ("drive.crank."), and the path to it.
+    courses = {leaf.name.removesuffix("times"): leaf.path[:-1] for leaf in tables}
     moved = {n: specification.move(specification.mechanism, values) for n, values in specification.conditions.items()}
     speeds: dict[str, dict[str, float]] = {}
-    for course in courses:
+    for begin, path in courses.items():
         ends = {}
-        for name, mechanism in moved.items():
+        for name, condition in moved.items():
             try:
-                ends[name] = _end_speed(follow(mechanism, course.path), course.begin[:-1], t0, t1)
+                ends[name] = _end_speed(follow(condition, path), begin[:-1], t0, t1)
             except ClearanceError as error:
                 raise error.at(f"In `{name}`") from None
         if any(rests for _, rests in ends.values()):
-            speeds[course.begin] = {name: speed for name, (speed, _) in ends.items()}
+            speeds[begin] = {name: speed for name, (speed, _) in ends.items()}
     if not speeds:
         return specification
-    mechanism = specification.mechanism
-    for course in courses:
-        if course.begin in speeds:  # any of the speeds: every condition sets its own
-            mechanism = _held(mechanism, course, next(iter(speeds[course.begin].values())))
+    for begin, by_condition in speeds.items():  # any of the speeds: every condition sets its own
+        spline = HeldSpline(follow(mechanism, courses[begin]), next(iter(by_condition.values())))
+        mechanism = eqx.tree_at(functools.partial(follow, path=courses[begin]), mechanism, spline)
     conditions = {
         name: {**values, **{f"{begin}end_speed": by_condition[name] for begin, by_condition in speeds.items()}}
         for name, values in specification.conditions.items()
     }
     return dataclasses.replace(specification, mechanism=mechanism, conditions=conditions)
-
-
-def _courses(mechanism: Mechanism) -> list[Course]:
-    """Every spline of a mechanism."""
-    tables = (leaf for leaf in leaves(mechanism) if leaf.path[-1] == "times" and isinstance(leaf.owners[-1], Spline))
-    return [Course(leaf.name.removesuffix("times"), leaf.path[:-1]) for leaf in tables]
-
-
-def _held(mechanism: Mechanism, course: Course, speed: float) -> Mechanism:
-    return eqx.tree_at(lambda m: follow(m, course.path), mechanism, HeldSpline(follow(mechanism, course.path), speed))
 
 
 def _end_speed(spline: Spline, name: str, t0: float, t1: float) -> tuple[float, bool]:

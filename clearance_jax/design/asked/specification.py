@@ -1,8 +1,8 @@
 """The specification of a tolerance problem, checked: variables, limits, conditions, costs, options; its scenarios."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.module import Module
-from clearance_jax.design.asked.conditions import replace_values, sets, values_for, worth
+from clearance_jax.design.asked.conditions import NONE, replace_values, sets, values_for, worth
 from clearance_jax.design.asked.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
@@ -149,9 +149,8 @@ class Specification:
         self.manufacture.check()
         if not self.variables or not self.limits:
             raise ClearanceError("A design problem wants at least one variable and one limit.")
-        called = [limit.title for limit in self.limits]
-        for title in called:
-            if called.count(title) > 1:
+        for title, count in Counter(limit.title for limit in self.limits).items():
+            if count > 1:
                 raise ClearanceError(f"Two limits are called `{title}`: give each a name of its own.")
         for name, values in self.conditions.items():
             self._check_condition(name, values)
@@ -161,19 +160,23 @@ class Specification:
             for given in values:
                 self.worth(given)  # an unknown name raises here
             now = self.move(self.mechanism, values)
-            for end in (0, 1):
-                check_values(replace(now, {name: ends[end] for name, ends in self.variables.items()}))
-            metrics = [limit.metric for limit in self.limits]
-            for metric in metrics:
-                check_values(replace(metric.model(now), values_for(metric, now, metrics, values)))
+            for ends in zip(*self.variables.values(), strict=True):
+                check_values(replace(now, dict(zip(self.variables, ends, strict=True))))
+            for metric in self.metrics:
+                check_values(replace(metric.model(now), values_for(metric, now, self.metrics, values)))
             for scattered in self.manufacture.scattered:
                 self.worth(scattered)
                 if scattered not in self.variables:
                     worth_here = self.worth(scattered, values)
                     self.manufacture.check_worth(scattered, worth_here, sets(values, scattered))
             known = parameters(now)
-            if any(given.startswith("drive.") for given in values):
-                self._check_end(now)
+            # The last times at which the drives of the condition move, and those of the mechanism.
+            last, usual = (max(np.asarray(drive_breaks(m)).tolist(), default=0.0) for m in (now, self.mechanism))
+            if any(given.startswith("drive.") for given in values) and last > self.t1 * (1 + 1e-9) >= usual:
+                raise ClearanceError(
+                    f"its drives move until {last:.6g} s, and the motion ends at t1 = {self.t1:.6g} s, before they "
+                    f"come to rest: let it last as long as the slowest condition, t1 = {last:.6g}."
+                ).about("t1", float(self.t1), last)
         except ClearanceError as error:
             raise error.at(f"In `{name}`") from None
         for variable in self.variables:
@@ -182,26 +185,20 @@ class Specification:
             if variable in known and np.ndim(known[variable].value):
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
 
-    def _check_end(self, mechanism: Mechanism) -> None:
-        """Raise `ClearanceError` if a condition's drives move beyond the end and those of the mechanism do not."""
-        last = [max(np.asarray(drive_breaks(m)).tolist(), default=0.0) for m in (mechanism, self.mechanism)]
-        end = self.t1 * (1 + 1e-9)
-        if last[0] > end >= last[1]:
-            raise ClearanceError(
-                f"its drives move until {last[0]:.6g} s, and the motion ends at t1 = {self.t1:.6g} s, before they come "
-                f"to rest: let it last as long as the slowest condition, t1 = {last[0]:.6g}."
-            ).about("t1", float(self.t1), last[0])
+    @property
+    def metrics(self) -> list[AbstractMeasure]:
+        """Those of its limits."""
+        return [limit.metric for limit in self.limits]
 
-    def worth(self, name: str, given: Mapping[str, Any] = MappingProxyType({})) -> Any:
+    def worth(self, name: str, given: Mapping[str, Any] = NONE) -> Any:
         """The value of a number, the mechanism's or that of wear, in a condition that sets the `given` values.
-
-        **Raises:** `ClearanceError` for an unknown one.
+        **Raises** `ClearanceError` for an unknown one.
         """
-        return worth(self.mechanism, [limit.metric for limit in self.limits], name, given)
+        return worth(self.mechanism, self.metrics, name, given)
 
     def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         """The mechanism with the values of a condition or scenario, of which those of wear are ignored."""
-        return replace_values(mechanism, [limit.metric for limit in self.limits], values)
+        return replace_values(mechanism, self.metrics, values)
 
     def settings(self, **changes: Any) -> Settings:
         """The settings of the solves, with some options changed."""

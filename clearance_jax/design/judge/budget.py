@@ -114,7 +114,7 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     parts = {
         "quasi_static": _parts(_with_stiffness(mechanism, 1.0), index, times),
         "play": _parts(_with_stiffness(mechanism, RIGID), index, times),
-        "elasticity": _parts(_with_stiffness(_closed(mechanism), 1.0), index, times),
+        "elasticity": _parts(_with_stiffness(change_each_play(mechanism, _closer), 1.0), index, times),
     }
     for name, part in parts.items():
         if not bool(jnp.all(part.good)):
@@ -145,7 +145,6 @@ _BAD = {
 @solo_jit
 def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
     ready = mechanism.prepare()
-    joints = ready.clearance_joints()
     ideal = ideal_states(ready, times)
 
     def at_instant(time, y, pose):
@@ -153,7 +152,7 @@ def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
         wanted = _place(ready, index, time, displaced(time, ready, at_rest, y))
         whole = subtract(_place(ready, index, time, pose.y), wanted)
         alone = []
-        for k in range(len(joints)):
+        for k in range(len(pose.play)):
             play = (*at_rest[:k], pose.play[k], *at_rest[k + 1 :])
             alone.append(as_array(subtract(_place(ready, index, time, displaced(time, ready, play, y)), wanted)))
         good = are_poses(mechanism, pose.errors) & jnp.all(jnp.isfinite(pose.y))
@@ -164,8 +163,7 @@ def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
 
 def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any:
     point = mechanism.points[index]
-    frame = frames(mechanism, time, layout(mechanism).split(y))[point.body]
-    return frame.point(point.at.vector)
+    return frames(mechanism, time, layout(mechanism).split(y))[point.body].point(point.at.vector)
 
 
 @solo_jit
@@ -182,24 +180,13 @@ def _deviations(mechanism: Mechanism, index: int, times: Array, y: Array) -> Arr
 
 def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
     """The mechanism with contacts `factor` times as stiff; any factor uses the same program."""
-
-    def stiffer(clearance):
-        return dataclasses.replace(clearance, normal=Stiffened(clearance.normal, factor))
-
-    return change_each_play(mechanism, stiffer)
+    return change_each_play(mechanism, lambda play: dataclasses.replace(play, normal=Stiffened(play.normal, factor)))
 
 
-def _closed(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with nearly no play."""
-
-    def closer(clearance):
-        sizes = {name: getattr(clearance, name) for name, play in clearance.sizes().items() if play}
-        return dataclasses.replace(clearance, **{name: CLOSED * x for name, x in sizes.items() if x is not None})
-
-    return change_each_play(mechanism, closer)
-
-
-# In print ------------------------------------------------------------------------------------------------------------
+def _closer(clearance):
+    """The clearance with nearly no play."""
+    sizes = {name: getattr(clearance, name) for name, play in clearance.sizes().items() if play}
+    return dataclasses.replace(clearance, **{name: CLOSED * x for name, x in sizes.items() if x is not None})
 
 
 def _lines(budget: ErrorBudget):

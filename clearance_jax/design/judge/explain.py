@@ -57,14 +57,13 @@ class Response(NamedTuple):
         return f"{slope:.4g} {of or 1} per {by or 1}"
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.where}: {format_quantity(self.value, self.unit, 5)} of {format_quantity(self.bound, self.unit, 5)}"
-        ]
+        value, bound = (format_quantity(number, self.unit, 5) for number in (self.value, self.bound))
+        lines = [f"{self.where}: {value} of {bound}"]
         for name, part in self.contributions.items():
-            share = f"{part / self.bound:.1%} of the bound"
+            share = f"{self.share(part):.1%} of the bound"
             lines.append(f"  {name}: {format_quantity(part, self.unit, 4)} ({share}), {self.sensitivity(name)}")
-        lines.append(f"  the rest: {format_quantity(self.rest, self.unit, 4)} ({self.rest / self.bound:.1%})")
-        return "\n".join(lines)
+        rest = f"{format_quantity(self.rest, self.unit, 4)} ({self.share(self.rest):.1%})"
+        return "\n".join([*lines, f"  the rest: {rest}"])
 
 
 def responses(design: Design) -> tuple[Response, ...]:
@@ -89,18 +88,9 @@ def responses(design: Design) -> tuple[Response, ...]:
         title, limits, slopes = max(solved, key=lambda f: np.max(f[1][rows]))
         k = ends[i] + int(np.argmax(limits[rows]))
         by_name = dict(zip(specification.variables, (slopes[k] * limit.bound).tolist(), strict=True))
-        out.append(
-            Response(
-                limit.label,
-                limit.label + title + by,
-                limit.metric.unit,
-                float((1 + limits[k]) * limit.bound),
-                limit.bound,
-                design.units,
-                by_name,
-                {name: slope * c for (name, slope), c in zip(by_name.items(), x.tolist(), strict=True)},
-            )
-        )
+        parts = {name: slope * c for (name, slope), c in zip(by_name.items(), x.tolist(), strict=True)}
+        label, unit, value = limit.label, limit.metric.unit, float((1 + limits[k]) * limit.bound)
+        out.append(Response(label, label + title + by, unit, value, limit.bound, design.units, by_name, parts))
     return tuple(out)
 
 
@@ -158,19 +148,15 @@ def tradeoff(
         raise ClearanceError(f"`factors` must be positive numbers, but they are {list(factors)}.")
     with place_of(cluster) as place:
         program = _traded(design, limit, factors, progress, place)
-    ends = [_best(program, limit, factor) for factor in factors]
+    # The best of all evaluated points that hold the limit with each factor on its bound.
+    moved = [np.where([group == limit for group in program.groups], factor, 1.0) for factor in factors]
+    feasible = [[p for p in program.history if np.all((1 + p.limits) / bounds - 1 <= SLACK)] for bounds in moved]
+    ends = [min(points, key=lambda p: p.objective, default=None) for points in feasible]
     asked = {wanted.title: wanted for wanted in design.specification.limits}.get(limit)
     bound, unit, label = (1.0, "", limit) if asked is None else (asked.bound, asked.metric.unit, asked.label)
-    return Tradeoff(
-        limit,
-        unit,
-        bound * np.array(factors),
-        np.array([np.nan if p is None else p.objective for p in ends]),
-        tuple(None if p is None else design.specification.clearances(p.x) for p in ends),
-        label,
-        bound,
-        design.units,
-    )
+    objectives = np.array([np.nan if p is None else p.objective for p in ends])
+    clearances = tuple(None if p is None else design.specification.clearances(p.x) for p in ends)
+    return Tradeoff(limit, unit, bound * np.array(factors), objectives, clearances, label, bound, design.units)
 
 
 def _traded(
@@ -204,13 +190,6 @@ def _traded(
     return program
 
 
-def _best(program: Program, limit: str, factor: float) -> Evaluation | None:
-    """The best of all evaluated points that hold the limit with this factor on its bound."""
-    moved = np.where([group == limit for group in program.groups], factor, 1.0)
-    feasible = [p for p in program.history if np.all((1 + p.limits) / moved - 1 <= SLACK)]
-    return min(feasible, key=lambda p: p.objective, default=None)
-
-
 # Clearances are chosen to last about so many times the cycles asked for, if wear is even; lives are simulated up to the
 # last factor.
 TIMES, LONGEST = (0.5, 1.0, 2.0, 4.0, 7.0), 20
@@ -240,28 +219,27 @@ def maintenances(design: Design) -> tuple[Maintenance, ...]:
 
     **Raises:** `ClearanceError` if a life cannot be computed.
     """
-    limits = [(limit, limit.metric) for limit in design.specification.limits]
-    return tuple(_of(design, limit, metric) for limit, metric in limits if isinstance(metric, AbstractAged))
-
-
-def _of(design: Design, limit: Limit, metric: AbstractAged) -> Maintenance:
-    parts = design.specification.nominal()
-    asked, shares, lives = max(metric.cycles[-1], 1), _shares(design, limit), {}
-    for condition, given in parts.conditions.items():
-        columns = {name: shares * value for name, value in design.clearances.items()}
-        of_wear = given.keys() - without_wear(parts.mechanism, [metric], given).keys()
-        columns |= {name: np.full(len(shares), float(given[name])) for name in of_wear}
-        now = parts.move(parts.mechanism, given)
-        life = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
-        lives[parts.label(condition)] = life.end
-    return Maintenance(limit.label, asked, LONGEST * asked, shares, lives)
+    parts, out = design.specification.nominal(), []
+    for limit in parts.limits:
+        if not isinstance(metric := limit.metric, AbstractAged):
+            continue
+        asked, shares, lives = max(metric.cycles[-1], 1), _shares(design, limit), {}
+        for condition, given in parts.conditions.items():
+            columns = {name: shares * value for name, value in design.clearances.items()}
+            of_wear = given.keys() - without_wear(parts.mechanism, [metric], given).keys()
+            columns |= {name: np.full(len(shares), float(given[name])) for name in of_wear}
+            now = parts.move(parts.mechanism, given)
+            life = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
+            lives[parts.label(condition)] = life.end
+        out.append(Maintenance(limit.label, asked, LONGEST * asked, shares, lives))
+    return tuple(out)
 
 
 def _shares(design: Design, limit: Limit) -> np.ndarray:
     """The shares of the designed clearances at which lives are simulated, by the room that limits leave for wear."""
     parts, x = design.specification.nominal(), design.specification.values(design.evaluation.x)
-    names, metrics = tuple(parts.variables), [limit.metric.base_metric]
-    simulations = Simulations(parts.mechanism, metrics, [limit.bound], names, parts.t1, parts.settings())
+    asked = [limit.metric.base_metric], [limit.bound], tuple(parts.variables)
+    simulations = Simulations(parts.mechanism, *asked, parts.t1, parts.settings())
 
     def margin(scenario: Scenario) -> float:
         """The share by which clearances can grow until the limit of the new mechanism is met."""

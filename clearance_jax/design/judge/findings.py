@@ -1,7 +1,8 @@
 """The findings about a design, for a report: limits, loads, pictures, contributions, fits, maintenance."""
 
+import functools
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -10,20 +11,11 @@ import xarray as xr
 
 from clearance_jax._version import __version__
 from clearance_jax.design.answer import Design
-from clearance_jax.design.asked.specification import Scenario, scenarios_of
-from clearance_jax.design.judge.certificate import Certificate
+from clearance_jax.design.asked.specification import scenarios_of
+from clearance_jax.design.judge import observed
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff, maintenances, responses, tradeoff
-from clearance_jax.design.judge.observed import (
-    JointDrawing,
-    JointLoad,
-    Observed,
-    joint_drawings,
-    joint_loads,
-    observe,
-    sample_times,
-)
 from clearance_jax.design.judge.standard import StandardFits, chosen_fits, nearest_fits
-from clearance_jax.design.judge.standings import Standing, TimeHistory, histories_of, standings
+from clearance_jax.design.judge.verify import Certificate
 from clearance_jax.design.search.yields import samples_needed
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.dataset import picture_dataset
@@ -44,11 +36,10 @@ class Findings(NamedTuple):
     """Everything that a report says of a `design`. A field is `None` or empty if it was not asked for, or cannot be
     computed.
 
-    - `certificate`, `responses`, `tradeoff`, `fits`, `time_histories`: as `verify`, `responses`, `tradeoff`,
-      `nearest_fits`, `time_histories` give them.
+    - `certificate`, `responses`, `tradeoff`, `fits`, `time_histories`, `maintenance`: as `verify`, `responses`,
+      `tradeoff`, `nearest_fits`, `time_histories`, `maintenances` give them.
     - `standings`: of each limit in each scenario; `drawings`: of each clearance joint; `loads`: of each joint in each
-      condition.
-    - `motions`: a dataset of each condition, for pictures; `maintenance`: as `maintenances` gives it.
+      condition; `motions`: a dataset of each condition, for pictures.
     - `notes`: what else must be said, in sentences; `software`: the versions.
     """
 
@@ -57,11 +48,11 @@ class Findings(NamedTuple):
     responses: tuple[Response, ...] = ()
     tradeoff: Tradeoff | None = None
     fits: StandardFits | None = None
-    time_histories: tuple[TimeHistory, ...] = ()
+    time_histories: tuple[observed.TimeHistory, ...] = ()
     notes: tuple[str, ...] = ()
-    standings: tuple[Standing, ...] = ()
-    drawings: tuple[JointDrawing, ...] = ()
-    loads: tuple[JointLoad, ...] = ()
+    standings: tuple[observed.Standing, ...] = ()
+    drawings: tuple[observed.JointDrawing, ...] = ()
+    loads: tuple[observed.JointLoad, ...] = ()
     motions: Mapping[str, xr.Dataset] = MappingProxyType({})
     maintenance: tuple[Maintenance, ...] = ()
     software: str = ""
@@ -100,17 +91,15 @@ class Findings(NamedTuple):
 
 def known_findings(design: Design, certificate: Certificate | None = None) -> Findings:
     """The findings about a `design` and its `certificate`, if there is one, that need no solve."""
-    doubt = design.specification.manufacture.doubt
-    lack = () if design.feasible else (NO_CLASSES if design.evaluation.feasible else INFEASIBLE,)
+    lack = "" if design.feasible else NO_CLASSES if design.evaluation.feasible else INFEASIBLE
+    notes = tuple(note for note in (lack, design.specification.manufacture.doubt) if note)
     software = f"clearance_jax {__version__}, jax {version('jax')}, Python {platform.python_version()}"
-    return Findings(
-        design,
-        certificate,
-        notes=(*lack, *([doubt] if doubt else ())),
-        standings=standings(design),
-        drawings=joint_drawings(design, {}),
-        software=software,
-    )
+    shown = {
+        "standings": observed.standings(design),
+        "drawings": observed.joint_drawings(design, {}),
+        "software": software,
+    }
+    return Findings(design, certificate, notes=notes, **shown)
 
 
 def findings(
@@ -129,7 +118,15 @@ def findings(
 
     If you interrupt it, it returns what it has found until then, with the note `CUT_SHORT`.
     """
-    return _go_on(known_findings(design, certificate), _steps(design, cluster), progress, trade, cluster)
+    steps: dict[str, Callable[[Findings], Findings]] = {"loads and pictures": _see}
+    if design.feasible:
+        steps |= {
+            "contributions": _step("responses", responses),
+            "standard fits": lambda findings: _fit(findings, cluster),
+        }
+        if any(limit.ages for limit in design.specification.limits):
+            steps["maintenance intervals"] = _step("maintenance", maintenances)
+    return with_tradeoff(known_findings(design, certificate), progress, cluster, trade, steps)
 
 
 def with_tradeoff(
@@ -137,38 +134,22 @@ def with_tradeoff(
     progress: Callable[[str], None] | None = None,
     cluster: Any = None,
     trade: Mapping[str, Any] | None = None,
+    before: Mapping[str, Callable[[Findings], Findings]] = MappingProxyType({}),
 ) -> Findings:
-    """The findings with a trade-off, if `trade` is given; arguments as those of the function `findings`."""
-    return _go_on(findings, (), progress, trade, cluster)
-
-
-def _go_on(
-    findings: Findings,
-    steps: Iterable[tuple[str, Callable[[Findings], Findings]]],
-    progress: Callable[[str], None] | None,
-    trade: Mapping[str, Any] | None,
-    cluster: Any,
-) -> Findings:
-    """Apply the steps to the findings, and then the trade-off; an interruption keeps the findings so far."""
+    """The findings after the steps `before`, and with a trade-off if `trade` is given. Arguments as of `findings`."""
     try:
-        for name, step in steps:
+        for name, step in before.items():
             if progress is not None:
                 progress(name)
             findings = step(findings)
         if trade is not None and findings.design.feasible:
-            findings = _trade(findings, trade, progress, cluster)
+            if findings.design.specification.manufacture.among or findings.design.classes is not None:
+                return _note(findings, NO_TRADE)
+            traded = tradeoff(findings.design, **trade, progress=progress, cluster=cluster)
+            findings = findings._replace(tradeoff=traded)
     except KeyboardInterrupt:
         findings = _note(findings, CUT_SHORT)
     return findings
-
-
-def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
-    yield "loads and pictures", _see
-    if design.feasible:
-        yield "contributions", _step("responses", responses)
-        yield "standard fits", lambda findings: _fit(findings, cluster)
-        if any(limit.ages for limit in design.specification.limits):
-            yield "maintenance intervals", _step("maintenance", maintenances)
 
 
 def _note(findings: Findings, note: str) -> Findings:
@@ -179,28 +160,22 @@ def _see(findings: Findings) -> Findings:
     """Add standings, time histories, loads and motions of the design."""
     design = findings.design
     specification = design.specification
-    parts, times = specification.nominal(), sample_times(specification)
+    parts, times = specification.nominal(), observed.sample_times(specification)
+    look = functools.partial(observed.observe, specification, design.evaluation.x)
     if specification.fidelity == QUASI_STATIC:
         findings = _note(findings, OF_DYNAMICS)
-    seen: dict[str, Observed] = {}
-    loads: list[JointLoad] = []
-    motions: dict[str, xr.Dataset] = {}
+    signals, loads, motions = {}, [], {}
     for name, scenario in zip(parts.conditions, scenarios_of(parts), strict=True):
-        now = observe(specification, design.evaluation.x, scenario)
+        now = look(scenario)
         if now is None:
             continue  # a design that could not be simulated is reported as such elsewhere
-        mechanism = specification.move(design.mechanism, scenario.values)
-        condition = parts.label(name)
-        seen[condition] = now
-        loads += joint_loads(mechanism, condition, times, now)
+        mechanism, condition = specification.move(design.mechanism, scenario.values), parts.label(name)
+        signals[condition] = now.signals
+        loads += observed.joint_loads(mechanism, condition, times, now)
         motions[condition] = picture_dataset(mechanism, times, now.picture)
-
-    def look(scenario: Scenario) -> Observed | None:
-        return observe(specification, design.evaluation.x, scenario)
-
     return findings._replace(
-        standings=standings(design, look),
-        time_histories=histories_of(specification, times, {name: now.signals for name, now in seen.items()}),
+        standings=observed.standings(design, look),
+        time_histories=observed.histories_of(specification, times, signals),
         loads=tuple(loads),
         motions=motions,
     )
@@ -218,14 +193,6 @@ def _step(field: str, compute: Callable[[Design], Any]) -> Callable[[Findings], 
     return step
 
 
-def _trade(
-    findings: Findings, options: Mapping[str, Any], progress: Callable[[str], None] | None, cluster: Any
-) -> Findings:
-    if findings.design.specification.manufacture.among or findings.design.classes is not None:
-        return _note(findings, NO_TRADE)
-    return findings._replace(tradeoff=tradeoff(findings.design, **options, progress=progress, cluster=cluster))
-
-
 def _fit(findings: Findings, cluster: Any) -> Findings:
     asked, samples = findings.design.specification, None
     if any(limit.ages for limit in asked.limits):
@@ -238,4 +205,4 @@ def _fit(findings: Findings, cluster: Any) -> Findings:
         return _note(findings, str(error))
     if fits is None:
         return _note(findings, NO_FITS)
-    return findings._replace(fits=fits, drawings=joint_drawings(findings.design, fits.fits, fits.remarks))
+    return findings._replace(fits=fits, drawings=observed.joint_drawings(findings.design, fits.fits, fits.remarks))

@@ -1,10 +1,10 @@
-"""What a design's motion and joints are like, from one solve in each scenario.
+"""What a design's motion and joints are like, from one solve in each scenario, and how it stands with its limits.
 
-Limits and instants of peaks, signals over time, forces and work of joints, data for pictures; from these the loads of
-each joint, for the choice of its bearing, and the data for its drawing.
+Instants of peaks, signals over time, forces and work of joints, data for pictures; from these the loads of each joint,
+for the choice of its bearing, the data for its drawing, and the limits beside their bounds.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -18,8 +18,9 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.ask.question import Question, answer
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import CLEARANCE
-from clearance_jax.design.asked.specification import Scenario, Specification
+from clearance_jax.design.asked.specification import Scenario, Specification, scenarios_of
 from clearance_jax.dynamics.equations import balance
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.fits import Fit
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -30,7 +31,7 @@ from clearance_jax.metrics.observed import FirstFall, Instants, JointWork, PeakI
 from clearance_jax.metrics.reductions import At, Impacts, Peak
 from clearance_jax.metrics.signals import ContactForce
 from clearance_jax.results.places import picture
-from clearance_jax.solve.settings import DYNAMICS
+from clearance_jax.solve.settings import DYNAMICS, settings_of
 from clearance_jax.spatial import as_array
 
 SAMPLES = 2001
@@ -97,13 +98,12 @@ def observe(specification: Specification, x: np.ndarray, scenario: Scenario) -> 
 
 def _request(specification: Specification) -> Observed:
     joints = [joint.name for joint in specification.mechanism.clearance_joints()]
-    times = sample_times(specification)
+    times, limits = sample_times(specification), specification.limits
     # One motion shows the new mechanism, also for limits on a worn one.
-    metrics = [limit.simulation_metric.base_metric for limit in specification.limits]
-    signals = [getattr(metric, "signal", None) for metric in metrics]
+    metrics = [limit.simulation_metric.base_metric for limit in limits]
     return Observed(
-        tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),
-        tuple(None if signal is None else At(signal, times) for signal in signals),
+        tuple(PeakInstants(metric) if metric.ranked else metric for metric in metrics),
+        tuple(None if limit.signal is None else At(limit.signal, times) for limit in limits),
         tuple(PeakInstants(Peak(ContactForce(name), count=FORCES)) for name in joints),
         tuple(FirstFall(name) for name in joints),
         tuple(JointWork(name) for name in joints),
@@ -154,9 +154,7 @@ class JointLoad(NamedTuple):
 
 
 def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: Observed) -> tuple[JointLoad, ...]:
-    """The load of every clearance joint from an observed motion; components of forces are those at the nearest of the
-    sample `times` [s].
-    """
+    """The load of every clearance joint; components of forces are those at the nearest of the sample `times` [s]."""
     rows = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
     out = []
     for joint, force, over, work, impacts in rows:
@@ -164,37 +162,19 @@ def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: O
         if not mechanism.is_plane:
             exerted, moment = seen.wrenches[joint.name]
             turned |= {"force": tuple(exerted[k].tolist()), "moment": float(np.hypot(*moment[k, :2]))}
-        out.append(
-            JointLoad(
-                joint.name,
-                condition,
-                float(force.values[0]),
-                float(force.times[0]),
-                float(work.mean_force),
-                int(impacts),
-                float(work.friction_loss),
-                float(work.contact_loss),
-                *pin_size(joint),
-                **turned,
-            )
-        )
+        largest, time, mean = float(force.values[0]), float(force.times[0]), float(work.mean_force)
+        rest = int(impacts), float(work.friction_loss), float(work.contact_loss), *pin_size(joint)
+        out.append(JointLoad(joint.name, condition, largest, time, mean, *rest, **turned))
     return tuple(out)
 
 
 def _of_fall(force: Instants, over: float) -> dict[str, Any]:
-    """The fields of `JointLoad` about the first fall of a pin, which is over at time `over` [s]; empty if the largest
-    force comes later.
-    """
+    """The fields of `JointLoad` about the first fall, over at a time [s]; empty if the largest force comes later."""
     if force.times[0] > over:
         return {}
     later = np.flatnonzero((force.times > over) & (force.values > 0))
     after = {"after": float(force.values[later[0]]), "time_after": float(force.times[later[0]])} if later.size else {}
     return {"first_fall": True} | after
-
-
-def first_clearance(joint: ClearanceJoint) -> float:
-    """The radial clearance of a joint, or the clearance of a guide to either side [m]."""
-    return float(joint.joint.play()[0].scale)
 
 
 def pin_size(joint: ClearanceJoint) -> tuple[float, float | None]:
@@ -206,8 +186,8 @@ def pin_size(joint: ClearanceJoint) -> tuple[float, float | None]:
 class JointDrawing(NamedTuple):
     """The data for the drawing of a clearance `joint`.
 
-    - `diameter`: the nominal one [m]; `clearance`: the radial one [m], the largest allowed if it is `designed`,
-      otherwise that of the mechanism.
+    - `diameter`: the nominal one [m]; `clearance`: the radial one, or that of a guide to either side [m], the largest
+      allowed if it is `designed`, otherwise that of the mechanism.
     - `fit`: as of `nearest_fits` (`None`: not known); `remark`: where the fit exceeds the designed clearance or bounds.
     """
 
@@ -227,10 +207,119 @@ def joint_drawings(
         JointDrawing(
             joint.name,
             pin_size(joint)[0],
-            first_clearance(joint),
+            float(joint.joint.play()[0].scale),
             joint.name + CLEARANCE in design.clearances,
             fits.get(joint.name + CLEARANCE),
             remarks.get(joint.name + CLEARANCE, ""),
         )
         for joint in design.mechanism.clearance_joints()
+    )
+
+
+# The number of limits that are shown, the nearest to their bounds.
+SHOWN = 12
+
+
+class Standing(NamedTuple):
+    """How near a limit (its `label`) is to its bound in one scenario: `share`, value over bound; `value` and `bound` in
+    `unit` (for a risk of several limits, shares of their bounds); the `time` of the peak [s], if the metric is one.
+    """
+
+    label: str
+    unit: str
+    value: float
+    bound: float
+    share: float
+    time: float | None
+
+
+def standings(design: Design, look: Callable[[Scenario], Observed | None] | None = None) -> tuple[Standing, ...]:
+    """The standings of the limits nearest to their bounds, at most `SHOWN`, the nearest first. `look`: observes a
+    scenario, for the instants of its peaks (default: these are `None`).
+    """
+    program, limits, specification = design.program, design.evaluation.limits, design.specification
+    order = np.argsort(-np.nan_to_num(limits, nan=np.inf))[:SHOWN]
+    if specification.manufacture.title:
+        # The risk of all parts: in the unit of a single limit, or as a share of several bounds.
+        asked = specification.limits[0]
+        bound, unit = (asked.bound, asked.metric.unit) if len(specification.limits) == 1 else (1.0, "")
+        shares = ((program.limit_names[k], float(1 + limits[k])) for k in order)
+        return tuple(Standing(label, unit, share * bound, bound, share, None) for label, share in shares)
+    # A limit that is judged among parts is one number for a condition; its peak is that of the design itself.
+    scenarios = scenarios_of(specification.nominal() if specification.manufacture.among else specification)
+    # For every number of a scenario's limits: the index of the limit, and which of its values it is.
+    titles = [limit.title for limit in specification.limits]
+    groups = program.groups[: len(program.groups) // len(scenarios)]
+    rows = [(titles.index(title), groups[:k].count(title)) for k, title in enumerate(groups)]
+    seen: dict[int, Observed | None] = {}
+    out = []
+    for k in order.tolist():
+        limit, place = rows[k % len(rows)]
+        number, asked = k // len(rows), specification.limits[limit]
+        if look is not None and number not in seen:
+            seen[number] = look(scenarios[number])
+        value, share = float((1 + limits[k]) * asked.bound), float(1 + limits[k])
+        # The observed mechanism is new.
+        observed = None if asked.ages else seen.get(number)
+        instants = None if observed is None else observed.limits[limit]
+        time = float(instants.times[place]) if isinstance(instants, Instants) else None
+        out.append(Standing(program.limit_names[k], asked.metric.unit, value, asked.bound, share, time))
+    return tuple(out)
+
+
+class TimeHistory(NamedTuple):
+    """The `signal` of a `limit` over time.
+
+    - `times` (times,) [s]; `values` (times,) in `unit`, by condition (with one condition only, under an empty name);
+      `bound`.
+    - `reduction`: the reduction of the signal that is bounded, in words (empty: every value); `since`: from when on
+      [s] (`None`: the start).
+    """
+
+    limit: str
+    signal: str
+    unit: str
+    reduction: str
+    since: float | None
+    bound: float
+    times: np.ndarray
+    values: dict[str, np.ndarray]
+
+
+def time_histories(design: Design) -> tuple[TimeHistory, ...]:
+    """The signal of each limit over time, at the design, without conditions that cannot be simulated.
+
+    **Arguments:** `design`: the answer of a problem.
+    """
+    specification = design.specification
+    times, signals, by_condition = sample_times(specification), [limit.signal for limit in specification.limits], {}
+    asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
+    for name, given in specification.conditions.items():
+        moved = specification.move(design.mechanism, given)
+        try:
+            settings = settings_of(moved, specification.t1, specification.solving)
+            seen = answer(Question(moved, asked, specification.t1, settings)).values
+        except (ClearanceError, RuntimeError):
+            continue  # a design that could not be simulated is reported as such elsewhere
+        by_condition[specification.label(name)] = [seen.get(str(i)) for i in range(len(signals))]
+    return histories_of(specification, times, by_condition)
+
+
+def histories_of(
+    specification: Specification, times: np.ndarray, by_condition: Mapping[str, Sequence[Any]]
+) -> tuple[TimeHistory, ...]:
+    """The time histories of all limits with a signal, from lists of signals by condition."""
+    return tuple(
+        TimeHistory(
+            limit.label,
+            limit.signal_label,
+            limit.signal.unit,
+            limit.reduction,
+            limit.since,
+            limit.bound,
+            times,
+            {name: np.asarray(signals[i]) for name, signals in by_condition.items()},
+        )
+        for i, limit in enumerate(specification.limits)
+        if limit.signal is not None
     )

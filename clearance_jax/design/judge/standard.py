@@ -11,7 +11,7 @@ from clearance_jax.ask.answers import SolvePlace, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.asked.specification import Scenario, scenarios_of
-from clearance_jax.design.search.evaluate import FEW, simulations_of, yield_of
+from clearance_jax.design.search.evaluate import most_violated, yield_of
 from clearance_jax.design.search.program import SLACK
 from clearance_jax.design.search.yields import USUAL, YieldEstimate, samples_needed, samples_to_judge
 from clearance_jax.errors import ClearanceError
@@ -46,21 +46,15 @@ class StandardFits(NamedTuple):
         return 1 + self.worst, 1 + self.least
 
     def __str__(self) -> str:
-        lines = [f"{name}: {fit}" + self._remark(name) for name, fit in self.fits.items()]
-        greatest, least = self.shares
-        lines.append(
-            f"The worst limit reaches {greatest:.4f} of its bound with every clearance at its greatest, "
-            f"{least:.4f} at its least."
-        )
-        return "\n".join([*lines, self.judgement])
+        remarks = {name: f" ({text})" for name, text in self.remarks.items()}
+        lines = [f"{name}: {fit}{remarks.get(name, '')}" for name, fit in self.fits.items()]
+        ends = "{:.4f} of its bound with every clearance at its greatest, {:.4f} at its least".format(*self.shares)
+        return "\n".join([*lines, f"The worst limit reaches {ends}.", self.judgement])
 
     @property
     def judgement(self) -> str:
         """A sentence on the yield, and on its target if there is one."""
         return f"{self.yield_estimate} {self.yield_estimate.against(self.target)}".rstrip()
-
-    def _remark(self, name: str) -> str:
-        return f" ({self.remarks[name]})" if name in self.remarks else ""
 
 
 def nearest_fits(
@@ -104,8 +98,7 @@ def _nearest(
     for candidates in (within, every):
         # The tightest first: a chosen fit is a place in its list.
         lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
-        chosen = _loosest(design, lists, place) if all(lists.values()) else None
-        if chosen is not None:
+        if all(lists.values()) and (chosen := _loosest(design, lists, place)) is not None:
             break
     else:
         return None
@@ -115,11 +108,7 @@ def _nearest(
         judged = _judged(design, made, samples, seed, place)
         if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
             return judged
-        chosen = _tighter(chosen)
-
-
-def _tighter(chosen: Mapping[int, int]) -> dict[int, int]:
-    return {i: max(place - 1, 0) for i, place in chosen.items()}
+        chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
 
 
 def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: SolvePlace) -> dict[int, int] | None:
@@ -127,21 +116,19 @@ def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Sol
     specification = design.specification.nominal()
     designed, fitted = specification.values(design.evaluation.x), list(lists)
     chosen = {i: max(sum(_greatest(f) <= float(designed[i]) for f in lists[i]) - 1, 0) for i in fitted}
-    simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
-    exact = design.program.gradients > 0 and len(designed) <= FEW  # that program is compiled already
+    violated = most_violated(specification, design.program.gradients > 0, place)
 
     def worst(places):
         x = designed.copy()
         for i in fitted:
             x[i] = _greatest(lists[i][places[i]])
-        # Not `program.at`: the ends of a fit may be outside of the bounds of the variables.
-        return float(np.max(simulations.worst(x, scenarios, exact)))
+        return violated(x)
 
     while worst(chosen) > SLACK:
         # The tightest fit may be wider than the design, or errors may not grow with clearances: tighten all.
         if not any(chosen.values()):
             return None
-        chosen = _tighter(chosen)
+        chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
     growing = True
     while growing:
         looser = [{**chosen, i: place + 1} for i, place in chosen.items() if place + 1 < len(lists[i])]
@@ -169,21 +156,20 @@ def _judged(
     design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: SolvePlace
 ) -> StandardFits:
     """The limits with classes at their ends, and the yield of parts made to the classes."""
-    specification, judge = design.specification, design.specification.as_designed()
-    names, designed = list(design.clearances), specification.values(design.evaluation.x)
+    specification, names = design.specification, list(design.clearances)
+    designed = specification.values(design.evaluation.x)
     target = getattr(specification.manufacture, "target", None)
     if samples is None:
         samples = samples_needed(USUAL) if target is None else samples_to_judge(target)
-    simulations = simulations_of(judge, place=place)
-    exact = design.program.gradients > 0 and len(designed) <= FEW
+    exact = design.program.gradients > 0
+    violated = most_violated(specification.as_designed(), exact, place)
 
     def worst(end: str) -> float:
-        ends = [max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in zip(names, designed, strict=True)]
-        return float(np.max(simulations.worst(np.array(ends), scenarios_of(judge), exact)))
+        pairs = zip(names, designed, strict=True)
+        return violated(np.array([max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in pairs]))
 
     fitted = {name: entry.fit for name, entry in made.items() if entry.fit is not None}
-    sampled = _sampled(design, made, samples, seed)
-    estimate = yield_of(specification.nominal(), designed, sampled, exact, place)
+    estimate = yield_of(specification.nominal(), designed, _sampled(design, made, samples, seed), exact, place)
     remarks = {n: text for n, entry in made.items() if (text := _beyond(design, n, entry))}
     return StandardFits(fitted, worst("greatest"), worst("least"), estimate, target, remarks)
 

@@ -68,21 +68,19 @@ def static_weights(
     if not names:
         text = "No joint has clearance here: name the joints that are to be asked for, `joints=`."
         raise ClearanceError(text).about("joints")
-    for name in names:
-        mechanism.joint(name)
-    parts = [(_play_of(mechanism, name), _is_flat(mechanism, name)) for name in names]
+    # The clearance of each joint, of those that have one.
+    made = [getattr(mechanism.joint(name), "clearance", None) for name in names]
     slopes = _slopes(mechanism, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
     weights: dict[str, float] = {}
-    for name, (play, flat), slope in zip(names, parts, slopes, strict=True):
-        reaches = _reaches(play, np.asarray(slope), flat)
+    for name, clearance, slope in zip(names, made, slopes, strict=True):
+        flat = isinstance(clearance, AbstractClearance) and clearance.flat
+        reaches = _reaches(_play_of(mechanism, name), np.asarray(slope), flat)
         weights |= {name + ending: float(np.max(reach)) for ending, reach in reaches.items()}
     return weights
 
 
 def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
-    """The sum of weights (of `static_weights`, of joints with clearance) times the mechanism's clearances [m]; of a
-    worn sleeve the clearance where it is worn deepest.
-    """
+    """The sum of weights of joints with clearance times their clearances [m], of a worn sleeve where it is deepest."""
     total = 0.0
     for name, weight in weights.items():
         joint = name.removesuffix(AXIAL)
@@ -90,15 +88,11 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
         if name.endswith(AXIAL):
             size = float(next(c.scale for c in play if c.suffix == ".play_z"))
         else:
-            size = float(play[0].scale) + _worn(mechanism, joint)
+            size, clearance = float(play[0].scale), getattr(mechanism.joint(joint), "clearance", None)
+            if isinstance(clearance, AbstractPin) and clearance.depth is not None:
+                size += float(clearance.profile.max())
         total += weight * size
     return total
-
-
-def _worn(mechanism: Mechanism, name: str) -> float:
-    """The largest depth of wear of a joint's sleeve [m]."""
-    clearance = getattr(mechanism.joint(name), "clearance", None)
-    return 0.0 if not isinstance(clearance, AbstractPin) or clearance.depth is None else float(clearance.profile.max())
 
 
 def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
@@ -106,16 +100,9 @@ def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
     return joint.play() if isinstance(joint, AbstractPlayed) else ()
 
 
-def _is_flat(mechanism: Mechanism, name: str) -> bool:
-    joint = mechanism.joint(name)
-    clearance = joint.clearance if isinstance(joint, AbstractPlayed) else None
-    return isinstance(clearance, AbstractClearance) and clearance.flat
-
-
 def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
-    """How far the point moves per clearance (times,), by the suffix of the clearance's name.
-
-    **Arguments:** `slope` (times, axes, play); `flat`: whether walls bound each slide across separately.
+    """How far the point moves per clearance (times,), by the suffix of the clearance's name. `slope` (times, axes,
+    play); `flat`: whether walls bound each slide across separately.
     """
     turns = {k: np.asarray(c.turns, float) for k, c in enumerate(play) if c.turns is not None}
     if not turns:
@@ -134,9 +121,8 @@ def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> d
 
 
 def _both_ends(first: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The largest norm (times,) of P e + Q f over unit vectors e and f, for matrices P and Q (times, axes, k).
-
-    It is the maximum of |P^T n| + |Q^T n| over directions n, found by ascent from several directions.
+    """The largest norm (times,) of P e + Q f over unit vectors e and f, for matrices P and Q (times, axes, k). It is
+    the maximum of |P^T n| + |Q^T n| over directions n, found by ascent from several directions.
     """
     starts = [np.linalg.svd(part)[0][..., 0] for part in (first, other, first + other, first - other)]
     best = size = np.zeros(len(first))

@@ -1,5 +1,6 @@
-"""Verification of a design by another solver and a tighter tolerance."""
+"""Verification of a design by another solver and a tighter tolerance, and its certificate in numbers and sentences."""
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -7,20 +8,122 @@ import scipy.optimize
 
 from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.asked.formulation import formulate
-from clearance_jax.design.asked.specification import Specification, scenarios_of
-from clearance_jax.design.judge.certificate import HELD, Certificate
+from clearance_jax.design.asked.specification import Specification
 from clearance_jax.design.judge.static import static_error, static_weights
-from clearance_jax.design.search.evaluate import FEW, fresh_yield, simulations_of
+from clearance_jax.design.search.evaluate import fresh_yield, most_violated
 from clearance_jax.design.search.methods import Method
 from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
 from clearance_jax.design.search.run import INTERRUPTED, run
 from clearance_jax.design.search.scaling import feasible_neighbour, optimality
+from clearance_jax.design.search.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
-from clearance_jax.metrics.reductions import Peak
 from clearance_jax.metrics.signals import PositionError
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
 from clearance_jax.solve.steps.tolerances import SMALLEST
+from clearance_jax.units import format_quantity
+
+# A limit holds in a fresh simulation if it is violated by at most this share of its bound.
+HELD = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """The results of the verification of a design. It prints itself in sentences.
+
+    - `names`: the variables, with their units; `x` (n,): their values; `objective`: the cost, or minus the common
+      clearance.
+    - `worst`: the most violated scaled limit (value over bound, minus 1) in a fresh simulation, by another `solver`
+      with a tenth of the `rtol`; `limit`: its name.
+    - `scale`: the common factor on all clearances at which a limit is just met, by bisection with that solver (1: the
+      design itself; NaN: a bound of a variable is met first).
+    - `islands`: intervals of this factor in which the limits hold.
+    - `residual`: that of the Karush-Kuhn-Tucker conditions, relative to the gradient of the objective, in logarithms;
+      `prices`: for each active limit, the relative change of the objective per relative change of its bound.
+    - `price_checks`: name -> (price, price by solving again with the bound 1 % up and down), if asked for.
+    - `among`: among which parts each limit is judged at once, in words; then there is no scale and no residual.
+    - `optimality`: for chosen classes a statement instead of the residual; `least`: the most violated scaled limit with
+      every clearance at the least of its class; `target`: the yield that was asked for.
+    - `yield_estimate`: of a `Yield`, on fresh samples; `static`: for each limit on a point's error, how far play alone
+      can move the point of the mechanism at rest [m].
+    - `starts`: the objectives that other starts led to; `goal`: what a looser bound does, in words.
+    """
+
+    names: dict[str, str]
+    x: np.ndarray
+    worst: float
+    limit: str
+    scale: float
+    islands: tuple[tuple[float, float], ...]
+    residual: float
+    prices: dict[str, float]
+    price_checks: dict[str, tuple[float, float]]
+    starts: tuple[float, ...]
+    objective: float
+    goal: str
+    yield_estimate: YieldEstimate | None
+    static: dict[str, float]
+    solver: str
+    rtol: float
+    among: str = ""
+    optimality: str = ""
+    least: float | None = None
+    target: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the limits hold in the fresh simulation, to a millionth of their bounds; with chosen classes at both
+        ends of these.
+        """
+        return self.worst <= HELD and (self.least is None or self.least <= HELD)
+
+    @property
+    def yields(self) -> bool:
+        """Whether the share of fresh samples that hold all limits is at least the target."""
+        return self.yield_estimate is None or self.target is None or self.yield_estimate.share >= self.target
+
+    def __str__(self) -> str:
+        pairs = zip(self.names.items(), self.x, strict=True)
+        at = ", ".join(f"{name} = {format_quantity(value, unit)}" for (name, unit), value in pairs)
+        greatest, not_held = self.worst <= HELD, "THE LIMITS DO NOT HOLD"
+        met = f"meet it at {self.scale:.9f} times the design"
+        if np.isnan(self.scale):
+            met = "meet no limit within their bounds" if greatest else "hold at no size within their bounds"
+        lines = [
+            f"Certificate for {at}",
+            f"  {'The limits hold' if greatest else not_held} in a fresh simulation ({self.solver}, rtol "
+            f"{self.rtol:.0e}): the closest is {self.limit}, at {1 + self.worst:.9f} of its bound.",
+        ]
+        if self.least is not None:
+            verdict, least = "the limits hold" if self.least <= HELD else not_held, f"{1 + self.least:.9f} of the bound"
+            lines.append(f"  With every clearance at the least of its class {verdict}: {least}.")
+        if not self.among:
+            lines.append(f"  Scaled together, the clearances {met}.")
+        spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
+        alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
+        lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
+        optimal = f"(Karush-Kuhn-Tucker) residual {self.residual:.1e}"
+        if self.among or np.isnan(self.residual):
+            optimal = f"is not known, as {'slopes say nothing' if self.among else 'no slope was asked for'}"
+        lines.append(f"  {self.optimality or f'Optimality {optimal}'}.")
+        for name, price in self.prices.items():
+            again = f" (re-optimised: {self.price_checks[name][1]:.4g} %)" if name in self.price_checks else ""
+            lines.append(f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %{again}.")
+        if self.yield_estimate is not None:
+            lines.append(f"  {self.yield_estimate} {self.yield_estimate.against(self.target)}".rstrip())
+        for name, value in self.static.items():
+            lines.append(
+                f"  Limit on {name}: at rest, play alone causes an error of at most {format_quantity(value, 'm', 4)}. "
+                "A larger error comes from motion or forces."
+            )
+        if self.starts:
+            others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]
+            better = (
+                f"{len(others)} LED TO A BETTER DESIGN, {min(others):.6g}" if others else "none led to a better one"
+            )
+            lines.append(f"  {len(self.starts)} other starts: {better}.")
+        return "\n".join(lines)
+
 
 # The approximate number of evaluations of the root search for the scale.
 BISECTION = 16
@@ -52,9 +155,7 @@ def moved_inside(
     program: Program, method: Method, point: Evaluation, fresh: Program
 ) -> tuple[Evaluation, dict[str, float]]:
     """The point of a method, moved inside until its limits also hold by the `fresh` program; and by limit the share of
-    its bound by which it was tightened for that.
-
-    Two solves differ, more so after many impacts. A violation above `HAIR` is no such difference, and is left.
+    its bound by which it was tightened. Solves differ, more so after many impacts; a violation above `HAIR` is left.
     """
     tightened: dict[str, float] = {}
     for _ in range(TRIES):
@@ -107,15 +208,14 @@ def certify(
     fresh = fresh or judge_of(specification, solver, place, progress)
     at = fresh.at(point.x, method.gradients)
     residual, multipliers = optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
-    prices: dict[str, float] = {}
+    prices, sampled = dict[str, float](), specification.manufacture.is_sampled
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
-    checked = prices if reoptimise else {}
+    judge, checked = specification.as_designed().judged_by(DYNAMICS), prices if reoptimise else {}
     checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
     return Certificate(
-        names=dict(
-            zip(fresh.names, specification.units.values(), strict=False)
-        ),  # a common clearance has the first unit
+        # A common clearance has the first unit.
+        names=dict(zip(fresh.names, specification.units.values(), strict=False)),
         x=point.x,
         worst=at.worst,
         limit=fresh.limit_names[int(np.argmax(at.limits))],
@@ -128,25 +228,14 @@ def certify(
         starts=_others(specification, method, starts, seed, place, progress),
         objective=at.objective,
         goal="enlarges the clearance" if specification.common else "lowers the cost",
-        yield_estimate=fresh_yield(specification, point.x, samples, place=place)
-        if specification.manufacture.is_sampled
-        else None,
+        yield_estimate=fresh_yield(specification, point.x, samples, place=place) if sampled else None,
         target=getattr(specification.manufacture, "target", None),
         static=_static(specification, point.x),
         solver=solver,
         rtol=rtol,
         among=specification.manufacture.among,
-        least=None if least is None else _worst_at(specification, least, rtol, solver, place, method.gradients),
+        least=None if least is None else most_violated(judge, method.gradients, place, rtol, solver)(least),
     )
-
-
-def _worst_at(
-    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: SolvePlace, exact: bool
-) -> float:
-    """The most violated limit of a design, which may be outside of the bounds of the variables."""
-    judge = specification.as_designed().judged_by(DYNAMICS)
-    simulations = simulations_of(judge, rtol, solver, place)
-    return float(np.max(simulations.worst(x, scenarios_of(judge), exact and len(x) <= FEW)))
 
 
 def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
@@ -154,12 +243,12 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     designed = replace(specification.mechanism, specification.clearances(x))
     errors: dict[str, float] = {}
     for limit in specification.limits:
-        if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
+        if limit.ages or not limit.metric.base_metric.ranked or not isinstance(limit.signal, PositionError):
             continue
         for values in specification.conditions.values():
             moved = specification.move(designed, values)
             try:
-                weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
+                weights = static_weights(moved, limit.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:
                 continue
             errors[limit.title] = max(static_error(moved, weights), errors.get(limit.title, 0.0))
@@ -169,9 +258,7 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
 def expected_evaluations(
     searched: int, among: str = "", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_
 ) -> int:
-    """About how many evaluations `Design.verify` takes with its options `sweep`, `starts` and `reoptimise`, after a
-    search of `searched` evaluations. Limits judged `among` parts need no search for the scale.
-    """
+    """About how many evaluations `Design.verify` takes after a search of `searched`; `among`: as of manufacture."""
     return 1 + BISECTION * (not among) + sweep + searched * (starts + 2 * reoptimise)
 
 
@@ -182,15 +269,16 @@ def _others(
     objectives, rng = [], np.random.default_rng(seed)
     for _ in range(starts):
         program = formulate(specification, place=place, progress=progress)
-        _run(program, method, np.exp(rng.uniform(np.log(program.lower), np.log(program.upper))))
-        objectives.append(program.best.objective if program.best else np.inf)
+        start = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
+        objectives.append(_run(program, method, start, np.inf))
     return tuple(objectives)
 
 
-def _run(program: Program, method: Method, start: np.ndarray) -> None:
-    """`run`, in which an interruption ends the whole verification."""
+def _run(program: Program, method: Method, start: np.ndarray, none: float = np.nan) -> float:
+    """The best objective of a run (or `none`), in which an interruption ends the whole verification."""
     if run(program, method, start) == INTERRUPTED:
         raise KeyboardInterrupt
+    return program.best.objective if program.best else none
 
 
 def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
@@ -229,9 +317,6 @@ def _price_check(
     specification: Specification, method: Method, point: Evaluation, name: str, place: SolvePlace, progress
 ) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by two more searches."""
-    program, best = formulate(specification, place=place, progress=progress), []
-    for change in (0.01, -0.01):
-        moved = program.with_bound(name, 1 + change)
-        _run(moved, method, point.x)
-        best.append(moved.best.objective if moved.best else np.nan)
-    return float((best[1] - best[0]) / 0.02 / abs(point.objective))
+    program = formulate(specification, place=place, progress=progress)
+    looser, tighter = (_run(program.with_bound(name, 1 + change), method, point.x) for change in (0.01, -0.01))
+    return float((tighter - looser) / 0.02 / abs(point.objective))

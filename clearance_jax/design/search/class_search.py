@@ -19,8 +19,7 @@ import numpy as np
 from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import ChosenClasses, ToleranceClass, least_ends
-from clearance_jax.design.asked.specification import scenarios_of
-from clearance_jax.design.search.evaluate import FEW, simulations_of
+from clearance_jax.design.search.evaluate import most_violated
 from clearance_jax.design.search.program import SLACK, BudgetSpent, Evaluation, Program
 from clearance_jax.design.search.run import INTERRUPTED, SPENT, run
 
@@ -44,12 +43,9 @@ class Node(NamedTuple):
 
 
 class BoundedOptimum(NamedTuple):
-    """The result of a search.
-
-    - `best`: the best feasible point of the lists (`None`: none was found); `bound`: a lower bound of its cost;
-      `relaxed`: the optimum of the continuous problem between the ends of the lists.
-    - `nodes`: how many relaxations were solved; `stop_reason`: why the search stopped early, or empty; `doubts`: why
-      relaxations ended early, if some did.
+    """The result of a search: the `best` feasible point of the lists (`None`: none was found), a lower `bound` of its
+    cost, and the optimum `relaxed` of the continuous problem between the ends of the lists; how many relaxations
+    (`nodes`) were solved; why the search stopped early (`stop_reason`, or empty), and why relaxations did (`doubts`).
     """
 
     best: Evaluation | None
@@ -90,13 +86,11 @@ class BranchAndBound:
     def search(self, start: np.ndarray) -> BoundedOptimum:
         """Search from a point (n,). An interrupted search returns its result so far."""
         sizes = tuple(len(values) - 1 for values in self._lists)
-        order = itertools.count()
-        heap = [(-np.inf, next(order), Node((0,) * len(sizes), sizes, np.asarray(start, float)))]
-        relaxed, stop_reason, least = None, "", -np.inf
+        order, relaxed, stop_reason, least = itertools.count(), None, "", -np.inf
+        heap = [(least, next(order), Node((0,) * len(sizes), sizes, np.asarray(start, float)))]
         try:
             while heap and not self._cut(heap[0][0]):
-                least = heap[0][0]
-                node = heap[0][-1]
+                least, _, node = heap[0]
                 optimum, ahead = self._look(node)
                 heapq.heappop(heap)
                 relaxed = optimum if self._nodes == 1 else relaxed
@@ -129,11 +123,11 @@ class BranchAndBound:
         return float(np.min(sums[sums >= bound - GAP * abs(bound)], initial=np.inf))
 
     def _look(self, node: Node) -> tuple[Evaluation | None, np.ndarray | None]:
-        """The optimum of a node's relaxation (`None`: not found), and the point at which the node is split (`None`: it
-        is not). The combination below this point is tried.
-        """
-        lower, upper = self._box(node)
+        """A node's optimum (`None`: not found), and where it is split (`None`: not). The values below are tried."""
         self._nodes += 1
+        lower, upper = self.program.lower.copy(), self.program.upper.copy()
+        for i, values, low, high in zip(self._places, self._lists, node.low, node.high, strict=True):
+            lower[i], upper[i] = values[low], values[high]
         if node.tighter and self._hopeless(lower, upper):
             return None, None
         optimum = self._optimum(lower, upper, np.clip(node.start, lower, upper))
@@ -145,28 +139,22 @@ class BranchAndBound:
                 self._doubts.append("found nothing in a box, in which a point holds")
                 ahead = min(feasible, key=lambda point: point.objective).x
         if ahead is not None:
-            self._try(self._below(node, ahead))
+            below = ahead.copy()
+            for k, i in enumerate(self._places):
+                below[i] = self._lists[k][self._place(node, k, below[i])]
+            self._try(below)
         return optimum, ahead
 
-    def _box(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = self.program.lower.copy(), self.program.upper.copy()
-        for i, values, low, high in zip(self._places, self._lists, node.low, node.high, strict=True):
-            lower[i], upper[i] = values[low], values[high]
-        return lower, upper
-
     def _hopeless(self, lower: np.ndarray, upper: np.ndarray) -> bool:
-        """Whether the smallest values of a box violate a limit with positive slopes, and no known point of the box has
-        less of this limit.
-        """
+        """Whether the smallest values violate a limit with positive slopes, of which no known point has less."""
         if not self._gradients:
             return False
         point = self.program.at(lower, True)
         if point.feasible or not np.isfinite(point.worst) or point.jacobian is None:
             return False
         k = int(np.argmax(point.limits))
-        if not np.all(point.jacobian[k] >= 0):
-            return False
-        return all(p.limits[k] >= point.limits[k] - SLACK for p in self._known(lower, upper))
+        least = point.limits[k] - SLACK
+        return bool(np.all(point.jacobian[k] >= 0)) and all(p.limits[k] >= least for p in self._known(lower, upper))
 
     def _known(self, lower: np.ndarray, upper: np.ndarray) -> list[Evaluation]:
         """The evaluated points in a box."""
@@ -192,13 +180,6 @@ class BranchAndBound:
         x[free] = box.best.x
         return self.program.at(x)
 
-    def _below(self, node: Node, x: np.ndarray) -> np.ndarray:
-        """The combination of a node with the next values below those of a point."""
-        x = x.copy()
-        for k, i in enumerate(self._places):
-            x[i] = self._lists[k][self._place(node, k, x[i])]
-        return x
-
     def _place(self, node: Node, k: int, value: float) -> int:
         """The place in list `k` of the greatest value that is not above `value`, within the node."""
         place = int(np.searchsorted(self._lists[k], value * (1 + MET), side="right")) - 1
@@ -214,9 +195,7 @@ class BranchAndBound:
             self._refused.add(x.tobytes())
 
     def _split(self, node: Node, x: np.ndarray) -> list[Node]:
-        """Split a node in two, at the variable that lies farthest from the values of its list; at one of these values
-        if all variables are at values of their lists.
-        """
+        """Split a node in two, at the variable that lies farthest from the values of its list, or at one of these."""
         apart = []
         for k, i in enumerate(self._places):
             place, values = self._place(node, k, x[i]), self._lists[k]
@@ -238,27 +217,31 @@ class BranchAndBound:
 def choose_classes(
     design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: SolvePlace, **options: Any
 ) -> Design:
-    """The cheapest combination of `classes` that holds every limit, by branch and bound from a continuous design.
-
-    A combination holds if the limits of the problem hold with every clearance at the greatest of its class, and those
-    of parts as designed hold with every clearance at its least.
-
-    **Arguments:** `classes`: by variable, the tightest first; `options`: of the design's method.
+    """The cheapest combination of `classes` that holds every limit, by branch and bound from a continuous design. A
+    combination holds if the limits of the problem hold with every clearance at the greatest of its class, and those of
+    parts as designed hold with every clearance at its least. `classes`: by variable, the tightest first; `options`: of
+    the design's method.
     """
     program, places = design.program, {name: i for i, name in enumerate(design.program.names)}
     lists = {places[name]: np.array([entry.greatest for entry in listed]) for name, listed in classes.items()}
     before = program.solves
-    ends = _Least(design, classes, place)
+    # A combination must also hold with every clearance at the least of its class.
+    violated, tried = most_violated(design.specification.as_designed(), program.gradients > 0, place), 0
 
     def relax(box: Program, start: np.ndarray) -> str:
         return run(box, design.method, start, **options)
+
+    def holds(x: np.ndarray) -> bool:
+        nonlocal tried
+        tried += 1
+        return violated(least_ends(program.names, x, _names(program, classes, x))) <= SLACK
 
     costs, laws = None, design.specification.costs
     if len(lists) == len(program.names):
         costs = {i: np.array([float(laws[i](value)) for value in values]) for i, values in lists.items()}
     # Without a tolerance the resolution is that to which the method meets limits.
     how = {"gradients": design.method.gradients, "resolution": options.get("tolerance", design.method.slack)}
-    outcome = BranchAndBound(program, lists, relax, ends.hold, costs, **how).search(design.evaluation.x)
+    outcome = BranchAndBound(program, lists, relax, holds, costs, **how).search(design.evaluation.x)
     chosen = {} if outcome.best is None else _names(program, classes, outcome.best.x)
     result = ChosenClasses(
         chosen,
@@ -266,7 +249,7 @@ def choose_classes(
         outcome.bound,
         np.nan if outcome.relaxed is None else outcome.relaxed.objective,
         outcome.nodes,
-        program.solves - before + ends.solves,
+        program.solves - before + tried,
         int(np.prod([len(listed) for listed in classes.values()])),
         outcome.doubts,
     )
@@ -309,27 +292,10 @@ def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarra
             f"{none}. With all clearances at their least the tightest ones do not hold. Choose classes with larger "
             "least clearances, or add some"
         )
-    text = f"{none}: with the tightest of each, "
-    text += f"{program.worst_violation(tightest)}. Without classes the design costs {cost}. "
+    worst = program.worst_violation(tightest)
+    text = f"{none}: with the tightest of each, {worst}. Without classes the design costs {cost}. "
     if tightest.jacobian is None or not np.isfinite(tightest.worst):
         return text + "Add tighter classes, or loosen the bound"
     slopes = tightest.jacobian[int(np.argmax(tightest.limits))] * tightest.x
     name = program.names[max(lists, key=lambda i: slopes[i])]
     return text + f"A tighter class of `{name}` helps most, or a looser bound"
-
-
-class _Least:
-    """Checks combinations with every clearance at the least of its class."""
-
-    def __init__(self, design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: SolvePlace):
-        specification = design.specification.as_designed()
-        self._program, self._classes = design.program, classes
-        self._simulations, self._scenarios = simulations_of(specification, place=place), scenarios_of(specification)
-        self._exact = design.program.gradients > 0 and len(specification.variables) <= FEW
-        self.solves = 0
-
-    def hold(self, x: np.ndarray) -> bool:
-        """Whether the combination with the greatest clearances `x` (n,) holds with its least ones."""
-        least = least_ends(self._program.names, x, _names(self._program, self._classes, x))
-        self.solves += 1
-        return float(np.max(self._simulations.worst(least, self._scenarios, self._exact))) <= SLACK

@@ -5,7 +5,7 @@ this process.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
@@ -29,10 +29,9 @@ FEW = 5
 
 
 class Simulations:
-    """The simulations of designs, whose variables are the numbers `names` of a mechanism.
-
-    **Arguments:** `metrics` with their `bounds`: scaled limits are value / bound - 1; `t1` [s]; `solve`: the settings;
-    `place`: where many simulations are solved.
+    """The simulations of designs, whose variables are the numbers `names` of a mechanism. `metrics` with their
+    `bounds`: scaled limits are value / bound - 1; `t1` [s]; `solve`: the settings; `place`: where many simulations are
+    solved.
     """
 
     def __init__(
@@ -50,12 +49,12 @@ class Simulations:
         self._sizes: dict[int, int] = {}
         # Metrics of one motion are solved together; those of wear one by one.
         self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
+        self._plain = {str(i): metric.base_metric for i, metric in enumerate(self.metrics) if i not in self._aged}
         if self._aged and solve.fidelity == QUASI_STATIC:
             raise ClearanceError(
                 "Wear follows the impacts and the sliding of a motion, which quasi-static poses do not have: use "
                 '`fidelity = "dynamics"`.'
             )
-        self._plain = {str(i): metric.base_metric for i, metric in enumerate(self.metrics) if i not in self._aged}
 
     def sizes(self) -> list[int]:
         """The number of values of each metric."""
@@ -92,26 +91,23 @@ class Simulations:
         """
         # Lanes take entries of arrays by name, but not entries of arrays of higher rank.
         if self._aged or any(np.ndim(value) > 1 for value in scenarios[0].values.values()):
-            limits, rows = zip(*self._one_by_one(x, scenarios, gradient), strict=True)
+            first = self.limits(x, scenarios[0], gradient)  # compiles for all
+            # Wear is mostly work of the host between small solves, also with a GPU.
+            usual = cores_here() if self._aged else usual_cores()
+            with ThreadPoolExecutor(min(self.place.cores or usual, side_by_side())) as pool:
+                others = pool.map(lambda scenario: self.limits(x, scenario, gradient), scenarios[1:])
+                limits, rows = zip(first, *others, strict=True)
             return np.stack(limits), np.stack(rows) if gradient else None
         # Conditions apart: they may set different names.
         parts = [list(part) for _, part in itertools.groupby(scenarios, lambda scenario: scenario.values.keys())]
         limits, rows = zip(*(self._alike(x, part, gradient) for part in parts), strict=True)
         return np.concatenate(limits), np.concatenate(rows) if gradient else None
 
-    def _one_by_one(self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool) -> Iterator[tuple]:
-        """`limits` in every scenario, in threads. The first one compiles for all."""
-        yield self.limits(x, scenarios[0], gradient)
-        # Wear is mostly work of the host between small solves, also with a GPU.
-        usual = cores_here() if self._aged else usual_cores()
-        with ThreadPoolExecutor(min(self.place.cores or usual, side_by_side())) as pool:
-            yield from pool.map(lambda scenario: self.limits(x, scenario, gradient), scenarios[1:])
-
     def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
         """The most violated scaled limit of a design in each scenario (scenarios,), infinite if a motion did not reach
         its end. `exact`: solve few scenarios with derivatives, by a program that is compiled already.
         """
-        exact = exact and not self._aged and not as_lanes(len(scenarios), self.place)
+        exact = exact and len(x) <= FEW and not self._aged and not as_lanes(len(scenarios), self.place)
         worst = self.together(x, scenarios, exact)[0].max(axis=1)
         return np.where(np.isfinite(worst), worst, np.inf)
 
@@ -139,9 +135,7 @@ class Simulations:
             slopes.insert(i, slope)
         return values, slopes
 
-    def _worn_values(
-        self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _worn_values(self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]) -> tuple:
         try:
             return self._simulate_wear(i, x * scenario.factors, scenario.values, by)
         except WornThrough:
@@ -155,7 +149,7 @@ class Simulations:
         count = self._size(i)
         return np.full(count, np.nan), np.full((count, len(by)), np.nan)
 
-    def _simulate_wear(self, i: int, x: np.ndarray, given, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    def _simulate_wear(self, i: int, x: np.ndarray, given, by: tuple[str, ...]) -> tuple:
         metric, solve = self._aged[i], self.solve
         how = {"t0": float(solve.t0), "rtol": float(solve.rtol), "solver": solve.solver}
         how |= {"start": solve.start, "max_steps": solve.max_steps}
@@ -168,9 +162,8 @@ class Simulations:
         numbers = dict(zip(self.names, (x * factors).T, strict=True))
         for name in scenarios[0].values:
             column = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
-            numbers |= (
-                {name: column} if column.ndim == 1 else {f"{name}.{i}": entry for i, entry in enumerate(column.T)}
-            )
+            entries = {f"{name}.{i}": entry for i, entry in enumerate(column.T)}
+            numbers |= {name: column} if column.ndim == 1 else entries
         answered, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
         values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         scaled = [v.reshape(count, -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
@@ -185,25 +178,23 @@ def simulations_of(
     """The simulations of a problem's designs, with the given accuracy, also of wear."""
     changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
     finer = 1.0 if rtol is None else specification.rtol / rtol
-    metrics = [limit.metric_solved(finer) for limit in specification.limits]
-    bounds = [limit.bound for limit in specification.limits]
-    return Simulations(
-        specification.mechanism,
-        metrics,
-        bounds,
-        tuple(specification.variables),
-        specification.t1,
-        specification.settings(**changes),
-        place,
-    )
+    metrics, bounds = zip(*((limit.metric_solved(finer), limit.bound) for limit in specification.limits), strict=True)
+    names, t1, solve = tuple(specification.variables), specification.t1, specification.settings(**changes)
+    return Simulations(specification.mechanism, metrics, bounds, names, t1, solve, place)
+
+
+def most_violated(
+    specification: Specification, exact: bool, place: SolvePlace, *accuracy: Any
+) -> Callable[[np.ndarray], float]:
+    """The most violated limit as a function of a design, which may lie outside of the bounds of its variables; `exact`
+    as of `Simulations.worst`, `accuracy` as of `simulations_of`.
+    """
+    simulations, scenarios = simulations_of(specification, *accuracy, place=place), scenarios_of(specification)
+    return lambda x: float(np.max(simulations.worst(x, scenarios, exact)))
 
 
 def yield_of(
-    specification: Specification,
-    x: np.ndarray,
-    sampled: Sequence[Scenario],
-    exact: bool = False,
-    place: SolvePlace = HERE,
+    specification: Specification, x: np.ndarray, sampled: Sequence[Scenario], exact: bool, place: SolvePlace
 ) -> YieldEstimate:
     """The yield of a design on `sampled` scenarios, the same number in each condition; that of the worst condition."""
     worst = simulations_of(specification, place=place).worst(specification.values(x), sampled, exact)
@@ -214,10 +205,8 @@ def yield_of(
 def fresh_yield(
     specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: SolvePlace = HERE
 ) -> YieldEstimate:
-    """The yield of a design (variables (n,)) on fresh samples (default: as many as its target needs), in the worst
-    condition.
-    """
+    """The yield of a design on fresh samples (default: as many as its target needs), in the worst condition."""
     if not specification.manufacture.is_sampled:
         raise ClearanceError("Only a problem with `manufacture=Yield(...)` has a yield.")
     samples = samples_to_judge(getattr(specification.manufacture, "target", None)) if samples is None else samples
-    return yield_of(specification, x, scenarios_of(specification, samples, seed), place=place)
+    return yield_of(specification, x, scenarios_of(specification, samples, seed), False, place)

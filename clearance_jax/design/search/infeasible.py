@@ -34,18 +34,14 @@ SURE = 1.2
 
 
 def unreachable(specification: Specification, program: Program, start: np.ndarray, gradient: bool) -> str:
-    """Why no design can hold a limit, in words; empty if one may.
-
-    The smallest clearances are evaluated: by quasi-static poses first, if the program has them, else by the dynamics if
-    the `start` violates a limit. A limit that they violate, and that grows with the clearances, is then compared with
-    the ideal mechanism (`floor_words`).
+    """Why no design can hold a limit, in words; empty if one may. The smallest clearances are evaluated: by
+    quasi-static poses first, if the program has them, else by the dynamics if the `start` violates a limit. A limit
+    that they violate, and that grows with the clearances, is then compared with the ideal mechanism (`floor_words`).
     """
     if not all(name.endswith(CLEARANCE) for name in specification.variables):
         return ""
-    if program.cheap is not None:
-        reason = _by_poses(specification, program)
-    else:
-        reason = _by_dynamics(specification, program, start, gradient)
+    asked = specification, program
+    reason = _by_poses(*asked) if program.cheap is not None else _by_dynamics(*asked, start, gradient)
     return f"stopped before the search: {reason}" if reason else ""
 
 
@@ -78,9 +74,7 @@ def _by_dynamics(specification: Specification, program: Program, start: np.ndarr
 
 
 def floor_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
-    """Why limit `k` is violated at any clearances, in words: the loads of the ideal mechanism are too large, or the
-    contacts are too soft; empty if neither is known.
-    """
+    """Why limit `k` is violated at any clearances (loads, or soft contacts), in words; empty if it is not known."""
     limit = limit_of(specification, program, k)
     if isinstance(limit.signal, CARRIED):
         return carried_words(specification, program, solved, k)
@@ -100,33 +94,28 @@ def limit_of(specification: Specification, program: Program, k: int) -> Limit:
 
 
 def carried_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
-    """A sentence on the force (joint reaction) or acceleration of the ideal mechanism, if it clearly exceeds the bound;
-    else empty.
-    """
-    limit, scenario = limit_of(specification, program, k), _scenario(specification, program, k)
+    """A sentence on the force or acceleration of the ideal mechanism, if it clearly exceeds the bound; else empty."""
+    limit, scenarios = limit_of(specification, program, k), scenarios_of(specification)
+    scenario = scenarios[k * len(scenarios) // len(program.groups)]
     ideal = specification.move(specification.mechanism, scenario.values).ideal()
     carried = _carried(specification, limit, ideal)
     if not carried > SURE * limit.bound:
         return ""
-    least, bound, carries = (
-        format_quantity(value, limit.metric.unit, 4)
-        for value in (float((1 + solved.limits[k]) * limit.bound), limit.bound, carried)
-    )
-    text = f"no clearances hold {program.limit_names[k]}. At the smallest ones it is {least} of at most {bound}, and "
-    text += f"without any clearance {carries}: "
     light = _carried(specification, limit, dataclasses.replace(ideal, gravity=NO_GRAVITY))
-    if light < 0.5 * carried:
-        return text + "the weight of the parts decides it. Lighter parts help, or a looser bound."
-    return text + (
-        f"loads and the inertia of the motion decide it ({format_quantity(light, limit.metric.unit, 4)} without "
-        "weight). A slower or smoother motion, lighter parts or smaller loads help, or a looser bound."
+    numbers = float((1 + solved.limits[k]) * limit.bound), limit.bound, carried, light
+    least, bound, carries, unweighted = (format_quantity(number, limit.metric.unit, 4) for number in numbers)
+    why = (
+        f"loads and the inertia of the motion decide it ({unweighted} without weight). A slower or smoother motion, "
+        "lighter parts or smaller loads help, or a looser bound."
     )
+    if light < 0.5 * carried:
+        why = "the weight of the parts decides it. Lighter parts help, or a looser bound."
+    smallest = f"At the smallest ones it is {least} of at most {bound}, and without any clearance {carries}"
+    return f"no clearances hold {program.limit_names[k]}. {smallest}: {why}"
 
 
 def _carried(specification: Specification, limit: Limit, ideal: Mechanism) -> float:
-    """The metric of a force or an acceleration for the ideal mechanism; NaN if its reactions or its motion are not
-    determined.
-    """
+    """The metric for the ideal mechanism; NaN if its reactions or its motion are not determined."""
     metric: Any = limit.metric.base_metric
     if isinstance(metric.signal, ContactForce):
         metric = dataclasses.replace(metric, signal=JointReaction(metric.signal.joint))
@@ -139,18 +128,10 @@ def _carried(specification: Specification, limit: Limit, ideal: Mechanism) -> fl
         return np.nan
 
 
-def _scenario(specification: Specification, program: Program, k: int) -> Scenario:
-    """The scenario of limit `k`."""
-    scenarios = scenarios_of(specification)
-    return scenarios[k * len(scenarios) // len(program.groups)]
-
-
 def unreachable_words(
     specification: Specification, program: Program, posed: Evaluation, solved: Evaluation, k: int
 ) -> str:
-    """Sentences on limit `k` at the smallest clearances, by poses and by the model that judges; on the joint that
-    contributes most; and on what would help.
-    """
+    """Sentences on limit `k` at the smallest clearances, by poses and by the model that judges, and what would help."""
     label, leader = program.limit_names[k], int(program.leaders[k])
     text = f"no clearances within their bounds hold {label}. At the smallest ones it is "
     if specification.manufacture.title:
@@ -184,34 +165,28 @@ def _help(
     for name, part in zip(specification.variables, slopes[row] * x, strict=True):
         joint = name.rpartition(".")[0]
         parts[joint] = parts.get(joint, 0.0) + float(part)
-    play = dict(parts)
-    for joint in parts:
-        stiffer = simulations.limits(x, _stiffened(specification, scenario, joint), True)[0]
+    play, known = dict(parts), parameters(specification.mechanism)
+    for joint in parts:  # with nearly rigid contacts there
+        names = [n for n in known if n.startswith(f"{joint}.") and n.endswith(STIFFNESS)]
+        rigid = {**scenario.values, **{n: RIGID * specification.worth(n) for n in names}}
+        stiffer = simulations.limits(x, scenario._replace(values=rigid), True)[0]
         parts[joint] += float(np.nan_to_num(values[row] - stiffer[row]))
     most = max(parts, key=lambda joint: parts[joint])
-    elastic = parts[most] - play[most]
-    text = f"Joint `{most}` contributes most ({_value(limit, elastic - 1)} by elasticity, "
-    text += f"{_value(limit, play[most] - 1)} by play): a longer sleeve, a larger pin, a stiffer contact or a preload "
-    text += "there helps, or a looser bound"
-    return text + ("." if bare > 0 else ", or smaller least clearances.")
-
-
-def _stiffened(specification: Specification, scenario: Scenario, joint: str) -> Scenario:
-    """The scenario with nearly rigid contacts in a joint."""
-    known = parameters(specification.mechanism)
-    names = [n for n in known if n.startswith(f"{joint}.") and n.endswith(STIFFNESS)]
-    return scenario._replace(values={**scenario.values, **{n: RIGID * specification.worth(n) for n in names}})
+    return (
+        f"Joint `{most}` contributes most ({_value(limit, parts[most] - play[most] - 1)} by elasticity, "
+        f"{_value(limit, play[most] - 1)} by play): a longer sleeve, a larger pin, a stiffer contact or a preload "
+        f"there helps, or a looser bound{'.' if bare > 0 else ', or smaller least clearances.'}"
+    )
 
 
 def why_infeasible(specification: Specification, program: Program) -> str:
-    """Why no design of a finished search holds every limit, in words.
-
-    It evaluates the smallest clearances, also by quasi-static poses.
-    """
+    """Why no design of a finished search holds every limit. It evaluates the smallest clearances, also by poses."""
     finite = [point for point in program.history if np.isfinite(point.worst)]
     if not finite:
         return _no_motion(specification, program)
-    least = _least(program, finite)
+    groups = np.array(program.groups)
+    # The least violation of each of the designer's limits over all points.
+    least = {title: min(float(p.limits[groups == title].max()) for p in finite) for title in dict.fromkeys(groups)}
     never = [title for title, worst in least.items() if worst > SLACK]
     if not never:
         return (
@@ -220,12 +195,6 @@ def why_infeasible(specification: Specification, program: Program) -> str:
         )
     title = max(never, key=lambda title: least[title])
     return _at_least(specification, program, title) or _seen(program, finite, title, least[title])
-
-
-def _least(program: Program, points: list[Evaluation]) -> dict[str, float]:
-    """The least violation of each of the designer's limits over all points."""
-    groups = np.array(program.groups)
-    return {title: min(float(p.limits[groups == title].max()) for p in points) for title in dict.fromkeys(groups)}
 
 
 def _no_motion(specification: Specification, program: Program) -> str:
@@ -238,9 +207,7 @@ def _no_motion(specification: Specification, program: Program) -> str:
 
 
 def _unfinished(specification: Specification, values: Mapping[str, float]) -> tuple[str, str] | None:
-    """The title of the first scenario whose motion does not reach its end with the values of variables, and why, in
-    words; `None`: all do.
-    """
+    """The title of the first scenario whose motion does not reach its end, and why, in words; `None`: all do."""
     for scenario in scenarios_of(specification):
         why = _ending(specification, replace(specification.move(specification.mechanism, scenario.values), values))
         if why:
@@ -258,9 +225,7 @@ def _ending(specification: Specification, mechanism: Mechanism) -> str:
 
 
 def _at_least(specification: Specification, program: Program, title: str) -> str:
-    """What the ideal mechanism says of a limit on a force or an acceleration, or quasi-static poses of an error of a
-    point, at the smallest clearances, in words; else empty.
-    """
+    """What the ideal mechanism or quasi-static poses say of a limit at the smallest clearances, in words; or empty."""
     signal = next((limit.signal for limit in specification.limits if limit.title == title), None)
     manufacture, names = specification.manufacture, specification.variables
     if manufacture.title or not all(name.endswith(CLEARANCE) for name in names):
@@ -320,9 +285,7 @@ def _seen(program: Program, points: list[Evaluation], title: str, least: float) 
 
 
 def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
-    """The exponents of a limit as a product of powers of the variables, fitted to values, as slopes may be those of a
-    chaotic motion; `None` if there are too few points.
-    """
+    """The exponents of a limit as a product of powers of the variables, fitted to values; `None`: too few points."""
     logs = np.log([p.x for p in points])
     values = np.log([max(1 + float(p.limits[rows].max()), 1e-300) for p in points])
     exponents, _, rank, _ = np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=1e-6)

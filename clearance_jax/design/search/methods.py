@@ -44,7 +44,7 @@ def stochastic_approximation(
     state, improve = optimiser.init(jnp.asarray(z)), jax.jit(optimiser.update)
     try:
         for step in range(steps):
-            _, limits, gradient, jacobian = scaled.fresh_slopes(z, samples, seed + step)
+            _, limits, gradient, jacobian = scaled.slopes_of(program.fresh(np.exp(z), samples, seed + step))
             k = int(np.argmax(limits))
             if limits[k] > 0:
                 steepness = np.linalg.norm(gradient) / max(np.linalg.norm(jacobian[k]), 1e-12)
@@ -95,8 +95,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
     exact = method != "COBYQA"
     scaled = ScaledProgram(program, start, exact)
     limits = {"fun": lambda z: -scaled.value(z)[1]}
-    if exact:
-        limits["jac"] = lambda z: -scaled.slopes(z)[3]
+    limits |= {"jac": lambda z: -scaled.slopes(z)[3]} if exact else {}
 
     def objective(z):
         if not exact:
@@ -108,17 +107,14 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
     if method == "SLSQP":
         constraints = [{"type": "ineq", **limits}]
     else:
-        jacobian = {"jac": limits["jac"]} if exact else {}
-        constraints = [scipy.optimize.NonlinearConstraint(limits["fun"], 0.0, np.inf, **jacobian)]
-    if not program.limit_names:
-        constraints = []
+        constraints = [scipy.optimize.NonlinearConstraint(**limits, lb=0.0, ub=np.inf)]
     solution = scipy.optimize.minimize(
         objective,
         scaled.start,
         jac=exact or None,
         method=method,
         bounds=scipy.optimize.Bounds(*scaled.bounds, keep_feasible=method != "COBYQA"),
-        constraints=constraints,
+        constraints=constraints if program.limit_names else [],
         options=options,
     )
     return "" if solution.success else f"{method} ended with: {solution.message}"
@@ -129,13 +125,8 @@ def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: i
     import cma
 
     scaled = ScaledProgram(program, start, False)
-    options = {
-        "bounds": [b.tolist() for b in scaled.bounds],
-        "seed": seed,
-        "verbose": -9,
-        "tolx": tolerance,
-        "tolfun": tolerance**2,
-    }
+    options: dict = {"bounds": [b.tolist() for b in scaled.bounds], "seed": seed, "verbose": -9}
+    options |= {"tolx": tolerance, "tolfun": tolerance**2}
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as scratch:
         options["verb_filenameprefix"] = scratch + "/"  # its logger always makes a folder
         warnings.filterwarnings("ignore", message=".*moarchiving")  # an optional package of cma that is not used

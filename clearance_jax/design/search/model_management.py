@@ -15,17 +15,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.optimize
 
+from clearance_jax.design.search import scaling
 from clearance_jax.design.search.methods import Method, slsqp
-from clearance_jax.design.search.program import Evaluation, Program
-from clearance_jax.design.search.scaling import (
-    ScaledProgram,
-    StandsStill,
-    UselessSlopes,
-    feasible_neighbour,
-    followed,
-    nearly_best,
-    optimality,
-)
+from clearance_jax.design.search.program import Program
+from clearance_jax.design.search.scaling import ScaledProgram
 
 # The first trust region in logarithms, and the one below which the models do not agree at all.
 RADIUS, LEAST_RADIUS = 0.7, 1e-7
@@ -62,7 +55,6 @@ class ModelPoint(NamedTuple):
 
 class Corrected(NamedTuple):
     """The cheap model with corrections of its limits about `z` (n,): `shift` (m,), `tilt` (m, n), `bend` (m, n, n).
-
     Near the optimum the cheap limits are replaced by a `series` about z (values, slopes, curvatures), as the residual
     of the iterations for poses would stop a search before the optimum.
     """
@@ -88,19 +80,18 @@ class Corrected(NamedTuple):
 
     def best(self, radius: float, price: float, margin: float) -> ModelPoint:
         """The best point in a trust region; a common violation of all limits is allowed at a `price`."""
-        low, high = (bound.copy() for bound in self.cheap.bounds)
-        low, high = np.maximum(low, self.z - radius), np.minimum(high, self.z + radius)
+        low, high = np.maximum(self.cheap.bounds[0], self.z - radius), np.minimum(self.cheap.bounds[1], self.z + radius)
         first = self.at(np.clip(self.z, low, high))
 
+        def at(v):
+            return self.at(np.clip(v[:-1], low, high))
+
         def objective(v):
-            seen = self.at(np.clip(v[:-1], low, high))
+            seen = at(v)
             return seen.objective + price * v[-1], np.append(seen.gradient, price)
 
-        def slack(v):
-            return v[-1] - margin - self.at(np.clip(v[:-1], low, high)).limits
-
         def slack_slopes(v):
-            jacobian = self.at(np.clip(v[:-1], low, high)).jacobian
+            jacobian = at(v).jacobian
             return np.column_stack([-jacobian, np.ones(len(jacobian))])
 
         solution = scipy.optimize.minimize(
@@ -109,24 +100,25 @@ class Corrected(NamedTuple):
             jac=True,
             method="SLSQP",
             bounds=scipy.optimize.Bounds(np.append(low, 0.0), np.append(high, np.inf)),
-            constraints=[{"type": "ineq", "fun": slack, "jac": slack_slopes}],
+            constraints=[{"type": "ineq", "fun": lambda v: v[-1] - margin - at(v).limits, "jac": slack_slopes}],
             options={"ftol": 1e-13, "maxiter": STEPS},
         )
-        return self.at(np.clip(solution.x[:-1], low, high))
+        return at(solution.x)
 
 
 def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
-    """Search by values and slopes; `tolerance` of the objective: the accuracy of the dear solves.
-
-    **Raises:** `UselessSlopes` if the slopes of the dear model are useless.
+    """Search by values and slopes; `tolerance` of the objective: the accuracy of the dear solves. **Raises**
+    `UselessSlopes` if the slopes of the dear model are useless.
     """
     cheap, dear, z = _begin(program, start, tolerance)
     here, radius, bend, failed, step = _dear_point(program, dear, z), RADIUS, 0.0, 0, np.inf
     while radius > LEAST_RADIUS:
         at = program.at(np.exp(here.z), True)
-        if at.feasible and optimality(program, at)[0] <= OPTIMAL:
+        if at.feasible and scaling.optimality(program, at)[0] <= OPTIMAL:
             return ""
-        model, price = _matched(program, cheap, here, bend, near=step < NEAR), _price(here)
+        model, steepest = _matched(program, cheap, here, bend, near=step < NEAR), here.jacobian[np.argmax(here.limits)]
+        # Above the multiplier of the deciding limit.
+        price = PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(steepest)), 1e-2))
         aim = model.best(radius, price, 0.1 * tolerance)
         promised = here.merit(price) - aim.merit(price)
         step = float(np.abs(aim.z - here.z).max())
@@ -137,7 +129,7 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
         ratio = (here.merit(price) - there.merit(price)) / promised
         failed = 0 if ratio > 0 or promised <= tolerance else failed + 1
         if failed >= PATIENCE:
-            raise UselessSlopes(f"{failed} steps in a row gained nothing of what the slopes promised")
+            raise scaling.UselessSlopes(f"{failed} steps in a row gained nothing of what the slopes promised")
         if ratio < POOR and promised > tolerance:
             radius = 0.5 * min(radius, step)
         elif ratio > GOOD and step > 0.99 * radius:
@@ -147,22 +139,18 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
 
 
 def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
-    """Search by values alone: the cheap limits are shifted by their difference to the dear ones. The shift is that of
-    the last design if it is feasible, otherwise the largest so far.
-    """
+    """Search by values alone, with cheap limits shifted by the last difference (the largest, until one is feasible)."""
     cheap, dear, z = _begin(program, start, tolerance)
     shift = np.full(len(program.limit_names), -np.inf)
     for _ in range(TRIED):
-        values = dear.values_of(program.at(np.exp(z), True))
-        difference = values[1] - _cheap_point(cheap, z, program.leaders).limits
-        holds, worst = float(values[1].max()) <= 0, float(values[1].max())
+        limits = dear.values_of(program.at(np.exp(z), True))[1]
+        difference, worst = limits - _cheap_point(cheap, z, program.leaders).limits, float(limits.max())
+        holds = worst <= 0
         if holds and (worst > -SLACK or np.allclose(z, cheap.bounds[1])):
             return ""
         shift = difference if holds else np.maximum(shift, difference)
-        flat = np.zeros((len(shift), len(z)))
-        aim = Corrected(cheap, program.leaders, z, shift, flat, np.zeros((*flat.shape, len(z)))).best(
-            np.inf, PRICE, 0.0
-        )
+        flat = np.zeros((len(shift), len(z), len(z)))
+        aim = Corrected(cheap, program.leaders, z, shift, flat[..., 0], flat).best(np.inf, PRICE, 0.0)
         if np.abs(aim.z - z).max() < tolerance:
             return "" if holds else "stopped: the smallest values of the variables do not hold every limit"
         z = aim.z
@@ -175,37 +163,26 @@ MATCHED_VALUES = Method("model management by values", value_matching, gradients=
 
 def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[ScaledProgram, ScaledProgram, np.ndarray]:
     """Both models in logarithms, and the optimum of the cheap one as a start (n,)."""
-    assert program.cheap is not None
-    begin = _cheap_best(program.cheap, start, tolerance)
-    cheap, dear = ScaledProgram(program.cheap, begin.x), ScaledProgram(program, begin.x)
-    return cheap, dear, dear.start
-
-
-def _cheap_best(cheap: Program, start: np.ndarray, tolerance: float) -> Evaluation:
+    cheap = program.cheap
+    assert cheap is not None
     begin = cheap.at(start, True)
     if not np.isfinite(begin.worst):
-        begin = feasible_neighbour(cheap, start, True) or begin
-    with suppress(StandsStill):
+        begin = scaling.feasible_neighbour(cheap, start, True) or begin
+    with suppress(scaling.StandsStill):
         slsqp(cheap, begin.x, tolerance)
-    best = nearly_best(cheap)
+    best = scaling.nearly_best(cheap)
     assert best is not None
-    return best
+    dear = ScaledProgram(program, best.x)
+    return ScaledProgram(cheap, best.x), dear, dear.start
 
 
 def _cheap_point(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray) -> ModelPoint:
-    return _model_point(scaled, z, scaled.program.at(np.exp(z), True), leaders)
-
-
-def _model_point(
-    scaled: ScaledProgram, z: np.ndarray, point: Evaluation, leaders: np.ndarray | None = None
-) -> ModelPoint:
-    objective, limits, gradient, jacobian = scaled.slopes_of(point)
-    rows = slice(None) if leaders is None else leaders
-    return ModelPoint(z, objective, limits[rows], gradient, jacobian[rows])
+    objective, limits, gradient, jacobian = scaled.slopes_of(scaled.program.at(np.exp(z), True))
+    return ModelPoint(z, objective, limits[leaders], gradient, jacobian[leaders])
 
 
 def _dear_point(program: Program, dear: ScaledProgram, z: np.ndarray) -> ModelPoint:
-    return _model_point(dear, z, followed(program, program.at(np.exp(z), True)))
+    return ModelPoint(z, *dear.slopes_of(scaling.followed(program, program.at(np.exp(z), True))))
 
 
 def _matched(program: Program, cheap: ScaledProgram, here: ModelPoint, bend, near: bool) -> Corrected:
@@ -232,16 +209,9 @@ def _bent(bend, model: Corrected, here: ModelPoint, there: ModelPoint) -> np.nda
     """The curvature (m, n, n) of the difference of the models after a step, by a rank-one update for each limit."""
     seen = _cheap_point(model.cheap, there.z, model.leaders)
     d = there.z - here.z
-    change = there.jacobian - seen.jacobian - model.tilt
-    missed = change - model.bend @ d
+    missed = there.jacobian - seen.jacobian - model.tilt - model.bend @ d
     along = missed @ d
     # Updates that would divide by nearly zero are left out.
     sound = np.abs(along) > 1e-8 * np.linalg.norm(d) * np.linalg.norm(missed, axis=1)
     update = missed[:, :, None] * missed[:, None, :] / np.where(sound, along, 1.0)[:, None, None]
     return model.bend + np.where(sound[:, None, None], update, 0.0)
-
-
-def _price(here: ModelPoint) -> float:
-    """A price above the multiplier of the deciding limit."""
-    k = int(np.argmax(here.limits))
-    return PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(here.jacobian[k])), 1e-2))

@@ -47,13 +47,9 @@ class Evaluation(NamedTuple):
         return self.worst <= SLACK
 
 
-def record_of(point: Evaluation) -> dict[str, Any]:
-    """A design as a record."""
-    return {k: _plain(v.tolist() if isinstance(v, np.ndarray) else v) for k, v in point._asdict().items()}
-
-
 def _plain(value: Any) -> Any:
     """A value for JSON: numbers that are not finite as text."""
+    value = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(value, list):
         return [_plain(v) for v in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
@@ -128,8 +124,7 @@ class Program:
                 text = f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold."
                 raise ClearanceError(text).about(name, (float(low), float(high)))
         self._evaluate, self._fresh, self._several = evaluate, fresh, several
-        self._most, self._progress, self.fidelity, self.cheap = most, progress, fidelity, cheap
-        self.inside = inside
+        self._most, self._progress, self.fidelity, self.cheap, self.inside = most, progress, fidelity, cheap, inside
         self.leaders = np.arange(len(self.limit_names)) if leaders is None else leaders
         self._record = None if record is None else Journal(record)
         if self._record is not None:
@@ -160,10 +155,7 @@ class Program:
         return known
 
     def _recall(self, x: np.ndarray) -> Evaluation | None:
-        """The known evaluation of a point, to round-off, as logarithms and bounds change the last digits.
-
-        It is the first one of several, so that a search that is repeated from its record takes the same way.
-        """
+        """The first known evaluation of a point, to round-off: so a search repeated from its record takes its way."""
         known = self._known.get(x.tobytes())
         if known is not None:
             return known
@@ -186,16 +178,13 @@ class Program:
         self.evaluations += point.gradient is None
         self._keep(point)
         if self._record is not None:
-            self._record.add(**record_of(point))
+            self._record.add(**{name: _plain(value) for name, value in point._asdict().items()})
         if self._progress is not None:
             self._progress(point)
         return point
 
     def fresh(self, x: np.ndarray, samples: int, seed: int) -> Evaluation:
-        """The evaluation at `x` by fresh samples, with gradients. It is not kept, as it is random.
-
-        **Raises:** `ClearanceError` if nothing is sampled.
-        """
+        """The evaluation at `x` by fresh samples, with gradients. It is not kept, as it is random."""
         if self._fresh is None:
             text = "Only a problem with `manufacture=Yield(...)` has samples to be drawn afresh. Take another method."
             raise ClearanceError(text)
@@ -240,10 +229,7 @@ class Program:
         return self._seen_through(shift, lambda x: x, self.history, (self.names, self.lower, self.upper), cheap)
 
     def within(self, lower: np.ndarray, upper: np.ndarray) -> "Program":
-        """The same program in a box, without the variables that the box fixes; it evaluates through this one.
-
-        **Arguments:** `lower` <= `upper` (n,), within the bounds; at least one variable must be free.
-        """
+        """The same program in a box (n,), without the variables that it fixes; it evaluates through this one."""
         free = lower < upper
 
         def whole(x: np.ndarray) -> np.ndarray:

@@ -9,24 +9,17 @@ while a better part is a little further along the limit. So there is also a look
 designs that trade one variable against others.
 """
 
+import functools
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.optimize
 
+from clearance_jax.design.search import scaling
 from clearance_jax.design.search.methods import Method, cobyqa, method_of
 from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
-from clearance_jax.design.search.scaling import (
-    FLOOR,
-    NEARLY,
-    ROUND_OFF,
-    StandsStill,
-    UselessSlopes,
-    feasible_neighbour,
-    nearly_best,
-    optimality,
-)
 
 INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
 STILL = "stopped: the search stands still"
@@ -34,50 +27,56 @@ USELESS = "stopped: "
 BY_VALUES = "So the search went on by values alone, and a better design may exist"
 
 
+Searched = TypeVar("Searched", bound=Callable[..., str])
+
+
+def stopping(search: Searched) -> Searched:
+    """A search of a program, for which to be interrupted or to have spent all evaluations is a reason to stop."""
+
+    @functools.wraps(search)
+    def stopped(program: Program, *arguments: Any, **options: Any) -> str:
+        try:
+            return search(program, *arguments, **options)
+        except BudgetSpent:
+            return SPENT
+        except KeyboardInterrupt:
+            if not program.history:
+                raise
+            return INTERRUPTED
+
+    return stopped  # pyright: ignore[reportReturnType]
+
+
+@stopping
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
-    """Run an optimiser, then move its result inside the limits.
-
-    **Arguments:** `program`: what is minimised; `method`: a name or a `Method`; `start` (n,): the variables at the
-    start; `options`: the method's.
-
-    **Returns:** why it stopped early, or nothing.
+    """Run a method on a program from a `start` (n,), then move its result inside the limits; returns why it stopped
+    early, or nothing. `options`: the method's.
     """
     method = method_of(method)
+    # A motion that does not reach its end has no slopes: start from smaller clearances, with smaller impacts.
+    if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
+        neighbour = scaling.feasible_neighbour(program, start, method.gradients)
+        start = start if neighbour is None else neighbour.x
+    reason, still = "", False
     try:
-        # A motion that does not reach its end has no slopes: start from smaller clearances, with smaller impacts.
-        if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
-            neighbour = feasible_neighbour(program, start, method.gradients)
-            start = start if neighbour is None else neighbour.x
-        reason, still = "", False
-        try:
-            reason = method.solve(program, start, **options) or ""
-        except UselessSlopes as why:
-            reason = f"{USELESS}{why}"
-            if program.cheap is not None:
-                return reason
-        except StandsStill:
-            still = True
-        # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
-        if (best := nearly_best(program)) is not None:
-            feasible_neighbour(program, best.x, method.gradients)
-        went_on = not method.is_mean and by_values(program, method)
-        if still:
-            return _standing(program)
-        if reason and went_on:
-            return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
-        return reason
-    except BudgetSpent:
-        return SPENT
-    except KeyboardInterrupt:
-        if not program.history:
-            raise
-        return INTERRUPTED
-
-
-def _standing(program: Program) -> str:
-    """The stop reason of a search that stands still: empty if a limit is active."""
-    best = program.best
-    return "" if best is None or np.any(best.limits > -NEARLY) else STILL
+        reason = method.solve(program, start, **options) or ""
+    except scaling.UselessSlopes as why:
+        reason = f"{USELESS}{why}"
+        if program.cheap is not None:
+            return reason
+    except scaling.StandsStill:
+        still = True
+    # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
+    if (best := scaling.nearly_best(program)) is not None:
+        scaling.feasible_neighbour(program, best.x, method.gradients)
+    went_on = not method.is_mean and by_values(program, method)
+    if still:
+        # It is an optimum if a limit is active.
+        best = program.best
+        return "" if best is None or np.any(best.limits > -scaling.NEARLY) else STILL
+    if reason and went_on:
+        return "" if is_settled(program, method) else f"{reason}. {BY_VALUES}"
+    return reason
 
 
 # The residual of the conditions of optimality below which a design counts as an optimum.
@@ -91,28 +90,24 @@ RADIUS, LEAST_RADIUS, EACH = 0.1, 1e-3, 15
 
 
 def is_settled(program: Program, method: Method) -> bool:
-    """Whether the best design is at active limits or at the bounds of its variables; if the method uses gradients, also
-    whether it satisfies the conditions of optimality.
-    """
+    """Whether the best design is at active limits or at bounds, and an optimum if the method uses gradients."""
     best = program.found
     if best is None or np.all(_room(program, best, _gaining(program, best)) <= 0):
         return True
-    met = best.worst > -method.slack
-    if not method.gradients or best.gradient is None:
-        return met
-    return met and optimality(program, best, method.slack)[0] <= SETTLED
+    if best.worst <= -method.slack:
+        return False
+    return (
+        not method.gradients or best.gradient is None or scaling.optimality(program, best, method.slack)[0] <= SETTLED
+    )
 
 
 def by_values(program: Program, method: Method) -> bool:
-    """Continue from the best feasible design by values alone, unless it is settled; returns whether it did.
-
-    A program with a `cheap` model has expensive evaluations, and is searched along a line only.
-    """
+    """Continue from the best design by values alone, unless it is settled (along a line, if there are poses too)."""
     if is_settled(program, method):
         return False
     _outwards(program, method)
     if len(program.names) > 1 and program.cheap is None and not is_settled(program, method):
-        with suppress(StandsStill):
+        with suppress(scaling.StandsStill):
             cobyqa(program, _best(program).x, LEAST_RADIUS, radius=RADIUS, most=EACH * len(program.names))
         _outwards(program, method)
     return True
@@ -155,13 +150,13 @@ def _between(low: tuple[float, float], high: tuple[float, float], before: float)
 
 def _excess(program: Program, point: Evaluation) -> float:
     """The logarithm of the most violated limit (value over bound), which is nearly linear in those of clearances."""
-    return float(np.log(max(1 + point.worst, FLOOR))) + program.inside
+    return float(np.log(max(1 + point.worst, scaling.FLOOR))) + program.inside
 
 
 def _room(program: Program, best: Evaluation, way: np.ndarray) -> np.ndarray:
     """How far each variable (n,) is from its bound in a direction, in logarithms."""
     room = np.where(way > 0, np.log(program.upper / best.x), np.log(best.x / program.lower))
-    return np.where((way == 0) | (room < ROUND_OFF), 0.0, room)
+    return np.where((way == 0) | (room < scaling.ROUND_OFF), 0.0, room)
 
 
 def _gaining(program: Program, best: Evaluation) -> np.ndarray:
@@ -179,28 +174,20 @@ AWAY, GAIN, ROUNDS = (0.03, 0.1, 0.3), 0.01, 4
 FURTHEST = 0.7
 
 
+@stopping
 def trade(program: Program, method: Method, objective: Callable[[np.ndarray], float], reason: str, **options) -> str:
-    """Go on from a better design beside the best one, as long as there is one.
-
-    **Arguments:** `objective` of variables (n,); `reason`: why the search stopped early, or empty; `options`: the
-    method's.
-
-    **Returns:** the reason, or why this stopped early.
+    """Go on from a better design beside the best one, as long as there is one; returns the `reason` why the search
+    stopped early (or empty), or why this did. `objective`: of variables (n,); `options`: the method's.
     """
-    try:
-        for _ in range(ROUNDS):
-            best = program.found
-            if best is None or len(best.x) < 2 or reason in (INTERRUPTED, SPENT):
-                return reason
-            places = _beside(program, best, objective)
-            better = next((x for x in places if program.at(x, method.gradients).feasible), None)
-            if better is None:
-                return reason
-            reason = run(program, method, better, **options)
-    except BudgetSpent:
-        return SPENT
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    for _ in range(ROUNDS):
+        best = program.found
+        if best is None or len(best.x) < 2 or reason in (INTERRUPTED, SPENT):
+            break
+        places = _beside(program, best, objective)
+        better = next((x for x in places if program.at(x, method.gradients).feasible), None)
+        if better is None:
+            break
+        reason = run(program, method, better, **options)
     return reason
 
 
@@ -221,9 +208,7 @@ def _beside(program: Program, best: Evaluation, objective: Callable[[np.ndarray]
 def _with_objective(
     program: Program, z: np.ndarray, objective: Callable[[np.ndarray], float], wanted: float
 ) -> np.ndarray | None:
-    """The design of logarithms `z` (n,), with all variables changed by one factor to the objective that is wanted;
-    `None`: no such factor is near.
-    """
+    """The design of logarithms `z` (n,), scaled to the objective that is wanted; `None`: no such factor is near."""
 
     def scaled(by: float) -> np.ndarray:
         return np.clip(np.exp(z + by), program.lower, program.upper)

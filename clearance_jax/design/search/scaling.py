@@ -22,12 +22,9 @@ class UselessSlopes(Exception):
 
 
 def followed(program: Program, point: Evaluation) -> Evaluation:
-    """A point with the slopes that a search can follow.
-
-    A lower peak of a motion with useless slopes takes those of the highest one, as it never decides before that. A
-    limit far below its bound takes slopes of zero.
-
-    **Raises:** `UselessSlopes` if a limit that may decide has useless slopes.
+    """A point with the slopes that a search can follow. A lower peak of a motion with useless slopes takes those of the
+    highest one, as it never decides before that. A limit far below its bound takes slopes of zero. **Raises**
+    `UselessSlopes` if a limit that may decide has useless slopes.
     """
     if point.jacobian is None or not np.all(np.isfinite(point.limits)):
         return point
@@ -96,10 +93,6 @@ class ScaledProgram:
         self._last = np.array(z)
         if self._still >= PATIENCE:
             raise StandsStill
-
-    def fresh_slopes(self, z: np.ndarray, samples: int, seed: int) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """`slopes` by so many fresh samples of manufacture."""
-        return self.slopes_of(self.program.fresh(np.exp(z), samples, seed))
 
     def slopes_of(self, point: Evaluation) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """Objective and limits of an evaluated point, and their derivatives."""

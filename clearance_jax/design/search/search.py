@@ -10,14 +10,14 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
-from clearance_jax.ask.answers import HERE, SolvePlace
+from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import NONE_CHOSEN, Candidates, classes_of, priced
 from clearance_jax.design.asked.formulation import formulate, objective_of, unposed
@@ -29,7 +29,7 @@ from clearance_jax.design.search.infeasible import unreachable, why_infeasible
 from clearance_jax.design.search.methods import AUTO, METHODS, Method, method_of
 from clearance_jax.design.search.model_management import MATCHED, MATCHED_VALUES
 from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
-from clearance_jax.design.search.run import INTERRUPTED, SPENT, USELESS, run, trade
+from clearance_jax.design.search.run import INTERRUPTED, SPENT, USELESS, run, stopping, trade
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.variants import change_each_play
@@ -40,28 +40,36 @@ from clearance_jax.solve.settings import DYNAMICS
 TOLERANT = {"slsqp", MATCHED.name, MATCHED_VALUES.name}
 
 
-def search(
-    specification: Specification,
-    method: str | Method = "slsqp",
-    start: Mapping[str, float] | None = None,
-    starts: int = 1,
-    seed: int = 0,
-    record: str | Path | None = None,
-    most: int = 1_000_000,
-    progress: Callable[[Evaluation], None] | None = None,
-    place: SolvePlace = HERE,
-    classes: Candidates | None = None,
-    diameters: Mapping[str, float] | None = None,
-) -> Design:
-    """Search for the best design; `place`: where many simulations are solved; others as `ToleranceProblem.solve`'s."""
-    listed = None if classes is None else classes_of(specification, classes, diameters)
+class SearchOptions(NamedTuple):
+    """The arguments of `ToleranceProblem.solve` that each search has; `place`: where simulations are solved."""
+
+    method: str | Method
+    start: Mapping[str, float] | None
+    starts: int
+    seed: int
+    record: str | Path | None
+    most: int
+    progress: Callable[[Evaluation], None] | None
+    place: SolvePlace
+    classes: Candidates | None
+    diameters: Mapping[str, float] | None
+
+    def formulate(self, specification: Specification, **changes: Any) -> Program:
+        """The program of a problem, with the options that it needs."""
+        options = {"record": self.record, "most": self.most, "progress": self.progress}
+        return formulate(specification, place=self.place, **(options | changes))
+
+
+def search(specification: Specification, how: SearchOptions) -> Design:
+    """Search for the best design."""
+    listed = None if how.classes is None else classes_of(specification, how.classes, how.diameters)
     specification = specification if listed is None else priced(specification, listed)
-    design = _continuous(specification, method, start, starts, seed, record, most, progress, place)
+    design = _continuous(specification, how)
     if listed is None or not design.feasible:
         return design
     if design.stop_reason in (INTERRUPTED, SPENT):
         return without_classes(design, NONE_CHOSEN, design.stop_reason)
-    return choose_classes(design, listed, place, **_options(specification, design.method))
+    return choose_classes(design, listed, how.place, **_options(specification, design.method))
 
 
 def _options(specification: Specification, method: Method) -> dict[str, Any]:
@@ -69,34 +77,22 @@ def _options(specification: Specification, method: Method) -> dict[str, Any]:
     return {"tolerance": 10 * specification.rtol} if method.name in TOLERANT else {}
 
 
-def _continuous(
-    specification: Specification,
-    method: str | Method,
-    start: Mapping[str, float] | None,
-    starts: int,
-    seed: int,
-    record: str | Path | None,
-    most: int,
-    progress: Callable[[Evaluation], None] | None,
-    place: SolvePlace,
-) -> Design:
+def _continuous(specification: Specification, how: SearchOptions) -> Design:
     """Search for the best design with continuous variables."""
-    if method != AUTO:
-        method = method_of(method)
+    method = how.method if how.method == AUTO else method_of(how.method)
     note = ""
     if specification.fidelity == BOTH:
         if method not in (AUTO, METHODS["slsqp"]):
             raise ClearanceError('`fidelity = "auto"` has a method of its own: leave `method` out.')
         if why := unposed(specification):
             specification, note = specification.judged_by(DYNAMICS), f"by the dynamics alone: {why}"
-    given = {"place": place, "record": record, "most": most, "progress": progress}
-    program = formulate(specification, **given)
+    program = how.formulate(specification)
     x = np.sqrt(program.lower * program.upper)
-    if start is not None:
-        worth = np.array([float(start[name]) for name in specification.variables])
+    if how.start is not None:
+        worth = np.array([float(how.start[name]) for name in specification.variables])
         x = worth if len(specification.names) == len(worth) else worth.min(keepdims=True)
     if program.cheap is not None:
-        return _managed(specification, program, x, given, starts, seed)
+        return _managed(specification, program, x, how)
     if program.best is not None:
         x = program.best.x
     if method == AUTO:
@@ -105,10 +101,10 @@ def _continuous(
     method = method_of(method)
     if method.gradients:
         _check_derivatives(specification, x)
-    if reason := _first(specification, program, x, method.gradients):
+    if reason := _first(program, specification, x, method.gradients):
         return _design(specification, program, method, reason, note)
     options = _options(specification, method)
-    stop_reason = _runs(program, method, x, starts, seed, **options)
+    stop_reason = _runs(program, method, x, how, **options)
     if not specification.manufacture.is_sampled:
         cost = functools.partial(objective_of, specification)
         stop_reason = trade(program, method, cost, stop_reason, **options)
@@ -128,10 +124,10 @@ def _explained(design: Design) -> Design:
     return design.with_note("" if point.feasible else why, evaluation=point)
 
 
-def _runs(program: Program, method: Method, x: np.ndarray, starts: int, seed: int, **options: Any) -> str:
+def _runs(program: Program, method: Method, x: np.ndarray, how: SearchOptions, **options: Any) -> str:
     """Run from a point and from random ones; returns why the last run stopped early."""
-    stop_reason, rng = run(program, method, x, **options), np.random.default_rng(seed)
-    for _ in range(starts - 1):
+    stop_reason, rng = run(program, method, x, **options), np.random.default_rng(how.seed)
+    for _ in range(how.starts - 1):
         # Other starts are tried after a failed run, but not after an interruption.
         if stop_reason not in (INTERRUPTED, SPENT):
             other = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
@@ -146,43 +142,34 @@ def _design(specification: Specification, program: Program, method: Method, stop
     return Design(specification, program, method, point, stop_reason, note)
 
 
-def _managed(
-    specification: Specification, program: Program, x: np.ndarray, given: Mapping[str, Any], starts: int, seed: int
-) -> Design:
+def _managed(specification: Specification, program: Program, x: np.ndarray, how: SearchOptions) -> Design:
     """Search by model management of poses and dynamics; by values alone if slopes of the dynamics are useless."""
     tolerance = _options(specification, MATCHED)
-    if reason := _first(specification, program, x):
+    if reason := _first(program, specification, x):
         return _design(specification, program, MATCHED, reason, "")
-    stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
+    stop_reason = _runs(program, MATCHED, x, how, **tolerance)
     if not stop_reason.startswith(USELESS):
         return _explained(_design(specification, program, MATCHED, stop_reason, ""))
     why = stop_reason.removeprefix(USELESS)
     note = f"{why[0].upper()}{why[1:]}. So the search compared values alone, and a better design may exist"
     if not specification.manufacture.is_design:
-        stop_reason = _runs(program, MATCHED_VALUES, x, starts, seed, **tolerance)
+        stop_reason = _runs(program, MATCHED_VALUES, x, how, **tolerance)
         return _design(specification, program, MATCHED_VALUES, stop_reason, note)
     among, asked = Neighbours(), specification.manufacture
     specification = dataclasses.replace(specification, manufacture=among)
     note += f". Of every limit it takes the largest value of {among.samples} designs within {among.scatter:.0%}"
     note += f" (one more exceeds it with a probability of {1 / (among.samples + 1):.0%})"
-    left = {"most": given["most"] - program.gradients}
-    wider = formulate(specification, **{**given, **left}, known=program.points)
-    stop_reason = _runs(wider, MATCHED_VALUES, x, starts, seed, **tolerance)
+    wider = how.formulate(specification, most=how.most - program.gradients, known=program.points)
+    stop_reason = _runs(wider, MATCHED_VALUES, x, how, **tolerance)
     if not wider.history:  # stopped before: take the design at which slopes were asked for
         return _design(dataclasses.replace(specification, manufacture=asked), program, MATCHED, stop_reason, note)
     return _design(specification, wider, MATCHED_VALUES, stop_reason, note)
 
 
-def _first(specification: Specification, program: Program, x: np.ndarray, gradient: bool = True) -> str:
+@stopping
+def _first(program: Program, specification: Specification, x: np.ndarray, gradient: bool = True) -> str:
     """Why a search is not needed or was stopped before, in words; else empty."""
-    try:
-        return unreachable(specification, program, x, gradient)
-    except BudgetSpent:
-        return SPENT
-    except KeyboardInterrupt:
-        if not program.history:
-            raise
-        return INTERRUPTED
+    return unreachable(specification, program, x, gradient)
 
 
 def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
@@ -203,21 +190,14 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
 def _distrust(specification: Specification, x: np.ndarray) -> str:
     """Why gradients are useless at a point, in words; empty if they are not."""
     names = tuple(specification.variables)
+    # Fewer than by default, as there is a report for every limit in every condition.
+    few: Any = {"probes": 16, "samples": max(16, len(names) + 3), "on_untrusted": "ignore"}
+    options = few | specification.options
     for name, values in specification.conditions.items():
         moved = replace(specification.move(specification.mechanism, values), specification.clearances(x))
         for limit in specification.limits:
             try:
-                report = gradient_report(
-                    moved,
-                    limit.metric.base_metric,
-                    names,
-                    specification.t1,
-                    # Fewer than by default, as there is a report for every limit in every condition.
-                    probes=16,
-                    samples=max(16, len(names) + 3),
-                    on_untrusted="ignore",
-                    **specification.options,
-                )
+                report = gradient_report(moved, limit.metric.base_metric, names, specification.t1, **options)
             except (ClearanceError, RuntimeError) as error:
                 return f"There are no gradients to trust ({name}, {limit.title}): {error}"
             if not report.trusted:
@@ -230,50 +210,31 @@ def smoothed(mechanism: Mechanism, width: float) -> Mechanism:
     return change_each_play(mechanism, lambda play: dataclasses.replace(play, normal=play.normal.smoothed(width)))
 
 
-def continued(
-    specification: Specification,
-    widths: Sequence[float],
-    start: Mapping[str, float] | None,
-    starts: int,
-    record: str | Path | None,
-    **options: Any,
-) -> Design:
+def continued(specification: Specification, widths: Sequence[float], how: SearchOptions) -> Design:
     """The best design of the laws themselves, from designs of laws smoothed over `widths` [m], the last of which is 0.
-
-    Only the first width has further `starts`. Every width has its own record beside the `record`. Other arguments as
-    those of `search`.
-
-    **Raises:** `ClearanceError` for widths that do not fall to 0, and for classes.
+    Only the first width has further starts. Every width has its own record beside that of the laws themselves.
+    **Raises** `ClearanceError` for widths that do not fall to 0, and for classes.
     """
-    _check(widths, options.get("classes"))
-    before: list[tuple[float, Design]] = []
-    for width in widths[:-1]:
-        asked = dataclasses.replace(specification, mechanism=smoothed(specification.mechanism, width))
-        design = search(asked, start=start, starts=starts, record=_record_of(record, width), **options)
-        if design.stop_reason == INTERRUPTED:
-            note = f"this is a design of laws that are smoothed over {width:g} m, not of the laws themselves"
-            return design.with_note(note, before=tuple(before))
-        before.append((width, design))
-        start, starts = design.clearances, 1
-    design = search(specification, start=start, starts=starts, record=record, **options)
-    return dataclasses.replace(design, before=tuple(before))
-
-
-def _check(widths: Sequence[float], classes: Any) -> None:
     falls = all(high > low for high, low in itertools.pairwise(widths))
     if not (falls and widths and all(0 <= width < math.inf for width in widths) and widths[-1] == 0):
         raise ClearanceError(
             "`smoothing` must be widths [m] that become smaller, and the last one must be 0, which is the law itself: "
             f"such as (1e-6, 1e-7, 0). But it is {tuple(widths)}."
-        ).about("smoothing", tuple(widths))
-    if classes is not None:
+        )
+    if how.classes is not None:
         raise ClearanceError(
             "`smoothing` is for variables that take any values: leave `classes` out, and then choose the classes with "
             "`start` at the answer."
-        ).about("classes")
-
-
-def _record_of(record: str | Path | None, width: float) -> Path | None:
-    """The record of a width: a file beside that of the laws themselves."""
-    path = None if record is None else Path(record)
-    return path and path.with_name(f"{path.stem}.smoothed-{width:g}{path.suffix}")
+        )
+    record = None if how.record is None else Path(how.record)
+    before: list[tuple[float, Design]] = []
+    for width in widths[:-1]:
+        asked = dataclasses.replace(specification, mechanism=smoothed(specification.mechanism, width))
+        beside = record and record.with_name(f"{record.stem}.smoothed-{width:g}{record.suffix}")
+        design = search(asked, how._replace(record=beside))
+        if design.stop_reason == INTERRUPTED:
+            note = f"this is a design of laws that are smoothed over {width:g} m, not of the laws themselves"
+            return design.with_note(note, before=tuple(before))
+        before.append((width, design))
+        how = how._replace(start=design.clearances, starts=1)
+    return dataclasses.replace(search(specification, how), before=tuple(before))

@@ -50,7 +50,6 @@ def samples_to_judge(target: float | None) -> int:
 @functools.lru_cache
 def worst_parts(samples: int, target: float, confidence: float) -> float:
     """The number of worst samples whose mean a search bounds, so that the design has its yield with the `confidence`.
-
     At most (1 - target) N of N samples, whose mean is the conditional value at risk; this for `confidence` 0. At least
     1, with which `confidence` may not be reached.
     """

@@ -9,8 +9,7 @@ from clearance_jax.io.keys.scene import SOLVING
 from clearance_jax.io.keys.wear import WEAR_TABLES
 from clearance_jax.parameters import PARAMETER
 from clearance_jax.solve.settings import FIDELITIES, MOST_SAMPLES
-from clearance_jax.sweep.axes import METHODS
-from clearance_jax.sweep.scatter import DISTRIBUTIONS
+from clearance_jax.sweep.axes import DISTRIBUTIONS, METHODS
 
 STUDY = table(
     "study",

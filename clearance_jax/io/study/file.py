@@ -24,7 +24,7 @@ from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
 from clearance_jax.metrics.signals import AbstractSignal, numbers_of
 from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
-from clearance_jax.sweep.scatter import arguments_of, scatter
+from clearance_jax.sweep.axes import arguments_of, scatter
 from clearance_jax.units import to_si
 
 # Solve options that a study takes from its scene.

@@ -17,8 +17,7 @@ from clearance_jax.io.study.wear import WearAsked, wear_of
 from clearance_jax.io.table import Chosen, TomlTable, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import PARAMETER, units_of
-from clearance_jax.sweep.axes import Choice, Sampled, Zipped
-from clearance_jax.sweep.scatter import sobol_samples
+from clearance_jax.sweep.axes import Choice, Sampled, Zipped, sobol_samples
 
 
 class Study(NamedTuple):

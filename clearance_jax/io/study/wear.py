@@ -15,11 +15,11 @@ from clearance_jax.io.table import Chosen, TomlTable, naming
 from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.wear.contacts import sections_of
 from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
 from clearance_jax.wear.laws import COEFFICIENT, AbstractWearLaw, Archard, Graded, Reye, RunningIn, Threshold
 from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
+from clearance_jax.wear.rubbing import sections_of
 
 # Keys that only a life asks for.
 OF_A_LIFE = ("until", "longest", "journal")

@@ -99,9 +99,7 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
 
 
 def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
-    """As `contacts`, from `times` [s] and `states` of step ends, a multiple of `CHUNK` of them. It has derivatives by
-    the mechanism and the states.
-    """
+    """As `contacts`, from step ends, a multiple of `CHUNK` of them; with derivatives by mechanism and states."""
     count = times.shape[0] // CHUNK
     follow = [jnp.concatenate([x[1:], x[-1:]]).reshape(count, CHUNK, *x.shape[1:]) for x in (times, states)]
     # A chunk begins where the one before it ends.
@@ -116,11 +114,8 @@ def largest_swing(seen: Contacts, angle: Array, allowed: Array, parts: int) -> A
     """The largest motion of a patch from one node to the next of its step, over what is allowed at the two nodes.
     `angle` of the patch and `allowed` [rad] have the shape (times, sections).
     """
-
-    def by_step(values):
-        return values.reshape(-1, A_STEP * parts, *values.shape[1:])
-
-    angle, allowed, force = (by_step(values) for values in (angle, allowed, seen.force))
+    steps = -1, A_STEP * parts
+    angle, allowed, force = (values.reshape(*steps, *values.shape[1:]) for values in (angle, allowed, seen.force))
     moved = angle[:, 1:] - angle[:, :-1]
     moved = jnp.abs(moved - 2 * np.pi * jnp.round(moved / (2 * np.pi)))
     both = (force[:, 1:] > 0) & (force[:, :-1] > 0)
