@@ -23,8 +23,8 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax._compile import files, kept, library
 from clearance_jax._compile.code import altered
-from clearance_jax._compile.jax_cache import WholeEntries
 from clearance_jax._compile.kept import keep_in, kept_jit
+from clearance_jax._compile.private import WholeEntries
 from clearance_jax._compile.structure import Reader, Untold, text
 from clearance_jax.cli.main import app
 from clearance_jax.laws import HuntCrossley
