@@ -2,7 +2,8 @@
 
 One reader serves everything that is kept between processes. Programs (`kept`) use it strictly: a text without
 something on which a program depends would return a wrong program, so it raises `Untold` for everything that it cannot
-read completely, and for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) use
+read completely, and for every function and class of the user's. The modules of this library are read too, because parts
+of them may have been replaced (`library`). Questions of sweeps, lives and designs (`identity`) use
 the best possible text: the user's functions and classes are read by their code (byte code, constants, closures,
 defaults, and the functions and globals that they name). Other packages and this library count by names.
 """
@@ -51,12 +52,6 @@ def hash_texts(*parts: str | bytes) -> str:
     whole = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
     lengths = b",".join(b"%d" % len(part) for part in whole)
     return blake2b(b"".join((lengths, b"|", *whole)), digest_size=16).hexdigest()
-
-
-def text(value: Any) -> str:
-    """The text of a value with everything of which it consists. **Raises:** `Untold`."""
-    reader = Reader(strict=True)
-    return reader.whole(reader.of(value))
 
 
 class Reader:
@@ -188,7 +183,7 @@ class Reader:
         if isinstance(value, types.MethodType):
             return hash_texts(kind, self.of(value.__func__), self.of(value.__self__))
         if isinstance(value, property):
-            return hash_texts(kind, *map(self.of, (value.fget, value.fset, value.fdel)))
+            return hash_texts(kind, *map(self.of, (value.fget, value.fset, *([value.fdel] if value.fdel else []))))
         if isinstance(value, staticmethod | classmethod):
             return hash_texts(kind, self.of(value.__func__))
         if isinstance(value, types.BuiltinFunctionType | np.ufunc):
@@ -258,7 +253,7 @@ class Reader:
 
     def _class(self, kind: type) -> str:
         self._check_own(kind)
-        self.homes.add(kind.__module__)
+        self.homes.add(str(kind.__module__))
         if self._is_own(kind):
             fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
             told = [hash_texts(field.name, self.of(dict(field.metadata)), self._factory(field)) for field in fields]
