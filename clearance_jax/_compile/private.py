@@ -11,10 +11,7 @@ from collections.abc import Iterator
 
 import jax
 from equinox import _config as equinox_config  # what its checks do where they fail
-from jax._src import (
-    compilation_cache,  # what makes JAX's cache, and how it packs its entries
-    xla_bridge,  # the only place that knows whether a backend has started
-)
+from jax._src import compilation_cache, xla_bridge  # how JAX's cache writes its entries; whether JAX has started
 from jax._src import config as jax_config  # all that a trace depends on
 
 from clearance_jax._compile import files
