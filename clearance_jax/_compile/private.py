@@ -8,6 +8,7 @@
 
 import contextlib
 from collections.abc import Iterator
+from typing import Any
 
 import jax
 from equinox import _config as equinox_config  # what its checks do where they fail
@@ -15,6 +16,9 @@ from jax._src import compilation_cache, xla_bridge  # how JAX's cache writes its
 from jax._src import config as jax_config  # all that a trace depends on
 
 from clearance_jax._compile import files
+
+_jax: Any = jax.config  # whose settings have no types
+_caches: Any = compilation_cache  # whose classes a type checker does not count as exported
 
 
 def has_started() -> bool:
@@ -26,7 +30,7 @@ def settings() -> tuple:
     """The settings of JAX and equinox that programs depend on."""
     # Named axes, an object without a text, are there only within a transformation.
     context = (x for x in jax_config.trace_context() if type(x).__name__ != "AxisEnv")
-    return (jax.config.jax_enable_x64, equinox_config.EQX_ON_ERROR, *context)
+    return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *context)
 
 
 @contextlib.contextmanager
@@ -40,7 +44,7 @@ def jax_cache_off() -> Iterator[None]:
         compilation_cache.reset_cache()
 
 
-class WholeEntries(compilation_cache.LRUCache):
+class WholeEntries(_caches.LRUCache):
     """JAX's cache in a folder, with entries that are always whole."""
 
     def get(self, key: str) -> bytes | None:

