@@ -28,7 +28,7 @@ from clearance_jax._compile import files
 from clearance_jax._compile.code import altered
 from clearance_jax._compile.files import remember_in
 from clearance_jax._compile.library import is_plain, library_text, surroundings
-from clearance_jax._compile.private import jax_cache_off, settings
+from clearance_jax._compile.private import find_lapack, jax_cache_off, settings
 from clearance_jax._compile.solo import SOLO, is_traced, solo_jit
 from clearance_jax._compile.structure import Reader, Untold, hash_texts
 
@@ -189,13 +189,7 @@ def _read(key: str) -> tuple[Any, Any] | None:
     try:
         lapack, frame, program = pickle.loads(content)
         if lapack:
-            _find_lapack()
+            find_lapack()
         return serialize_executable.deserialize_and_load(*program), pickle.loads(frame)
     except Exception:  # of another version, in whatever way: compiled anew
         return None
-
-
-@functools.cache
-def _find_lapack() -> None:
-    """Load LAPACK's functions. JAX does so when it lowers a program of theirs; a loaded program would crash without."""
-    jax.jit(jax.lax.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), float))

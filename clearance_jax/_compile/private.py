@@ -3,10 +3,12 @@
 - JAX's cache of compiled programs, made safe for several processes: entries are written whole, and one that cannot be
   read is removed, so that its program is compiled anew. JAX writes an entry in place. Another process that reads it
   meanwhile, or after the writer was killed, gets half of it, warns, and does not write it again.
-- The settings on which a trace depends, and whether JAX has started: JAX tells neither in public.
+- The settings on which a trace depends, whether JAX has started, LAPACK's functions: JAX gives none in public.
 """
 
 import contextlib
+import functools
+import importlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -31,6 +33,14 @@ def settings() -> tuple:
     # Named axes, an object without a text, are there only within a transformation.
     context = (x for x in jax_config.trace_context() if type(x).__name__ != "AxisEnv")
     return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *context)
+
+
+@functools.cache
+def find_lapack() -> None:
+    """Load LAPACK's functions. JAX does so only when it lowers a program; a loaded program would crash without them."""
+    # To lower such a program would be a public way. It is slow in a process that lowers nothing else.
+    lapack: Any = importlib.import_module("jaxlib.lapack")
+    lapack._lapack.initialize()
 
 
 @contextlib.contextmanager
