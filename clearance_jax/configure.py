@@ -5,11 +5,10 @@ import warnings
 from pathlib import Path
 
 import jax
-from jax._src import xla_bridge  # the only place that knows whether a backend has started
 
 from clearance_jax._compile.files import programs_in, user_cache
-from clearance_jax._compile.jax_cache import use_whole_entries
 from clearance_jax._compile.kept import keep_in
+from clearance_jax._compile.private import has_started, use_whole_entries
 
 # Vectors as wide as the machine's, where XLA would use half: lanes are long rows of the same arithmetic. On a machine
 # without them the flag has no effect.
@@ -51,7 +50,7 @@ def configure(*, cache: bool | str | Path = False) -> None:
 def _set_flags() -> None:
     """What a process reads once, when JAX starts: width of vectors, number of threads."""
     flags = os.environ.get("XLA_FLAGS", "")
-    if xla_bridge.backends_are_initialized():
+    if has_started():
         if _WIDE_VECTORS not in flags:
             warnings.warn(
                 "JAX has started before `configure()`: batches keep its narrower vectors, a few per cent slower.",

@@ -83,6 +83,24 @@ def inner_of(value: Any) -> Any:
     return None
 
 
+def functions_of(value: Any) -> Iterator[types.FunctionType]:
+    """The functions of which a function, a property, or a wrapper consists."""
+    waiting, seen = [value], set()
+    while waiting:
+        part = waiting.pop()
+        if id(part) in seen or isinstance(part, type | types.ModuleType):
+            continue
+        seen.add(id(part))
+        if isinstance(part, types.FunctionType):
+            yield part
+            waiting.append(getattr(part, "__wrapped__", None))
+        elif isinstance(part, property):
+            waiting += part.fget, part.fset, part.fdel
+        elif part is not None:
+            within = (x for x in variables(part).values() if isinstance(x, types.FunctionType))
+            waiting += getattr(part, "__wrapped__", None), inner_of(part), *within
+
+
 def is_generated(member: Any) -> bool:
     """Whether `dataclass` wrote a method; equinox wraps it."""
     function = member

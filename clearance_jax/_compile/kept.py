@@ -9,32 +9,28 @@ depends: the traced functions, with the library as it is in memory (`library`), 
 
 import contextlib
 import functools
-import importlib
 import os
 import pickle
 import re
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jax._src import config as jax_config  # the switch of JAX's own cache
-from jax._src import core as jax_core
-from jax._src.interpreters.partial_eval import DynamicJaxprTrace
 from jax.core import Tracer
 from jax.experimental import serialize_executable
-from jax.experimental.compilation_cache import compilation_cache
 
 from clearance_jax._compile import files
 from clearance_jax._compile.code import altered
 from clearance_jax._compile.files import remember_in
-from clearance_jax._compile.library import is_plain, library_text, settings, surroundings
-from clearance_jax._compile.solo import SOLO, solo_jit
-from clearance_jax._compile.structure import Untold, hash_texts, text, tree_text
+from clearance_jax._compile.library import is_plain, library_text, surroundings
+from clearance_jax._compile.private import find_lapack, jax_cache_off, settings
+from clearance_jax._compile.solo import SOLO, is_traced, solo_jit
+from clearance_jax._compile.structure import Reader, Untold, hash_texts
 
 # Largest number of calls that are recognised without reading their arguments again.
 _MOST = 1024
@@ -116,13 +112,12 @@ class kept_jit:
         return self._programs[key]
 
     def _key(self, leaves: list, tree: Any) -> str:
+        reader = Reader(strict=True)
+        question = reader.whole(hash_texts(reader.tree(tree), reader.of([x for x in leaves if not eqx.is_array(x)])))
         names = [f"{function.__module__}.{function.__qualname__}" for function in self._made_of]
         shapes = [str(_view(x)) if eqx.is_array(x) else "" for x in leaves]
-        rest = text([x for x in leaves if not eqx.is_array(x)])
-        modules = [function.__module__ for function in self._made_of]
-        return hash_texts(
-            *names, repr(SOLO), tree_text(tree), rest, *shapes, library_text([*modules, *_homes(tree)]), surroundings()
-        )
+        modules = {*reader.homes, *(function.__module__ for function in self._made_of)}
+        return hash_texts(*names, repr(SOLO), question, *shapes, library_text(modules), surroundings())
 
     def _compile(self, key: str, arguments: tuple) -> tuple[Any, Any]:
         """The program compiled here, and kept; (None, None) if it cannot be."""
@@ -144,7 +139,7 @@ class kept_jit:
         if altered or not files.make_writable(_where[0]):
             return lowered.compile(SOLO), outside[0]
         # A program from JAX's own cache cannot be kept: it would lack functions.
-        with _jax_cache_off():
+        with jax_cache_off():
             program = lowered.compile(SOLO)
         try:
             frame = pickle.dumps(outside[0])
@@ -182,20 +177,9 @@ def _view(leaf: Any) -> Any:
     return type(leaf), repr(leaf) if isinstance(leaf, float | complex) else leaf
 
 
-def _homes(tree: Any) -> set[str]:
-    """The modules of a tree's classes."""
-    data = tree.node_data()
-    modules = set() if data is None else {data[0].__module__}
-    return modules.union(*map(_homes, tree.children()))
-
-
 def _is_ordinary(leaves: list) -> bool:
     """Whether a call has plain numbers: not inside a program that is traced, mapped or differentiated."""
-    return (
-        not any(isinstance(x, Tracer) for x in leaves)
-        and not isinstance(jax_core.trace_ctx.trace, DynamicJaxprTrace)
-        and is_plain()
-    )
+    return not any(isinstance(x, Tracer) for x in leaves) and not is_traced() and is_plain()
 
 
 def _read(key: str) -> tuple[Any, Any] | None:
@@ -205,25 +189,7 @@ def _read(key: str) -> tuple[Any, Any] | None:
     try:
         lapack, frame, program = pickle.loads(content)
         if lapack:
-            _find_lapack()
+            find_lapack()
         return serialize_executable.deserialize_and_load(*program), pickle.loads(frame)
     except Exception:  # of another version, in whatever way: compiled anew
         return None
-
-
-@functools.cache
-def _find_lapack() -> None:
-    """Load LAPACK's functions. JAX does so only when it lowers a program; a loaded program would crash without them."""
-    lapack: Any = importlib.import_module("jaxlib.lapack")
-    lapack._lapack.initialize()
-
-
-@contextlib.contextmanager
-def _jax_cache_off() -> Iterator[None]:
-    """A context without JAX's own cache. JAX checks only once whether the cache is used: it must check again."""
-    compilation_cache.reset_cache()
-    try:
-        with jax_config.enable_compilation_cache(False):
-            yield
-    finally:
-        compilation_cache.reset_cache()

@@ -16,17 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import jax
-from equinox import _config as equinox_config  # what its checks do where they fail
-from jax._src import compiler  # the flags of XLA as they are in force: the variable may have been set too late
-from jax._src import config as jax_config  # all that a trace depends on
-from jax._src import core as jax_core
+from jax.extend.backend import get_compile_options  # with XLA's flags in force: the variable may have been set too late
 
-from clearance_jax._compile.code import MADE, PACKAGE, VERSIONED, Untold, altered, elsewhere, inner_of, name_of
+from clearance_jax._compile.code import MADE, PACKAGE, VERSIONED, altered, functions_of, name_of
+from clearance_jax._compile.private import settings
 from clearance_jax._compile.structure import Reader, hash_texts
 
 _HEAD = PACKAGE.name + "."
 # The state of these changes in a process, and no program depends on it.
-_STATEFUL = "kept", "library", "remembered", "files", "structure", "code"
+_STATEFUL = "kept", "library", "remembered", "files", "structure", "code", "private"
 _ASIDE = {f"{_HEAD}_compile.{name}" for name in _STATEFUL} | {f"{_HEAD}configure"}
 # By module: its contents, its text, and the modules to which it leads.
 _read: dict[str, tuple[list, str, set[str]]] = {}
@@ -52,29 +50,27 @@ def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
     now = list(_contents(module))
     known = _read.get(name)
     if known is None or len(known[0]) != len(now) or any(a is not b for a, b in zip(known[0], now, strict=True)):
-        reader = Reader(strict=True)
-        named = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
-        text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in named), *reader.code.values())
+        reader = Reader(strict=True, state=True)
+        text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in sorted(_named(module))))
         if known is not None and known[1] != text:
             altered.add(name)
-        known = _read[name] = now, text, {home for _, value in named for home in _homes(value)}
+        known = _read[name] = now, text, reader.homes
     return known[1], known[2]
 
 
-def _counts(module: types.ModuleType, key: str, value: Any) -> bool:
-    """Whether a name of a module counts: not Python's own entries, nor submodules, which appear when imported."""
-    return not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__"))
+def _named(module: types.ModuleType) -> Iterator[tuple[str, Any]]:
+    """What a module has by name: not Python's own entries, nor submodules, which appear when imported."""
+    for key, value in vars(module).items():
+        if not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__")):
+            yield key, value
 
 
 def _contents(module: types.ModuleType) -> Iterator[Any]:
     """Everything in a module and its classes, and the functions' code; if it is the same, nothing has changed."""
-    for key, value in vars(module).items():
-        if not _counts(module, key, value):
-            continue
+    for _, value in _named(module):
         yield value
-        if isinstance(value, types.FunctionType):
-            yield from _of_function(value)
-        elif isinstance(value, dict):
+        yield from _replaceable(value)
+        if isinstance(value, dict):
             yield from (*value, *value.values())
         elif isinstance(value, list | tuple | set | frozenset):
             yield from value
@@ -82,50 +78,21 @@ def _contents(module: types.ModuleType) -> Iterator[Any]:
             for name, member in vars(value).items():
                 if name not in MADE:
                     yield member
-                    yield from _of_function(member)
+                    yield from _replaceable(member)
 
 
-def _of_function(value: Any) -> Iterator[Any]:
-    """The parts of a function that a reloading editor replaces in place, through all wrappers."""
-    while value is not None:
-        if isinstance(value, types.FunctionType):
-            yield from (value.__code__, value.__defaults__, value.__kwdefaults__)
-        value = getattr(value, "__wrapped__", None) or inner_of(value)
+def _replaceable(value: Any) -> Iterator[Any]:
+    """The parts of functions that a reloading editor replaces in place, through all wrappers."""
+    for function in functions_of(value):
+        yield from (function.__code__, function.__defaults__, function.__kwdefaults__)
 
 
 def _tell(value: Any, home: str, reader: Reader) -> str:
-    if isinstance(value, type):
-        if value.__module__ != home:
-            return name_of(value)
-        members = [(name, member) for name, member in sorted(vars(value).items()) if name not in MADE]
-        return hash_texts(name_of(value), *(hash_texts(name, _tell(member, "", reader)) for name, member in members))
-    if isinstance(value, types.ModuleType):
-        return value.__name__
-    inner = getattr(value, "__wrapped__", None)
-    if inner is not None and not isinstance(value, types.FunctionType):
-        return hash_texts(name_of(type(value)), _tell(inner, home, reader))
-    try:
+    """The text of what a module has by name: a class of its own by its members, all else as it is."""
+    if not isinstance(value, type) or value.__module__ != home:
         return reader.of(value)
-    except (Untold, RecursionError):  # no number, no word, no function: not what is replaced
-        reader.forget()
-        if isinstance(value, types.FunctionType):
-            if not elsewhere(value.__globals__.get("__name__")):
-                raise
-            within = "" if inner is None else _tell(inner, "", reader)
-            return hash_texts(value.__qualname__, reader.of(value.__code__), within)
-        return name_of(type(value))
-
-
-def _homes(value: Any) -> Iterator[str]:
-    """The modules that a value leads to."""
-    if isinstance(value, types.ModuleType):
-        yield value.__name__
-        return
-    inner = getattr(value, "__wrapped__", None)
-    for part in (value, inner, type(value)):
-        home = getattr(part, "__module__", None)
-        if isinstance(home, str):
-            yield home
+    members = [(name, member) for name, member in sorted(vars(value).items()) if name not in MADE]
+    return hash_texts(name_of(value), *(hash_texts(name, _tell(member, "", reader)) for name, member in members))
 
 
 _jax: Any = jax.config  # whose settings have no types
@@ -134,13 +101,6 @@ _jax: Any = jax.config  # whose settings have no types
 def surroundings() -> str:
     """All surroundings as one text; what cannot change within a process is read once."""
     return hash_texts(source_digest(), processor(), _versions(), _flags(), repr(settings()))
-
-
-def settings() -> tuple:
-    """The settings of JAX and Equinox that programs depend on."""
-    # Named axes, an object without a text, are there only within a transformation.
-    context = (x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv))
-    return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *context)
 
 
 def is_plain() -> bool:
@@ -191,5 +151,4 @@ def _version(name: str) -> str:
 
 def _flags() -> bytes:
     """XLA's flags with which programs are compiled."""
-    options = compiler.get_compile_options(num_replicas=1, num_partitions=1)
-    return options.SerializeAsString()
+    return get_compile_options(num_replicas=1, num_partitions=1).SerializeAsString()

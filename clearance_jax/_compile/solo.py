@@ -6,13 +6,16 @@ from typing import Any
 
 import equinox as eqx
 import jax
-from jax._src import core as jax_core  # whether a call is inside of another program
-from jax._src.interpreters.partial_eval import DynamicJaxprTrace
+from jax.core import eval_context
+from jax.extend import core as jax_core
+from jax.extend.core import get_opaque_trace_state
 
 # Up to JAX 0.10 XLA has two ways to make machine code of a fused kernel on the CPU. The newer one ("fusion emitters",
 # on by default) takes half of all compiling. It makes kernels over many lanes faster, but not those of one motion. JAX
 # 0.12 has only the newer one.
 SOLO: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11) else {}
+
+_core: Any = jax_core  # whose last function a type checker does not count as exported
 
 
 class solo_jit:
@@ -25,8 +28,21 @@ class solo_jit:
         functools.update_wrapper(self, function)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        program = self.alone if jax_core.trace_state_clean() else self.within
+        program = self.alone if _is_alone() else self.within
         return program(*arguments, **named)
+
+
+def _is_alone() -> bool:
+    """Whether a call is inside of no program, batch or derivative."""
+    now = get_opaque_trace_state()
+    with eval_context():
+        return now == get_opaque_trace_state()
+
+
+def is_traced() -> bool:
+    """Whether a call is inside a program that is being traced, even if it is mapped or differentiated there."""
+    # JAX discourages functions that differ there, because their values might. Here the values do not.
+    return _core.unsafe_am_i_under_a_jit_DO_NOT_USE()
 
 
 def whole(function: Callable) -> Callable:
@@ -37,14 +53,6 @@ def whole(function: Callable) -> Callable:
 
     @functools.wraps(function)
     def call(*arguments, **named):
-        return (function if _is_traced() else program)(*arguments, **named)
+        return (function if is_traced() else program)(*arguments, **named)
 
     return call
-
-
-def _is_traced() -> bool:
-    """Whether a call is inside a program that is being traced, even if it is mapped or differentiated there."""
-    trace: Any = jax_core.trace_ctx.trace
-    while hasattr(trace, "parent_trace"):
-        trace = trace.parent_trace
-    return isinstance(trace, DynamicJaxprTrace)

@@ -2,7 +2,8 @@
 
 One reader serves everything that is kept between processes. Programs (`kept`) use it strictly: a text without
 something on which a program depends would return a wrong program, so it raises `Untold` for everything that it cannot
-read completely, and for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) use
+read completely, and for every function and class of the user's. The modules of this library are read too, because parts
+of them may have been replaced (`library`). Questions of sweeps, lives and designs (`identity`) use
 the best possible text: the user's functions and classes are read by their code (byte code, constants, closures,
 defaults, and the functions and globals that they name). Other packages and this library count by names.
 """
@@ -29,6 +30,7 @@ from clearance_jax._compile.code import (
     Untold,
     content,
     elsewhere,
+    functions_of,
     in_python,
     inner_of,
     is_generated,
@@ -52,48 +54,31 @@ def hash_texts(*parts: str | bytes) -> str:
     return blake2b(b"".join((lengths, b"|", *whole)), digest_size=16).hexdigest()
 
 
-def text(value: Any) -> str:
-    """The text of a value with everything of which it consists. **Raises:** `Untold`."""
-    reader = Reader(strict=True)
-    return reader.whole(reader.of(value))
-
-
-def tree_text(tree: Any) -> str:
-    """The text of a tree's structure (a `PyTreeDef`): every node's class, and its static data.
-
-    **Raises:** `Untold`.
-    """
-    reader = Reader(strict=True)
-
-    def of(node: Any) -> str:
-        data, children = node.node_data(), node.children()
-        if data is None:
-            return "leaf" if not children and node.num_leaves else "nothing"
-        kind, static = data
-        return hash_texts("node", reader.of(kind), reader.of(static), *map(of, children))
-
-    return reader.whole(of(tree))
-
-
 class Reader:
     """Texts of values. `aside`: values, by `id`, that are identified otherwise. `code`: the user's functions and
-    classes that were met, by name; texts contain only these names, and `whole` adds the code. `strict`: raise `Untold`
-    for values that cannot be read completely.
+    classes that were met, by name; texts contain only these names, and `whole` adds the code. `homes`: the modules of
+    all functions and classes that were met. `strict`: raise `Untold` for values that cannot be read completely, and for
+    code of the user's. `state`: read what a module consists of; of an object with a state of its own, such as a lock or
+    a property that remembers its values, its class and its functions count.
     """
 
-    def __init__(self, aside: Any = (), strict: bool = False):
+    def __init__(self, aside: Any = (), strict: bool = False, state: bool = False):
         self.code: dict[str, str] = {}
-        self._aside, self._strict, self._done, self._within = set(aside), strict, {}, []
-        self._foreign = is_versioned if strict else elsewhere  # modules whose code counts by its name
+        self.homes: set[str] = set()
+        self._aside, self._strict, self._state, self._done, self._within = set(aside), strict, state, {}, []
+        self._foreign = is_versioned if strict and not state else elsewhere  # modules whose code counts by its name
         self._open = math.inf  # depth of the outermost value that was met again inside itself
 
     def whole(self, digest: str) -> str:
         """A text with the code that it names."""
         return hash_texts(digest, *(part for pair in self.code.items() for part in pair))
 
-    def forget(self) -> None:
-        """Begin anew after an `Untold`."""
-        self._within, self._open = [], math.inf
+    def tree(self, tree: Any) -> str:
+        """The text of a tree's structure (a `PyTreeDef`): every node's class, and its static data."""
+        data, children = tree.node_data(), tree.children()
+        if data is None:
+            return "leaf" if not children and tree.num_leaves else "nothing"
+        return hash_texts("node", *map(self.of, data), *map(self.tree, children))
 
     def of(self, value: Any) -> str:
         if id(value) in self._aside:
@@ -122,7 +107,7 @@ class Reader:
 
     def _compound(self, value: Any) -> str:
         if isinstance(value, Tracer) and self._strict:
-            raise Untold(f"a traced value: {type(value)}")
+            return self._unknown(value)
         if isinstance(value, jax.Array | np.ndarray | np.generic):
             return self._array(value)
         if isinstance(value, type):
@@ -150,8 +135,15 @@ class Reader:
 
     def _beside(self, value: Any) -> list[str]:
         """The attributes of a container's own class, besides its contents."""
-        attributes = variables(value)
+        attributes = self._attributes(value)
         return ["beside", self.of(attributes)] if attributes else []
+
+    def _attributes(self, value: Any) -> dict[str, Any]:
+        """The attributes of an object that count."""
+        attributes = variables(value)
+        if not self._state:
+            return attributes
+        return {name: x for name, x in attributes.items() if not isinstance(x, dict | list | set)}
 
     def _array(self, value: Any) -> str:
         try:
@@ -173,6 +165,7 @@ class Reader:
 
     def _module(self, value: types.ModuleType) -> str:
         """A module of the user's by its text."""
+        self.homes.add(value.__name__)
         if self._foreign(value.__name__):
             return f"module {value.__name__}"
         if self._strict:
@@ -190,7 +183,7 @@ class Reader:
         if isinstance(value, types.MethodType):
             return hash_texts(kind, self.of(value.__func__), self.of(value.__self__))
         if isinstance(value, property):
-            return hash_texts(kind, *map(self.of, (value.fget, value.fset)))
+            return hash_texts(kind, *map(self.of, (value.fget, value.fset, *([value.fdel] if value.fdel else []))))
         if isinstance(value, staticmethod | classmethod):
             return hash_texts(kind, self.of(value.__func__))
         if isinstance(value, types.BuiltinFunctionType | np.ufunc):
@@ -204,25 +197,27 @@ class Reader:
         inner = inner_of(value)
         if inner is not None:
             # A rule of differentiation stands beside the function, for instance.
-            beside = variables(value) if not type(value).__module__.startswith("jaxlib") else {}
+            beside = self._attributes(value) if not type(value).__module__.startswith("jaxlib") else {}
             attributes = {k: a for k, a in beside.items() if not k.startswith("__") and a is not inner}
             return hash_texts(kind, self.of(inner), self.of(attributes))
         return self._object(value)
 
     def _object(self, value: Any) -> str:
         written = all(map(in_python, type(value).__mro__[:-1]))
-        attributes, slots = variables(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
+        attributes, slots = self._attributes(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
         if dataclasses.is_dataclass(value):
             names = [field.name for field in dataclasses.fields(value)]
             attributes = {name: getattr(value, name) for name in names if hasattr(value, name)} | attributes
         elif not written or slots or (not attributes and not self._strict):
             return self._unknown(value)
         if not written and self._strict:
-            raise Untold(f"an object of {name_of(type(value))}")
+            return self._unknown(value)
         return hash_texts("object", self.of(type(value)), self.of(attributes))
 
     def _unknown(self, value: Any) -> str:
         kind = self.of(type(value))
+        if self._state:
+            return hash_texts(kind, *map(self.of, functions_of(value)))
         if self._strict:
             raise Untold(f"an object of {name_of(type(value))}")
         try:
@@ -258,12 +253,13 @@ class Reader:
 
     def _class(self, kind: type) -> str:
         self._check_own(kind)
+        self.homes.add(str(kind.__module__))
         if self._is_own(kind):
             fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
             told = [hash_texts(field.name, self.of(dict(field.metadata)), self._factory(field)) for field in fields]
             maker = self.of(type(kind)) if self._is_own(type(kind)) else ""
             return self._own(kind, hash_texts(maker, *told, "|", *self._members(kind)))
-        if self._strict and lookup(kind) is not kind:
+        if self._strict and not self._state and lookup(kind) is not kind:
             raise Untold(f"a class that is not found by its name: {name_of(kind)}")
         return f"class {name_of(kind)}"
 
@@ -285,12 +281,13 @@ class Reader:
     def _function(self, function: types.FunctionType) -> str:
         self._check_own(function)
         origin = function.__globals__.get("__name__")  # `functools.wraps` copies every other name
+        self.homes.add(str(origin))
         is_own = self._is_own(function)
         # A script and the module that it is when it is imported are the same.
         parts = [function.__qualname__ if is_own else f"{origin}.{function.__qualname__}"]
         if is_own or self._strict or "<" in function.__qualname__:
             parts.append(self._code(function.__code__))
-        parts += [self.of(content(cell)) for cell in function.__closure__ or ()]
+        parts += [self.of(cell) for cell in self._cells(function, origin)]
         parts += [self.of(function.__defaults__), self.of(function.__kwdefaults__)]
         # The wrapped function and variables may matter too.
         for name, attribute in sorted(vars(function).items()):
@@ -303,6 +300,13 @@ class Reader:
             hash_texts(name, self.of(known[name])) for name in sorted(set(names_in(function.__code__))) if name in known
         ]
         return self._own(function, hash_texts(*parts))
+
+    def _cells(self, function: types.FunctionType, origin: Any) -> list[Any]:
+        """The values that a function closes over, without the checks of types that jaxtyping has made."""
+        cells = [content(cell) for cell in function.__closure__ or ()]
+        if not (self._state and str(origin).startswith("jaxtyping.")):
+            return cells
+        return [x for x in cells if not isinstance(x, types.FunctionType) or "__name__" in x.__globals__]
 
     def _code(self, code: types.CodeType) -> str:
         plain = [(type(constant).__name__, constant) for constant in code.co_consts if type(constant) in _PLAIN]

@@ -144,10 +144,12 @@ def test_the_compiler_is_known_in_one_place():
 
 def test_private_parts_of_jax_are_asked_in_one_place():
     """What a new release of JAX may break."""
-    private = {
-        m for m in MODULES if any(n.startswith(("jax._src", "equinox._", "equinox.internal")) for n in imports(m))
-    }
-    assert {m for m in private if not m.startswith(COMPILER)} == {f"{PACKAGE}.configure"}
+    private = ("jax._src", "jaxlib", "equinox._", "equinox.internal")
+    where = f"{COMPILER}.private"
+    assert {m for m in MODULES if any(n.startswith(private) for n in imports(m))} == {where}
+    nodes = ast.walk(ast.parse(MODULES[where].read_text(encoding="utf-8")))
+    asked = [node for node in nodes if isinstance(node, ast.ImportFrom) and str(node.module).startswith("jax._src")]
+    assert sum(len(node.names) for node in asked) <= 3
 
 
 def test_a_report_is_handed_what_it_shows():

@@ -23,11 +23,12 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax._compile import files, kept, library
 from clearance_jax._compile.code import altered
-from clearance_jax._compile.jax_cache import WholeEntries
 from clearance_jax._compile.kept import keep_in, kept_jit
-from clearance_jax._compile.structure import Reader, Untold, text
+from clearance_jax._compile.private import WholeEntries
+from clearance_jax._compile.structure import Reader, Untold
 from clearance_jax.cli.main import app
 from clearance_jax.laws import HuntCrossley
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.solve.flow import _compiled_solve
 from clearance_jax.solve.steps import control
 
@@ -205,6 +206,12 @@ def key(*arguments):
     return kept_jit(summed)._key(leaves, tree)
 
 
+def text(value):
+    """The text of a value for a key."""
+    reader = Reader(strict=True)
+    return reader.whole(reader.of(value))
+
+
 def described(value):
     """The text of a value for a question of a sweep, which the user's code is part of."""
     reader = Reader()
@@ -319,6 +326,87 @@ def test_the_library_as_it_stands_in_memory_is_part_of_the_key(monkeypatch):
             with pytest.raises(Untold, match="code of the user's"):
                 solved()
         assert solved() == usual
+
+
+def test_a_property_of_the_librarys_that_is_replaced_is_seen(monkeypatch):
+    def solved():
+        return _compiled_solve._key([], jax.tree.structure(()))
+
+    usual = solved()
+    for where, name in ((AbstractMechanism, "is_plane"), (AbstractMechanism, "may_repeat")):
+        own = vars(where)[name]
+        kind = type(own)
+        formula = own.fget if isinstance(own, property) else own.function
+        with monkeypatch.context() as patch:
+            patch.setattr(where, name, kind(control.factor))
+            assert solved() != usual
+            for other in (property(lambda self: True), kind(lambda self: True), property(formula, lambda *_: None)):
+                patch.setattr(where, name, other)
+                with pytest.raises(Untold, match="code of the user's"):
+                    solved()
+        with monkeypatch.context() as patch:
+            code = formula.__code__
+            patch.setattr(formula, "__code__", code.replace(co_consts=(*code.co_consts, 7.5)))
+            assert solved() != usual
+        assert solved() == usual
+
+
+HISTORY = """
+import importlib, pkgutil, sys
+import jax
+import clearance_jax as cj
+from clearance_jax._compile import kept, library
+from clearance_jax._compile.code import altered
+from clearance_jax._compile.kept import kept_jit
+
+class Told(Exception):
+    pass
+
+def key():
+    library._read.clear()
+    kept_jit._key, own = lambda *given: (_ for _ in ()).throw(Told(own(*given))), kept_jit._key
+    try:
+        cj.simulate(cj.load(sys.argv[1]), 1e-3)
+    except Told as told:
+        return str(told)
+    finally:
+        kept_jit._key = own
+
+def libraries():
+    for module in pkgutil.walk_packages(cj.__path__, "clearance_jax."):
+        importlib.import_module(module.name)
+
+def others():
+    import experiments.needs
+    import numpy.ctypeslib, numpy.ma, numpy.polynomial, numpy.random, numpy.testing, scipy.optimize
+
+def traced():
+    mechanism = cj.load(sys.argv[1])
+    jax.eval_shape(lambda x: cj.simulate(cj.replace(mechanism, {"conrod.mass": x}), 1e-3).final, 1.0)
+
+cj.configure(cache=sys.argv[2])
+before = [traced, others, libraries] if sys.argv[3] == "much" else []
+for load in before:
+    load()
+keys = [key()]
+for load in before or [libraries, traced, others]:
+    load()
+    keys.append(key())
+print(*sorted(set(keys)), *altered)
+"""
+
+
+@pytest.mark.slow
+def test_the_key_does_not_depend_on_what_was_loaded_and_asked_before(tmp_path):
+    def keys(before):
+        call = [sys.executable, "-c", HISTORY, "experiments/scenes/slider_crank.toml", str(tmp_path), before]
+        done = subprocess.run(call, capture_output=True, text=True, env=os.environ | {"CLEARANCE_KEPT": "1"})
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    first = keys("nothing")
+    assert len(first) == 1
+    assert keys("much") == first
 
 
 @pytest.mark.parametrize("value", [control.factor, vars(cj.RevoluteClearance)["travel"]], ids=["function", "method"])
