@@ -282,9 +282,7 @@ def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
 
 
 def rotation_between(a: Rotation, b: Rotation) -> Vector:
-    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: accurate for small ones, at most half a turn
-    (where its sign is undefined).
-    """
+    """The rotation vector [rad], in the outer axes, that takes `a` to `b`; of half a turn its sign is undefined."""
     if a.is_plane and b.is_plane:
         return 0.0, 0.0, minus(b.angle, a.angle)
     return rotation_vector(quaternion_of_matrix(product(b.rows, transpose(a.rows))))

@@ -69,9 +69,7 @@ def of_point(mass: Term, arm: Vector, moment: Vector) -> Symmetric:
 
 
 def shift(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric:
-    """An inertia about a point, moved to another: `by` leads from the new point to the old; `old` and `new` are mass
-    times the arm of its centre from each.
-    """
+    """An inertia moved to another point, from which `by` leads to the old one; mass times arms `old` and `new`."""
 
     def entry(i: int, j: int) -> Term:
         if i == j:

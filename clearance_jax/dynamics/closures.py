@@ -136,9 +136,7 @@ def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
 
 
 class Mobility(NamedTuple):
-    """How a mechanism can move: the number of its free `velocities`, the number of `conditions` of its ideal loop
-    joints, and how many of these are `independent`.
-    """
+    """How a mechanism can move: its free `velocities`, the `conditions` of its ideal loops, `independent` ones of them."""
 
     velocities: int
     conditions: int

@@ -41,9 +41,7 @@ class Condition(NamedTuple):
 
 
 def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
-    """The conditions of an ideal joint that closes a loop, without those that the structure meets (out of the plane of
-    a plane mechanism, for example).
-    """
+    """The conditions of an ideal joint that closes a loop, without those that hold by structure (as in the plane)."""
     hold = loop.joint_constraint()
     a, b = motion[loop.parent], motion[loop.child]
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)

@@ -63,9 +63,7 @@ def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, PinMotion], act
 
 
 def accelerations(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Pair]]:
-    """Accelerations of the free coordinates under wrenches between bodies and efforts of actuators, and the closures'
-    wrenches.
-    """
+    """Accelerations of the free coordinates under wrench pairs and efforts, and the wrenches of the closures."""
     loops = motion.mechanism.closures()
     if loops and not layout(motion.mechanism).free:
         raise ClearanceError(

@@ -127,9 +127,7 @@ def balance_at_start(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Fl
 
 
 def hand_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """A state with the energy balance, where the energy of payloads that came or went just before `time` counts as
-    work.
-    """
+    """A state with the energy balance, where payloads that came or went just before `time` add their energy as work."""
     brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
     changed = layout(mechanism).size + np.array([BALANCE_TERMS.index(name) for name in ("drive_work", "exchanged")])
     return put(y, changed, y[changed] + jnp.stack([brought, jnp.abs(brought)]))
@@ -173,9 +171,7 @@ def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -
 def rate(
     time: Scalar, y: Rows, mechanism: PreparedMechanism, energy_balance: bool = False, counts: Flag | None = None
 ) -> Rows:
-    """Time derivative of the state `[q, v, memory]`, and of the energy balance if it is integrated. Where `counts` is
-    false the balance's rates are zeros.
-    """
+    """The rate of the state `[q, v, memory]` and of any energy balance, whose part is zero where `counts` is false."""
     mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
     now = balance(mechanism, time, state)

@@ -41,9 +41,7 @@ def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
 
 
 class PinMotion(NamedTuple):
-    """Relative motion of a clearance joint; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's
-    centre in the world [m].
-    """
+    """Relative motion of a clearance joint; `rotation` from the sleeve's axes to the world's; the pin's centre [m]."""
 
     relative: Relative
     rotation: Rotation
@@ -51,9 +49,7 @@ class PinMotion(NamedTuple):
 
 
 def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, PinMotion]:
-    """Kinematics of every clearance joint: in the tree from its coordinates, which keep the digits of a small play on a
-    large machine; in a loop from a difference of positions.
-    """
+    """Kinematics of every clearance joint: in the tree from its own coordinates, which keep a small play's digits."""
     in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     out = {}
     for joint in mechanism.clearance_joints():

@@ -178,9 +178,7 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
 
 
 def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], ideal: Array) -> Array:
-    """The state `[q, v, memory]` with pins held at values of their play, and everything else as drives and loops put
-    it; `ideal`: the ideal mechanism's state.
-    """
+    """The state `[q, v, memory]` with pins held at values of their play; `ideal`: a state near the ideal one."""
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     fixed = mechanism.hold_pins({joint.name: tuple(values) for joint, values in zip(joints, play, strict=True)})
     if loops:
@@ -246,9 +244,7 @@ def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], 
 
 
 def _joint_step(clearance: PreparedClearance, start: Array, load: SeatLoad, free: FreeMotion, play: Array) -> tuple:
-    """A Newton step of one joint's play: the new play, whether a load presses it, the part of the load that was not
-    borne, and the part of the play by which it was moved.
-    """
+    """A Newton step of a joint: its play, whether a load presses it, the unborne part, and the part of play moved."""
     size = as_array([coordinate.scale for coordinate in clearance.joint.play()])
     whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, free)
     x, fixed = play / jax.lax.stop_gradient(size), jax.lax.stop_gradient(whole)

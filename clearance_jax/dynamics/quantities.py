@@ -52,9 +52,7 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
 
 
 def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
-    """By clearance joint: place of the pin (joints, axes), normal force, and the values at its deepest contact
-    point.
-    """
+    """By joint with clearance: the pin's place (joints, axes), the normal force, and values at its deepest point."""
     if not now.actions:
         return {}
     plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
@@ -111,9 +109,7 @@ def point_motions(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array
 
 
 def coordinate_values(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Array]:
-    """Position and velocity of every elementary coordinate, prescribed ones too; of an orientation its rotation vector
-    and its spin.
-    """
+    """Position and velocity of every coordinate, prescribed ones too; of a ball its rotation vector and spin."""
     free = iter(parts(mechanism))
     q: list[Term] = []
     v: list[Term] = []

@@ -176,9 +176,7 @@ def _check(mechanism: PreparedMechanism) -> None:
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:
-    """Unit tangents of all play coordinates that turn a pin, by joint (tilts, play). A pin's load depends on hardly
-    anything else of its own play.
-    """
+    """Unit tangents of the play that turns pins, by joint (tilts, play): loads depend on hardly any other play."""
     turning = [[c.slides is None and is_searched(joint) for c in joint.joint.play()] for joint in joints]
     places = np.flatnonzero([turns for joint in turning for turns in joint])
     units = np.eye(sum(map(len, sizes)))[places]

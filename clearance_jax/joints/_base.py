@@ -93,9 +93,7 @@ class AbstractClearance(Parametrised):
 
     @abc.abstractmethod
     def travel(self, along: Vector) -> Scalar:
-        """How far the pin's centre may go from the sleeve's along a direction (normal to the axis) before it touches
-        [m].
-        """
+        """How far the pin's centre may go along a direction across the axis before it touches [m]."""
 
     def outline(self) -> JointOutline | None:
         """What pictures show of it: by default a pin in a round sleeve, as its laws see it. `None`: nothing."""
@@ -148,9 +146,7 @@ class AbstractClearance(Parametrised):
 
     @property
     def remembers(self) -> tuple[str, ...]:
-        """Names of its memory variables, point by point: those of the laws, and whether the point touched, which a law
-        with memory needs.
-        """
+        """Names of its memory, point by point: that of the laws, and whether the point touched, if a law remembers."""
         names = self.normal.remembers
         if self.friction is not None:
             ends = ("",) if self.slip_components == 1 else tuple(f"_{k + 1}" for k in range(self.slip_components))
@@ -237,9 +233,7 @@ class PreparedClearance(Module):
         return PointAction(depth, rate, point.slip, force, traction, rates, times(share, normal.energy(depth)))
 
     def event_functions(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
-        """Functions of the contact points whose signs define the regime of every law, arrays for several points.
-        `before`: the points at the start of the step.
-        """
+        """Functions of the points `now` (and `before`, at the step's start) whose signs define the laws' regimes."""
         return self._map(self._event_functions_at)(now, self._by_point(memory), before)
 
     def _event_functions_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:

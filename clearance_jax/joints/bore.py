@@ -60,9 +60,7 @@ class Depth(NamedTuple):
 
 
 class Bore(NamedTuple):
-    """The shape of a bore: radial clearance without wear, and worn depths, by sector [m]. (For few sectors see
-    `finer`.)
-    """
+    """A bore: radial clearance without wear, and worn depths by sector [m] (few sectors: see `finer`)."""
 
     clearance: Scalar
     depth: Float[Array, " sectors"]
@@ -157,9 +155,7 @@ def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections f
 
 
 def spline(values: Float[Array, "*sections sectors"], places: np.ndarray) -> Float[Array, "*sections sectors places"]:
-    """The periodic cubic spline through values at the middles of sectors, at places from 0 to 1 between each middle and
-    the next.
-    """
+    """The periodic cubic spline through values of sectors, at places from 0 to 1 between their middles."""
     count = values.shape[-1]
     waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)[(None,) * (values.ndim - 1)]
     bent = jnp.fft.irfft(jnp.fft.rfft(values) * (2 * jnp.cos(waves) - 2) * 6 / (4 + 2 * jnp.cos(waves)), count)

@@ -88,9 +88,7 @@ def check_known(name: str, size: Any, why: str) -> None:
 
 
 def check_start(joint: str, place: tuple[Any, ...], slides: Sequence[Vector]) -> None:
-    """Raise for an `eccentricity` (its components) along an axis without play. Absent, zero and traced components
-    pass.
-    """
+    """Raise for components of an `eccentricity` without play; absent, zero and traced ones pass."""
     for k, (letter, part) in enumerate(zip("xyz", place, strict=True)):
         absent = part is None or isinstance(part, Tracer) or not np.any(np.asarray(part))
         if not absent and not any(slide[k] for slide in slides):

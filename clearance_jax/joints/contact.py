@@ -141,9 +141,7 @@ class Action(NamedTuple):
 
 
 def carry(rates: Memory, memory: Memory, turning: Vector | None) -> Memory:
-    """The rates of vectors, component by component, that turn with a plane [rad/s]; unchanged if `turning` is
-    `None`.
-    """
+    """The rates of vectors, by component, that turn with a plane [rad/s]; unchanged if `turning` is `None`."""
     if turning is None:
         return rates
     vectors = [(memory[i], memory[i + 1], memory[i + 2]) for i in range(0, len(memory), 3)]

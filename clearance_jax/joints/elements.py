@@ -151,9 +151,7 @@ class ShortBearing(AbstractElement):
 
 
 def _between(depth: Array) -> tuple[Array, Array]:
-    """The depths at the middles of equal parts of the sectors, linear from a sector's middle to the next; and their
-    slope over the angle.
-    """
+    """Depths at the middles of equal parts of the sectors, by lines between sectors; and slopes by angle."""
     parts, rise = -(-PLACES // depth.shape[0]), jnp.roll(depth, -1) - depth
     at = ((np.arange(parts) + 0.5) / parts)[None]
     slope = jnp.repeat(rise * (depth.shape[0] / (2 * np.pi)), parts)

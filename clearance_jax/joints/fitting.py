@@ -28,9 +28,7 @@ REFERENCE_TEMPERATURE = 293.15
 
 
 class Tolerance(Module):
-    """The range of a radial clearance as it is made: `least` and `greatest` [m]. A value below zero is an
-    interference.
-    """
+    """The range of a radial clearance as made: `least` and `greatest` [m], below zero an interference."""
 
     least: Scalar = physical("m")
     greatest: Scalar = physical("m")

@@ -70,9 +70,7 @@ def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> 
 
 
 class SeatLoad(NamedTuple):
-    """Force and moment that the sleeve must exert on the pin, in the sleeve's axes: `force` [N], and `moment` about the
-    pin's centre [N m].
-    """
+    """Force [N] and moment about the pin's centre [N m] that the sleeve must exert, in its axes."""
 
     force: Vector
     moment: Vector
@@ -111,18 +109,14 @@ class Turned(NamedTuple):
 
 
 class FreeMotion(NamedTuple):
-    """The motion of a pin in its joint's free directions, in the sleeve's axes: `velocity` of its centre along a slide
-    [m/s], and `spin` [rad/s].
-    """
+    """The motion of a pin in its free directions, in the sleeve's axes: sliding [m/s], and `spin` [rad/s]."""
 
     velocity: Vector
     spin: Vector
 
 
 def relative_at(play: Sequence[PlayCoordinate], values: Values, free: FreeMotion | None = None) -> Relative:
-    """The relative motion of a pin at constant `values` (play,) of its `play` [m or rad]; `free`: its other motion
-    (`None`: at rest).
-    """
+    """The relative motion of a pin at `values` (play,) of its `play` [m or rad]; `free`: its other motion."""
     at, zero = pose_at(play, values), jnp.zeros(())
     rows = None if all(c.turns is None for c in play) else at.rotation.rows
     free = FreeMotion((zero, zero, zero), (zero, zero, zero)) if free is None else free
@@ -301,9 +295,7 @@ class Seating(NamedTuple):
         return self._held(slope, stiff)[0]
 
     def _held(self, slope: Array, stiffness: Array) -> tuple[Array, Array]:
-        """The inverse of a slope in the directions that contacts hold more firmly than springs, by their stiffness; and
-        the projection on the rest.
-        """
+        """The inverse of a slope along what contacts hold more firmly than springs, and the projection on the rest."""
         stiff, ways = small_eigh(0.5 * (stiffness + stiffness.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]

@@ -288,9 +288,7 @@ class SleeveClearance(AbstractPin):
         return ContactPoint(where.depth, rate, tuple(slip), where.normal, tangents, where.arm, None, jnp.asarray(share))
 
     def pattern(self, points):
-        """0 nowhere, 1 at one edge, 2 along a line from edge to edge, 3 at two edges on opposite sides; and 4 more
-        where a face bears.
-        """
+        """0 nowhere, 1 one edge, 2 a line from edge to edge, 3 edges on opposite sides; 4 more where a face bears."""
         touching = points.penetration > 0
         along, last = touching[: self.stations], self.stations - 1
         x, y = (jnp.asarray(term) for term in points.normal[:2])

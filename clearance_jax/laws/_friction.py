@@ -95,9 +95,7 @@ class AbstractFrictionLaw(AbstractLaw):
 
 
 class PreparedFriction(Module):
-    """A friction law with the constants of one joint: the form that a step evaluates. Its memory is flat, component by
-    component.
-    """
+    """A friction law with a joint's constants, as a step evaluates it. Its memory is flat, by component."""
 
     law: AbstractFrictionLaw
     constants: Any

@@ -106,9 +106,7 @@ class Point(Module):
 
 
 class Spring(Module):
-    """A spring and a damper between two points of two bodies. Its tension is k (l - l0) + b l', with the distance l of
-    the points.
-    """
+    """A spring and a damper between points of two bodies at the distance l: their tension is k (l - l0) + b l'."""
 
     name: str = eqx.field(static=True)
     """The spring's name."""
@@ -196,9 +194,7 @@ class Motion(Module):
 
 
 class Motor(Motion):
-    """The motion of the motor of an elastic drive, a coordinate of its joint beside the joint's own (see
-    `with_compliance`).
-    """
+    """The motion of an elastic drive's motor, a coordinate of its joint beside its own (see `with_compliance`)."""
 
     name: str = eqx.field(static=True, kw_only=True)
     """The coordinate's name."""

@@ -49,9 +49,7 @@ class AbstractController(Module):
         """The wanted accelerations for measured positions and velocities, in the order of the references."""
 
     def prepare(self, model: Any) -> "AbstractController":
-        """The controller with everything computed that depends only on its numbers (once a solve); `model`: its
-        prepared model.
-        """
+        """The controller with what follows from its numbers computed (once a solve); `model`: its prepared model."""
         references = tuple(dataclasses.replace(r, target=r.target.prepare()) for r in self.references)
         return dataclasses.replace(self, references=references, model=model)
 

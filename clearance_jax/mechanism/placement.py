@@ -47,9 +47,7 @@ ORIGIN = Position()
 
 
 class Gravity(Components):
-    """The acceleration of free fall [m/s^2]. A component that you leave out is zero, and absent from the compiled
-    program.
-    """
+    """The acceleration of free fall [m/s^2]. A component that you leave out is zero, and absent from the program."""
 
     x: Scalar | None = physical("m/s^2", default=None)
     y: Scalar | None = physical("m/s^2", default=None)
@@ -223,9 +221,7 @@ def check_inertia(tensor: np.ndarray, what: str) -> None:
 
 
 def as_inertia(value: Any) -> Any:
-    """A body's inertia: one number (about z), an `Inertia`, or a list of its three or six numbers (xx, yy, zz, xy, xz,
-    yz).
-    """
+    """A body's inertia: one number (about z), an `Inertia`, or a list of its numbers (xx, yy, zz[, xy, xz, yz])."""
     if isinstance(value, (list, tuple)):
         if len(value) not in (3, 6):
             raise ClearanceError(f"An inertia must be one number, three or six, but it has {len(value)}.")

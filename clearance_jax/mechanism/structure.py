@@ -65,9 +65,7 @@ def check_loose(loops: Sequence[AbstractJoint]) -> None:
 
 
 def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
-    """Raise if play takes bodies out of the plane that have only one moment of inertia; the message names the number of
-    the play that does it.
-    """
+    """Raise, naming the play, if play takes bodies with only one moment of inertia out of the plane."""
     tilted: dict[str, AbstractJoint] = {}  # what a body hangs on, by the body
     for joint in joints:
         above = joint if _tilting(joint) is not None else tilted.get(joint.parent)

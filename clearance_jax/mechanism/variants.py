@@ -97,9 +97,7 @@ def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) 
 
 
 def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: str) -> None:
-    """Raise for an unknown coordinate, or one whose drive gives way; `to`: the intended use; `instead`: the advice for
-    its motor.
-    """
+    """Raise for an unknown coordinate, or one whose drive gives way: `instead` advises to use its motor."""
     if name not in known:
         raise ClearanceError(f"There is no coordinate `{name}` to {to}. " + suggest(str(name), known))
     if gives_way(known[name].motion):

@@ -201,9 +201,7 @@ class LyapunovExponent(AbstractMetric):
 
 
 def uncertainty(grown: Array, period: Any) -> Array:
-    """The uncertainty of the mean growth rate [1/s], from the logarithms of the growth in every period, shape (count,
-    ...).
-    """
+    """The uncertainty of the mean rate [1/s], from logarithms of the growth in each period, shape (count, ...)."""
     count = len(grown)
     blocks = math.isqrt(count)
     length = count // blocks
@@ -227,9 +225,7 @@ def _constant_jvp(primals, tangents):
 
 @eqx.filter_jit
 def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array, options: Any) -> Array:
-    """Logarithms of how the largest axes of a small ball of states grow in every period from a state at `begin` on,
-    shape (count, exponents).
-    """
+    """Logarithms of how the largest axes of a ball of states grow in every period, shape (count, exponents)."""
     size, settings = layout(mechanism).size, options._replace(energy_balance=False).as_options()
     y = y[:size]
     problem = Problem(mechanism.prepare())

@@ -52,9 +52,7 @@ class AbstractSignal(Module):
         """The signal of one state; `reference` is the ideal mechanism's state."""
 
     def scale(self, mechanism: PreparedMechanism) -> Scalar:
-        """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
-        if any, are the laws' events, at which steps end anyway.
-        """
+        """Magnitude by which its integral is controlled; infinite (default): its kinks are events, which end steps."""
         return jnp.asarray(jnp.inf)
 
     def of(self, times: Array, y: Array, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
@@ -84,9 +82,7 @@ class AbstractSignal(Module):
         return Integrand(signal, power)
 
     def prepare(self, mechanism: Mechanism, t1: Any, options: Settings) -> "AbstractSignal":
-        """The signal with what it needs of the whole ideal motion, which is not computed at every step; by default it
-        needs nothing.
-        """
+        """The signal with what it needs of the whole ideal motion, by default nothing; not computed at every step."""
         del mechanism, t1, options
         return self
 

@@ -162,9 +162,7 @@ def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
 
 
 class Read(NamedTuple):
-    """The states that are read from poses: at the start and the end, at sample times, and picked ones; and the
-    quadratures at the end and at sample times.
-    """
+    """States read from poses: at both ends, at sample times, and picked; and quadratures at the end and samples."""
 
     first: Array
     last: Array
@@ -206,9 +204,7 @@ def _integrands(asked: PoseTask, ready: Any, grid: Array, y: Array) -> Float[Arr
 
 
 def _cumulative(values: Float[Array, "times k"], h: Scalar) -> Float[Array, "times k"]:
-    """The integrals from the first of equally spaced times to each, by the cubic through four values around each
-    interval.
-    """
+    """Integrals from the first of equally spaced times to each, by the cubic through four values about an interval."""
     inner = (13 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 24
     first = (9 * values[0] + 19 * values[1] - 5 * values[2] + values[3]) / 24
     last = (9 * values[-1] + 19 * values[-2] - 5 * values[-3] + values[-4]) / 24

@@ -87,9 +87,7 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
 
 
 def _in_order(settings: Settings) -> tuple[Settings, Array | np.ndarray | None]:
-    """The settings with increasing sample times, and the index of each given time among them (`None`: they were in
-    order).
-    """
+    """The settings with increasing sample times, and the index of each given time (`None`: they were in order)."""
     times = settings.save_at
     if times is None:
         return settings, None

@@ -1,6 +1,4 @@
-"""Whether a motion can begin and go on: checks of its start, in words for one motion and in codes for a batch, where
-nothing can be raised.
-"""
+"""Whether a motion can begin and go on: in words for one motion, in codes for a batch, which cannot raise."""
 
 from typing import Any
 
@@ -50,9 +48,7 @@ def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
 
 
 def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
-    """Which joints of a settled start begin at relative rest and why, in words; empty if there are none or the start is
-    not settled.
-    """
+    """Which joints of a settled start begin at relative rest, and why, in words; empty if there are none."""
     joints = [joint.name for joint in mechanism.clearance_joints()]
     rest = np.asarray(0.0 if seated is None else seated.rest)
     if seated is None or not np.any(rest):

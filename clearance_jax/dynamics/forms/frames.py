@@ -98,9 +98,7 @@ class Frames(abc.ABC):
 
     @abc.abstractmethod
     def velocities(self, body: str, point: Vector, base: str | None = None, beside: Vector = ZERO) -> AbstractMoves:
-        """The velocity that each free coordinate gives to a body's point at `point`, less that of a base's point at
-        `beside`.
-        """
+        """The velocity by each free coordinate of a body's place `point`, less that of a base's place `beside`."""
 
     @abc.abstractmethod
     def spins(self, body: str, base: str | None = None) -> AbstractMoves:
@@ -124,9 +122,7 @@ class Frames(abc.ABC):
 
     @abc.abstractmethod
     def drive_forces(self, pairs: list[Pair], acceleration: list[Term]) -> list[tuple[Term, Term]]:
-        """Driving force and speed of every prescribed coordinate under wrenches between bodies, by d'Alembert's
-        principle on its own column.
-        """
+        """Driving force and speed of every prescribed coordinate, by d'Alembert's principle on its own column."""
 
     @abc.abstractmethod
     def kinetic_exchange(self, acceleration: list[Term]) -> Array:

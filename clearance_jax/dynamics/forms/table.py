@@ -199,9 +199,7 @@ class TabledFrames(Frames):
         return lower + jnp.where(both > 0, 0.0, lower.T)
 
     def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
-        """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each;
-        `acceleration`: of the free coordinates.
-        """
+        """Weight minus inertia forces of the bodies and their moments about the origin, (bodies, 3) each."""
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
             more, more_spin = self.add_accelerations(as_array(acceleration))
@@ -212,9 +210,7 @@ class TabledFrames(Frames):
         return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
     def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
-        """What free accelerations add to the accelerations of the bodies' centres of mass and to their spin rates,
-        (bodies, 3).
-        """
+        """What free accelerations add to accelerations of the centres of mass and to spin rates, (bodies, 3)."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
         slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_slides[:n])

@@ -108,9 +108,7 @@ class Chain(AbstractChain):
     mechanism: Mechanism
 
     def prepare(self) -> PreparedChain:
-        """The chain with its mechanism prepared. In space the mechanism is a table, however small it is: that program
-        compiles in seconds.
-        """
+        """The chain with its mechanism prepared; in space as a table, whose program compiles in seconds."""
         return PreparedChain(self.mechanism.prepare().as_table(), self.point, self.joints, self.sought)
 
 

@@ -34,9 +34,7 @@ class AbstractBristles(AbstractFrictionLaw):
 
     @abc.abstractmethod
     def release(self, slip: Slip, bend: Slip, width: Scalar | None = None) -> Scalar:
-        """The rate r [1/s] for a slip [m/s] and a deflection [m]; its corner at zero slip is rounded over a `width`
-        [m/s].
-        """
+        """The rate r [1/s] for a slip [m/s] and a deflection [m]; its corner is rounded over a `width` [m/s]."""
 
     def bend_rates(self, slip: Slip, bend: Slip, width: Scalar | None = None) -> Slip:
         """The rate z' of the deflection [m/s]."""

@@ -121,9 +121,7 @@ DUBOWSKY_FREUDENSTEIN = _with_length(3)._replace(
 
 
 def work_of(force: Callable[[ContactLine, Scalar], Scalar]) -> Callable[[ContactLine, Scalar], Scalar]:
-    """The integral of a force that is smooth in the root of the penetration, by Gauss and Legendre's quadrature over
-    it.
-    """
+    """The integral of a force that is smooth in the penetration's root, by Gauss and Legendre over the root."""
 
     def work(line, penetration):
         depth = positive_part(penetration)
@@ -219,9 +217,7 @@ def foundation(line: ContactLine, penetration: Scalar) -> Scalar:
 
 
 def foundation_spread(line: ContactLine, penetration: Scalar) -> Scalar:
-    """The sum of a layer's pressures over that of their components along the force, 2 (sin t - t cos t) / (t - sin t
-    cos t): 1 for a narrow contact.
-    """
+    """Sum of a layer's pressures over their components along the force: 2 (sin t - t cos t) / (t - sin t cos t)."""
     angle = _half_angle(line, penetration)
     narrow = angle < NARROW
     square = jnp.where(narrow, angle * angle, 0.0)

@@ -160,9 +160,7 @@ class CartesianPath(Module):
 
 
 class PreparedPath(Module):
-    """A path as a program evaluates it: its stretches, the parameter at their `ends`, and its law of time; `inner`:
-    which of the ends are inside segments.
-    """
+    """A path as a program evaluates it: stretches, the parameter at their `ends` (`inner`: in segments), its timing."""
 
     stretches: Stretch
     ends: Values

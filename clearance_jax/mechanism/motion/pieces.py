@@ -79,9 +79,7 @@ def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Va
 
 
 def _assemble(times: Values, values: Values, known: Blocks) -> tuple[Blocks, Blocks, Blocks]:
-    """Half the integral's second derivatives, blocks (n, 2, 2) at each point and (n - 1, 2, 2) between neighbours, and
-    its slope (n, 2) at the `known` speeds and accelerations.
-    """
+    """Half the integral's second derivatives, (n, 2, 2) and (n - 1, 2, 2), and its slope (n, 2) at what is `known`."""
     h = jnp.diff(times)
     unit = jnp.stack([h, h * h], axis=-1)  # a speed and an acceleration on an interval of length one
     unit = jnp.concatenate([unit, unit], axis=-1) * h[:, None] ** -2.5

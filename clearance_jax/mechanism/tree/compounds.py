@@ -170,9 +170,7 @@ class Cylindrical(AbstractPlayed):
 
 
 class Planar(AbstractJoint):
-    """A contact of two planes, as of a foot on a floor: two slides in a plane, and a turn about its normal, by default
-    z.
-    """
+    """A contact of two planes, as a foot on a floor: two slides in a plane, and a turn about its normal (default z)."""
 
     slide_x: Slide = slide_key("motion along the first axis")
     slide_y: Slide = slide_key("motion along the second axis")

@@ -39,9 +39,7 @@ class Links(Module):
 
 
 class Order(NamedTuple):
-    """The static part of a table: the links' coordinates and parents, and the link that carries each body (-1: the
-    ground).
-    """
+    """The structure of a table: coordinates and parents of its links, and each body's link (-1: the ground)."""
 
     coordinates: tuple[Coordinate, ...]
     parents: tuple[int, ...]

@@ -260,9 +260,7 @@ def _combine(factors: Vector, vectors: Matrix) -> Vector:
 
 
 class Prismatic(AbstractPlayed):
-    """A sliding joint, ideal or with clearance (a block in a guide): it slides along one axis of its frame, by default
-    x.
-    """
+    """A slide along an axis of its frame, by default x: ideal, or with clearance (a block in a guide)."""
 
     motion: Motion = flatten(default_factory=Motion)
     """How its slide moves: by a drive, or freely."""
@@ -308,9 +306,7 @@ class Fixed(AbstractJoint):
 
 
 class Misalignment(Fixed):
-    """How far a joint's frame is off the one that it is meant to have (see `with_misalignment`). The ideal mechanism
-    has none.
-    """
+    """How far a joint's frame is off its place (see `with_misalignment`). The ideal mechanism has none."""
 
 
 def without_misalignment(joint: AbstractJoint) -> AbstractJoint:

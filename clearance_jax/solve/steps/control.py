@@ -78,9 +78,7 @@ class Decision(NamedTuple):
 
 
 class Means(NamedTuple):
-    """Criteria for tries: tolerances, whether to locate events, order of the error estimate, and the longest step that
-    the observers allow [s].
-    """
+    """Criteria for tries: tolerances, whether to locate events, the error's order, the observers' longest step [s]."""
 
     allowed: Tolerances
     locate_events: bool

@@ -18,9 +18,7 @@ def hermite(y0, s0, y1, s1, x):
 
 
 def quintic_coefficients(start, end) -> tuple:
-    """Coefficients, the constant first, of the quintic through (value, slope, second derivative), per unit of x, at
-    both ends.
-    """
+    """Coefficients, constant first, of the quintic through values, slopes and second derivatives at both ends."""
     (p, v, c), (q, w, g) = start, end
     d, e, f = share((q - p - v - 0.5 * c, w - v - c, g - c))
     return p, v, 0.5 * c, 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f

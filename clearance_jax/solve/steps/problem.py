@@ -182,9 +182,7 @@ def _apply(value: Array, pulls: list[tuple], states: list[tuple], rows: int) -> 
 
 
 def lift(function, problem: Problem, *stacks: Any) -> Any:
-    """`function(model, *trees)` of the motion and, where the problem varies, its derivatives as stacks, by a push of
-    every direction.
-    """
+    """`function(model, *trees)` of the motion and, where the problem varies, its derivatives, as stacks."""
     if not problem.varies:
         return function(problem.model, *stacks)
     varied, fixed = split(problem.model, problem.directions)
