@@ -136,7 +136,7 @@ def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
 
 
 class Mobility(NamedTuple):
-    """How a mechanism can move: its free `velocities`, the `conditions` of its ideal loops, `independent` ones of them."""
+    """How a mechanism can move: free `velocities`, `conditions` of its ideal loops, and `independent` ones of these."""
 
     velocities: int
     conditions: int

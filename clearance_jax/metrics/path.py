@@ -9,6 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.roots import bisect
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -49,14 +50,11 @@ class SampledPath(Module):
         along = jnp.clip(jnp.sum(off * ways, axis=1) / jnp.where(squares > 0, squares, 1.0), 0.0, 1.0)
         k = jnp.argmin(jnp.sum((off - along[:, None] * ways) ** 2, axis=1))
 
-        def halve(_, ends):
-            low, high = ends
-            middle = (low + high) / 2
-            place, rate = jax.jvp(self.at, (middle,), (jnp.ones_like(middle),))
-            ahead = rate @ (point - place) > 0
-            return jnp.where(ahead, middle, low), jnp.where(ahead, high, middle)
+        def is_before(x):
+            place, rate = jax.jvp(self.at, (x,), (jnp.ones_like(x),))
+            return rate @ (point - place) > 0
 
-        return jax.lax.fori_loop(0, HALVINGS, halve, (1.0 * k, k + 1.0))[0]
+        return bisect(is_before, 1.0 * k, k + 1.0, HALVINGS)[0]
 
     def distance(self, point: Float[Array, " 3"]) -> Scalar:
         """The distance of a point from the path [m]; NaN if the path is not `known`. At the foot of the perpendicular,

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.numerics import positive_part, positive_power, power_three_halves, safe_sqrt
+from clearance_jax._basis.roots import newton
 from clearance_jax._basis.types import Scalar
 
 _NODES, _WEIGHTS = (0.5 * np.asarray(x) for x in np.polynomial.legendre.leggauss(20))
@@ -56,17 +57,9 @@ def _start(q):
 
 
 def _logarithm(t: Scalar) -> Scalar:
-    """The w > 1 with w exp(-w) = t < 1/e, by Newton; its last iteration is the implicit derivative."""
-
-    def newton(w, q):
-        return w * (q - 1 + jnp.log(w)) / (w - 1)
-
+    """The w > 1 with w exp(-w) = t < 1/e."""
     q = -jnp.log(t)
-    fixed = jax.lax.stop_gradient(q)
-    w = _start(fixed)
-    for _ in range(NEWTON):
-        w = newton(w, fixed)
-    return newton(jax.lax.stop_gradient(w), q)
+    return newton(lambda w, q: w * (q - 1 + jnp.log(w)) / (w - 1), _start(q), NEWTON, q, unrolled=True)
 
 
 def _logarithmic(constant: Callable[[ContactLine], Scalar]) -> Relation:
