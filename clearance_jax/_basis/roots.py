@@ -6,6 +6,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from clearance_jax._basis.types import Scalar
+
 
 def newton(step: Callable, start: Any, count: int, *numbers: Any, last: int = 1, unrolled: bool = False) -> Any:
     """The fixed point of `step(x, *numbers)`: `count` steps hidden from differentiation, then the `last` ones.
@@ -23,6 +25,29 @@ def newton(step: Callable, start: Any, count: int, *numbers: Any, last: int = 1,
     for _ in range(last):
         x = step(x, *numbers)
     return x
+
+
+# Iterations in logarithms; the longest of them, in powers of e.
+SEARCH, STRIDE = 16, 5.0
+
+
+def newton_in_logarithms(function: Callable[[Scalar], Scalar], value: Scalar, start: Scalar) -> Scalar:
+    """The x > 0 at which a growing function has a value > 0, by Newton's method in logarithms, in which every power law
+    is a straight line.
+
+    It can be differentiated twice, although the slope is hidden from differentiation: at the solution each iteration
+    makes the derivatives of the next order right.
+    """
+
+    def step(_, logarithm):
+        x = jnp.exp(logarithm)
+        now, slope = function(x), jax.lax.stop_gradient(jax.grad(function)(jax.lax.stop_gradient(x)))
+        grows = (now > 0) & (slope > 0)
+        now, slope = jnp.where(grows, now, value), jnp.where(grows, slope, 1.0)
+        change = jnp.log(now / value) * jax.lax.stop_gradient(now / (slope * x))
+        return logarithm - jnp.where(grows, jnp.clip(change, -STRIDE, STRIDE), -1.0)
+
+    return jnp.exp(jax.lax.fori_loop(0, SEARCH, step, jnp.log(start)))
 
 
 def bisect(is_before: Callable, low: Any, high: Any, count: Any) -> tuple[Any, Any]:

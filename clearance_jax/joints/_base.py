@@ -20,25 +20,17 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.roots import newton_in_logarithms
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax._compile.barriers import share, with_barriers
-from clearance_jax.joints.contact import (
-    Action,
-    ContactPoint,
-    JointOutline,
-    PlayCoordinate,
-    PointAction,
-    Relative,
-    carry,
-    depth_of,
-)
+from clearance_jax.joints.contact import Action, ContactPoint, JointOutline, PlayCoordinate, PointAction, Relative
 from clearance_jax.joints.elements import AbstractElement, Offset
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction
 from clearance_jax.parameters import Parametrised
-from clearance_jax.spatial import ZERO, Pair, Vector, Z, add, cross, dot, minus, plus, scale, times
+from clearance_jax.spatial import ZERO, Pair, Vector, add, cross, dot, plus, scale, times
 
 
 class AbstractClearance(Parametrised):
@@ -115,19 +107,7 @@ class AbstractClearance(Parametrised):
 
     def offset(self, at: Relative) -> Offset:
         """The part of a relative motion that is play, for an element that fills it."""
-        slides, turns = (
-            tuple(any(axis[i] for axis in axes) for i in range(3))
-            for axes in zip(*((c.slides or ZERO, c.turns or ZERO) for c in self.play()), strict=True)
-        )
-        sine, cosine = ZERO, 1.0
-        if at.rows is not None and turns[2]:
-            (_, a, b), (c, _, d), (e, f, _) = at.rows
-            sine = scale(0.5, (minus(f, d), minus(b, e), minus(c, a)))
-            cosine = 0.5 * (at.rows[0][0] + at.rows[1][1] + at.rows[2][2] - 1)
-        elif at.rows is not None:  # a turn of the pin about its axis is no tilt
-            sine, cosine = cross(Z, at.axis), at.axis[2]
-        across = _only(slides, at.place), _only(slides, at.velocity)
-        return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin), at.spin[2])
+        return Offset.of(self.play(), at)
 
     @property
     def laws(self) -> tuple[AbstractNormalLaw | AbstractFrictionLaw, ...]:
@@ -220,17 +200,16 @@ class PreparedClearance(Module):
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
         normal, (normal_memory, rest, touched) = self.normal.at(point.local), self._parts(memory)
         depth, rate, slip = point.penetration, point.penetration_rate, point.rubbing
-        share = 1.0 if point.share is None else point.share
-        force = times(share, normal.force(depth, rate, normal_memory))
+        force = times(point.part, normal.force(depth, rate, normal_memory))
         rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, normal_memory))
         traction: Slip = tuple(jnp.zeros_like(s) for s in slip)
         if self.friction is not None:
             friction = self.friction.at(point.local)
             traction = friction.traction(slip, force, rest)
             changes = while_touching(friction.law, touched, friction.memory_rate(slip, force, rest))
-            rates = (*rates, *carry(changes, rest, point.turning))
+            rates = (*rates, *point.carry(changes, rest))
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
-        return PointAction(depth, rate, point.slip, force, traction, rates, times(share, normal.energy(depth)))
+        return PointAction(depth, rate, point.slip, force, traction, rates, times(point.part, normal.energy(depth)))
 
     def event_functions(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
         """Functions of the points `now` (and `before`, at the step's start) whose signs define the laws' regimes."""
@@ -241,8 +220,8 @@ class PreparedClearance(Module):
         depth, rate = point.penetration, point.penetration_rate
         out, presses = normal.event_functions(depth, rate, normal_memory)
         if self.friction is not None:
-            share = 1.0 if point.share is None else point.share
-            friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, normal_memory))
+            force = times(point.part, normal.force(depth, rate, normal_memory))
+            friction = self.friction.at(point.local)
             out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
@@ -290,7 +269,7 @@ class PreparedClearance(Module):
             return -jnp.asarray(dot(smooth.act(at, still).force, wall), float)
 
         loaded = size > 0
-        depth = depth_of(borne, jnp.where(loaded, size, 1.0), free)
+        depth = newton_in_logarithms(borne, jnp.where(loaded, size, 1.0), free)
         return self.joint.press(wall, depth)[:2], loaded & (depth > TOUCHING * free)
 
     def depths(self, at: Relative) -> tuple[Array, Array]:
@@ -302,8 +281,7 @@ class PreparedClearance(Module):
         """Elastic energy [J]."""
 
         def energy(point: ContactPoint):
-            share = 1.0 if point.share is None else point.share
-            return times(share, self.normal.at(point.local).energy(point.penetration))
+            return times(point.part, self.normal.at(point.local).energy(point.penetration))
 
         return jnp.sum(self._map(energy)(self.joint.points(at))) + self._filling_energy(at)
 
@@ -330,7 +308,7 @@ class PreparedClearance(Module):
     def _map(self, function: Callable) -> Callable:
         if self.joint.count == 1:
             return function
-        return lambda points, *rest: jax.vmap(function)(_bare(points), *rest)
+        return lambda points, *rest: jax.vmap(function)(getattr(points, "law_view", points), *rest)
 
     def _sum(self, terms: Any) -> Any:
         """By term: the sum over the points; absent terms stay absent."""
@@ -374,14 +352,3 @@ def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory
     would be an error of first order, and steps would shrink until they end at the touch.
     """
     return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)
-
-
-def _only(among: Sequence[bool], vector: Vector) -> Vector:
-    """A vector's components along some of the axes; the others are absent."""
-    x, y, z = (component if there else 0.0 for there, component in zip(among, vector, strict=True))
-    return x, y, z
-
-
-def _bare(points: Any) -> Any:
-    """The contact points as laws see them."""
-    return points.law_view if isinstance(points, ContactPoint) else points

@@ -4,6 +4,7 @@ Without them a sleeve rings: a pin's modes along its wall have hardly any dampin
 """
 
 import abc
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
@@ -15,9 +16,10 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.bore import Bore, finer
 from clearance_jax.joints.checks import check_sizes
+from clearance_jax.joints.contact import PlayCoordinate, Relative
 from clearance_jax.laws import Geometry
 from clearance_jax.parameters import Parametrised, physical
-from clearance_jax.spatial import Term, Vector, add, dot, plus, scale, times
+from clearance_jax.spatial import ZERO, Term, Vector, Z, add, cross, dot, minus, plus, scale, times
 
 
 class Offset(NamedTuple):
@@ -34,6 +36,28 @@ class Offset(NamedTuple):
     cosine: Term
     spin: Vector
     roll: Term = 0.0
+
+    @classmethod
+    def of(cls, play: Sequence[PlayCoordinate], at: Relative) -> "Offset":
+        """The part of a relative motion along the coordinates of a `play`."""
+        slides, turns = (
+            tuple(any(axis[i] for axis in axes) for i in range(3))
+            for axes in zip(*((c.slides or ZERO, c.turns or ZERO) for c in play), strict=True)
+        )
+        sine, cosine = ZERO, 1.0
+        if at.rows is not None and turns[2]:
+            (_, a, b), (c, _, d), (e, f, _) = at.rows
+            sine = scale(0.5, (minus(f, d), minus(b, e), minus(c, a)))
+            cosine = 0.5 * (at.rows[0][0] + at.rows[1][1] + at.rows[2][2] - 1)
+        elif at.rows is not None:  # a turn of the pin about its axis is no tilt
+            sine, cosine = cross(Z, at.axis), at.axis[2]
+
+        def only(among, vector: Vector) -> Vector:
+            x, y, z = (component if there else 0.0 for there, component in zip(among, vector, strict=True))
+            return x, y, z
+
+        across = only(slides, at.place), only(slides, at.velocity)
+        return cls(*across, only(turns, sine), cosine, only(turns, at.spin), at.spin[2])
 
 
 class AbstractElement(Parametrised):
