@@ -36,8 +36,7 @@ HAIR = 16 * float(np.finfo(np.float64).eps)
 
 def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
     """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
-    dampers; loss in friction; and the sum of absolute powers (the energy exchanged, against which a residual is
-    judged).
+    dampers; loss in friction; and the sum of absolute powers (the energy exchanged, to judge a residual by).
     """
     drive = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
     for effort, speed in zip(now.efforts, state.v, strict=True):
@@ -59,12 +58,9 @@ def joint_losses(mechanism: PreparedMechanism, state: State) -> tuple[Term, Term
     damped, rubbed = [], []
     for part in parts(mechanism):
         motion = part.coordinate.motion
-        if isinstance(motion, Ball):
-            if motion.damping is not None:
-                damped.append(motion.damping * sum(spin**2 for spin in state.v[part.v]))
-            continue
-        for actuator in motion.actuators:
-            losses = actuator.losses(state.v[part.v.start])
+        if isinstance(motion, Ball) and motion.damping is not None:
+            damped.append(motion.damping * sum(spin**2 for spin in state.v[part.v]))
+        for losses in (actuator.losses(state.v[part.v.start]) for actuator in motion.actuators):
             damped.append(losses[0])
             rubbed.append(losses[1])
     return total(damped), total(rubbed)

@@ -89,8 +89,7 @@ class AbstractClearance(Parametrised):
 
     def outline(self) -> JointOutline | None:
         """What pictures show of it: by default a pin in a round sleeve, as its laws see it. `None`: nothing."""
-        geometry = self.geometry()
-        return JointOutline(geometry.pin_radius, geometry.radial_clearance)
+        return JointOutline(self.geometry().pin_radius, self.geometry().radial_clearance)
 
     @property
     def has_ends(self) -> bool:
@@ -160,6 +159,11 @@ class PreparedClearance(Module):
         """The coordinates that it adds to the tree."""
         return self.joint.play()
 
+    @property
+    def blank(self) -> Memory:
+        """The memory of a contact that nothing has happened to."""
+        return tuple(jnp.zeros(()) for _ in self.remembers)
+
     def without_friction(self) -> "PreparedClearance":
         """The same joint without its friction law."""
         return PreparedClearance(self.joint, self.normal, None)
@@ -179,9 +183,8 @@ class PreparedClearance(Module):
         if points.lever is not None:
             torque = add(torque, self._sum((0.0, 0.0, points.lever * action.traction[0])))
             rubbed -= points.sweep * action.traction[0]
-        absorbed, rubbed, stored = self._sum(
-            (action.normal_force * action.penetration_rate, rubbed, action.elastic_energy)
-        )
+        absorbed = action.normal_force * action.penetration_rate
+        absorbed, rubbed, stored = self._sum((absorbed, rubbed, action.elastic_energy))
         if self.joint.element is not None:
             push, twist = self.joint.element.wrench(self.joint.offset(at), self.joint.geometry())
             force, torque = add(force, push), add(torque, twist)
@@ -255,18 +258,16 @@ class PreparedClearance(Module):
         return (*normal_memory, *rest, jnp.where(touching, 1.0, 0.0))
 
     def seat(self, force: Pair) -> tuple[Pair, Flag]:
-        """Where the pin rests under a force that the sleeve exerts on it [N], normal to the axis, in the sleeve's axes:
-        pressed against the wall so deep that the joint, without friction, gives this force; and whether the force
-        presses it at all.
+        """Where the pin rests under a force of the sleeve across its axis [N], in its axes: so deep that the joint,
+        without friction, gives this force; and whether the force presses it at all.
         """
         size, x, y = safe_unit(*(jnp.asarray(component, float) for component in force))
         wall: Vector = (-x, -y, 0.0)
-        free, still = self.joint.travel(wall), tuple(jnp.zeros(()) for _ in self.remembers)
-        smooth = self.without_friction()
+        free, smooth = self.joint.travel(wall), self.without_friction()
 
         def borne(depth):
             at = Relative(self.joint.press(wall, depth), 0.0, ZERO, ZERO)
-            return -jnp.asarray(dot(smooth.act(at, still).force, wall), float)
+            return -jnp.asarray(dot(smooth.act(at, smooth.blank).force, wall), float)
 
         loaded = size > 0
         depth = newton_in_logarithms(borne, jnp.where(loaded, size, 1.0), free)
@@ -298,9 +299,7 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     def memory_growth(self) -> tuple[float, ...]:
-        """By memory variable: 1 if its error is also measured relative to its size. The memory of a normal law grows
-        with the contact; a bristle does not.
-        """
+        """By memory variable: 1 if its error counts relative to its size too: a normal law's grows with contact."""
         growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
         return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
@@ -318,9 +317,9 @@ class PreparedClearance(Module):
 
     def _by_point(self, memory: Memory) -> tuple[Array, ...]:
         """The memory by variable; for several points as arrays."""
-        count, width = self.joint.count, len(memory) // self.joint.count
-        if count == 1:
+        if self.joint.count == 1:
             return tuple(memory)
+        width = len(memory) // self.joint.count
         return tuple(jnp.stack(memory[i::width]) for i in range(width))
 
     def _by_variable(self, memory: tuple[Array, ...]) -> Memory:
@@ -337,12 +336,10 @@ class PreparedClearance(Module):
 
 def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
     """`function(joint, ...)` for each of `several` prepared joints and their arguments. Alike joints with several
-    points share one copy in the program. Joints with one point have their own: their program is small, and a third axis
-    would cost more in a batch.
+    points share one copy in the program; a single point's is small, and a third axis would cost more in a batch.
     """
-    alone = [joint.joint.count == 1 for joint, *_ in several]
-    beside = iter(side_by_side(function, [args for args, single in zip(several, alone, strict=True) if not single]))
-    return [share(function(*args)) if single else next(beside) for args, single in zip(several, alone, strict=True)]
+    beside = iter(side_by_side(function, [args for args in several if args[0].joint.count > 1]))
+    return [next(beside) if args[0].joint.count > 1 else share(function(*args)) for args in several]
 
 
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:

@@ -8,7 +8,7 @@ sleeve see `joints.bore`.
 import abc
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -43,12 +43,14 @@ class AbstractPin(AbstractClearance):
     """A pin in a sleeve, which may be worn."""
 
     radial_clearance: eqx.AbstractVar[Scalar]
+    length: eqx.AbstractVar[Scalar | None]
     pin_radius: eqx.AbstractVar[Scalar]
     pin_material: eqx.AbstractVar[Material | None]
     sleeve_material: eqx.AbstractVar[Material | None]
     tolerance: eqx.AbstractVar[Tolerance | None]
     depth: eqx.AbstractVar[Array | None]
     """By how much the sleeve is worn off [m]; `None`: it is round, which costs nothing more."""
+    contact: eqx.AbstractClassVar[Literal["point", "line"]]
 
     @property
     def sleeve_radius(self) -> Scalar:
@@ -59,6 +61,15 @@ class AbstractPin(AbstractClearance):
     def profile(self) -> Any:
         """The total wear of the sleeve [m], of the shape of `depth`; `None`: it is round."""
         return self.depth
+
+    def geometry(self):
+        sizes = self.pin_radius, self.sleeve_radius, self.radial_clearance, self.length
+        return Geometry(*sizes, self.pin_material, self.sleeve_material, self.contact, self.profile)
+
+    def across(self) -> tuple[PlayCoordinate, ...]:
+        """The eccentricity of the pin: two slides along the sleeve's axes."""
+        radial = self.radial_clearance
+        return PlayCoordinate(".play_x", radial, slides=X), PlayCoordinate(".play_y", radial, slides=Y)
 
     def ready(self):
         """The same joint with its refined profile."""
@@ -137,6 +148,7 @@ class RevoluteClearance(AbstractPin):
     modes: Modes | None = None
     kind: ClassVar[str] = "pin"
     tangents: ClassVar[int] = 1
+    contact: ClassVar = "point"
 
     def __check_init__(self):
         if self.depth is None:
@@ -157,20 +169,7 @@ class RevoluteClearance(AbstractPin):
         return self.depth + self.modes.amounts @ self.modes.shapes
 
     def play(self):
-        """The eccentricity of the pin: two slides along the sleeve's axes."""
-        radial = self.radial_clearance
-        return PlayCoordinate(".play_x", radial, slides=X), PlayCoordinate(".play_y", radial, slides=Y)
-
-    def geometry(self):
-        return Geometry(
-            self.pin_radius,
-            self.sleeve_radius,
-            self.radial_clearance,
-            self.length,
-            self.pin_material,
-            self.sleeve_material,
-            depth=self.profile,
-        )
+        return self.across()
 
     def points(self, at):
         x, y = (jnp.asarray(c, float) for c in at.place[:2])

@@ -1,14 +1,11 @@
 """The largest displacement of a pin in a direction that play alone allows, with rigid walls."""
 
-from collections.abc import Sequence
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractClearance
-from clearance_jax.joints.contact import PlayCoordinate
 from clearance_jax.joints.pin import AbstractPin
 from clearance_jax.spatial import as_array
 
@@ -23,7 +20,7 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
     **Raises:** `ClearanceError` for a sleeve that is worn by stations.
     """
     play = clearance.play()
-    within = _box if clearance.flat else _ball
+    within = jnp.sign if clearance.flat else _ball
     worn = isinstance(clearance, AbstractPin) and clearance.depth is not None
     if all(c.turns is None for c in play):
         return _in_bore(clearance, weights) if worn else play[0].scale * within(weights)
@@ -32,18 +29,19 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
             "How far play lets a pin go that tilts must be asked of a round sleeve, but this one is worn by stations. "
             "Leave out its `depth`, or ask for the motion itself."
         )
-    across, tilts, alone = _groups(play)
+    directions = [np.asarray(c.turns if c.slides is None else c.slides, float) for c in play]
+    level = [k for k in range(len(play)) if directions[k][2] == 0]
+    # Slides across the axis, and turns across it; the rest is along and about the axis.
+    across, tilts = ([k for k in level if (play[k].slides is None) == turns] for turns in (False, True))
     radial, tilt = play[across[0]].scale, play[tilts[0]].scale
     half = radial / tilt
     # Lean of the axis along each slide by each tilt: z turned about the tilt's axis.
-    leans = np.array(
-        [[np.cross(_axis(play[t].turns), [0, 0, 1]) @ _axis(play[k].slides) for t in tilts] for k in across]
-    )
+    leans = np.array([[np.cross(directions[t], [0, 0, 1]) @ directions[k] for t in tilts] for k in across])
     middle, end = weights[np.array(across)] / 2, leans @ weights[np.array(tilts)] / (2 * half)
     upper, lower = radial * within(middle + end), radial * within(middle - end)
     values = jnp.zeros(len(play)).at[np.array(across)].set((upper + lower) / 2)
     values = values.at[np.array(tilts)].set(leans.T @ (upper - lower) / (2 * half))
-    for k in alone:
+    for k in set(range(len(play))) - {*across, *tilts}:
         values = values.at[k].set(play[k].scale * jnp.sign(weights[k]))
     return values
 
@@ -56,22 +54,7 @@ def _in_bore(clearance: AbstractClearance, weights: Array) -> Array:
     return jnp.where(known, as_array(clearance.press((x, y, 0.0), jnp.zeros(()))[:2]), 0.0)
 
 
-def _groups(play: Sequence[PlayCoordinate]) -> tuple[list[int], list[int], list[int]]:
-    """Indices of the slides across the axis, of the turns across it, and of the rest: along and about the axis."""
-    across = [k for k, c in enumerate(play) if c.slides is not None and _axis(c.slides)[2] == 0]
-    tilts = [k for k, c in enumerate(play) if c.turns is not None and _axis(c.turns)[2] == 0]
-    return across, tilts, [k for k in range(len(play)) if k not in (*across, *tilts)]
-
-
-def _axis(vector) -> np.ndarray:
-    return np.asarray(vector, float)
-
-
 def _ball(weights: Array) -> Array:
     """The point of the unit ball that is farthest along a direction; the middle for a zero direction."""
     size = jnp.linalg.norm(jnp.where(weights == 0, 0.0, weights))
     return weights / jnp.where(size > 0, size, 1.0)
-
-
-def _box(weights: Array) -> Array:
-    return jnp.sign(weights)

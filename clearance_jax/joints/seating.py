@@ -39,10 +39,13 @@ ACROSS = 2.0
 Values = Float[Array, " play"]
 
 
+def size_of(play: Sequence[PlayCoordinate]) -> Values:
+    """The magnitudes of play coordinates [m or rad]."""
+    return as_array([c.scale for c in play])
+
+
 class PinPose(NamedTuple):
-    """A pin's pose in its sleeve's axes: place [m], rotation, and by play coordinate the velocity or spin of the pin
-    per unit of its rate.
-    """
+    """A pin's pose in its sleeve's axes: place [m], rotation, and the pin's velocity or spin by each rate of play."""
 
     place: Vector
     rotation: Rotation
@@ -77,9 +80,8 @@ class SeatLoad(NamedTuple):
 
     def along(self, play: Sequence[PlayCoordinate], axes: tuple[Vector, ...]) -> Values:
         """Its part along each play coordinate [N or N m]."""
-        return as_array(
-            [dot(self.force if c.turns is None else self.moment, a) for c, a in zip(play, axes, strict=True)]
-        )
+        kinds = (self.force if c.turns is None else self.moment for c in play)
+        return as_array([dot(kind, axis) for kind, axis in zip(kinds, axes, strict=True)])
 
     def plus(self, other: "SeatLoad") -> "SeatLoad":
         """The sum of both."""
@@ -151,17 +153,15 @@ class Near(NamedTuple):
 def seat(
     clearance: PreparedClearance, load: SeatLoad, start: Values, near: Near | None = None, turned: Turned | None = None
 ) -> Seat:
-    """The play at which the joint, without friction, exerts a given load on its pin.
-
-    It can be differentiated twice by the numbers of the joint and the load: the last two Newton steps carry the
-    derivatives.
+    """The play at which the joint, without friction, exerts a given load on its pin; twice differentiable by the
+    numbers of the joint and the load, by the last two Newton steps.
 
     **Arguments:** `clearance`: the joint; `load`; `start` (play,): where the search begins [m or rad]. A coordinate
     that nothing resists stays there. `turned`: how the load changes as the pin moves (`None`: it does not).
     """
     smooth = clearance.without_friction()
     still, begun, slope = jax.lax.stop_gradient(((smooth, load), start, turned))
-    size = as_array([c.scale for c in still[0].joint.play()])
+    size = size_of(still[0].joint.play())
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=slope)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
@@ -198,8 +198,7 @@ class Seating(NamedTuple):
         """The residual of equilibrium: `factor` times the load, less what the joint bears."""
         play, values = self.clearance.joint.play(), self.size * x
         axes = pose_at(play, values).axes
-        memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
-        action = self.clearance.act(relative_at(play, values, self.free), memory)
+        action = self.clearance.act(relative_at(play, values, self.free), self.clearance.blank)
         borne = SeatLoad(action.force, action.torque).along(play, axes)
         load = self.load if self.turned is None else self.load.plus(self.turned.load(values, self.size))
         return self.size * (jnp.where(self.counts, factor * load.along(play, axes), 0.0) - borne)
@@ -308,23 +307,15 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
 
     **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad].
     """
-    play = clearance.joint.play()
-    size = as_array([c.scale for c in play])
-    nowhere = SeatLoad(ZERO, ZERO)
-    smooth = clearance.without_friction()
+    smooth, size = clearance.without_friction(), size_of(clearance.joint.play())
     joint, at, size = jax.lax.stop_gradient((smooth, place, size))
-    return value_and_jacobian(Seating(joint, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
+    free = Seating(joint, SeatLoad(ZERO, ZERO), size, jnp.zeros(len(size), bool), at)
+    return value_and_jacobian(free.residual, at / size)[1]
 
 
 def held_stiffness(clearance: PreparedClearance, place: Values, load: SeatLoad) -> Array:
-    """The stiffness of a joint without friction where its pin bears a load, for play in units of its size [J], without
-    derivatives; zero along what contacts hold less firmly than the springs of a search.
-
-    **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad]; `load`: what it
-    bears.
-    """
-    size = as_array([c.scale for c in clearance.joint.play()])
-    smooth = clearance.without_friction()
+    """`stiffness_at` where the pin bears a `load`; zero along what contacts hold less firmly than springs."""
+    smooth, size = clearance.without_friction(), size_of(clearance.joint.play())
     still = jax.lax.stop_gradient((smooth, load, size))
     pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])
     pin = pin._replace(counts=pin.more_than_round_off())

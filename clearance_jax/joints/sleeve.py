@@ -30,7 +30,7 @@ from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate, Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
-from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
+from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Material
 from clearance_jax.parameters import Demand, describe, physical
 from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plus, scale, subtract, times
 
@@ -110,6 +110,7 @@ class SleeveClearance(AbstractPin):
     depth: Float[Array, "*batch stations sectors"] | None = physical("m", least=0.0, default=None)
     kind: ClassVar[str] = "sleeve"
     tangents: ClassVar[int] = 2
+    contact: ClassVar = "line"
 
     def __check_init__(self):
         if not 2 <= self.stations <= MOST:
@@ -130,12 +131,11 @@ class SleeveClearance(AbstractPin):
     def demands(self):
         radius, clearance = self.pin_radius, self.radial_clearance
         yield Demand("pin_radius", radius > clearance, lambda: f"must be greater than the clearance {clearance:g} m")
-        # At the largest tilt the pin's section, an ellipse, reaches r (2c/L)^2 / 2 further than the round one at
-        # stations.
+        # At the largest tilt the pin's section, an ellipse, reaches r (2c/L)^2 / 2 further than the round one.
         square = 2 * radius * clearance / OVAL
         why = "a shorter sleeve lets its pin tilt so far that its section is not round"
-        holds = self.length**2 > square
-        yield Demand("length", holds, lambda: f"must be greater than {np.sqrt(square):.3g} m: {why}")
+        fits = self.length**2 > square
+        yield Demand("length", fits, lambda: f"must be greater than {np.sqrt(square):.3g} m: {why}")
         yield from depth_demand(self)
         if self.collar_radius is not None:
             bore = radius + clearance
@@ -152,27 +152,11 @@ class SleeveClearance(AbstractPin):
 
     def play(self):
         """Slides along the sleeve's axes, and tilts about the two across."""
-        slides = [
-            PlayCoordinate(".play_x", self.radial_clearance, slides=X),
-            PlayCoordinate(".play_y", self.radial_clearance, slides=Y),
-        ]
+        slides = self.across()
         if self.axial_clearance is not None:
-            slides.append(PlayCoordinate(".play_z", self.axial_clearance, slides=Z))
-        tilt = self.largest_tilt
-        tilts = ((".tilt_x", X), (".tilt_y", Y))
+            slides = (*slides, PlayCoordinate(".play_z", self.axial_clearance, slides=Z))
+        tilt, tilts = self.largest_tilt, ((".tilt_x", X), (".tilt_y", Y))
         return (*slides, *(PlayCoordinate(name, tilt, turns=axis, swings=True) for name, axis in tilts))
-
-    def geometry(self):
-        return Geometry(
-            self.pin_radius,
-            self.sleeve_radius,
-            self.radial_clearance,
-            self.length,
-            self.pin_material,
-            self.sleeve_material,
-            "line",
-            self.depth,
-        )
 
     def points(self, at):
         places, weights = lobatto(self.stations)
@@ -254,10 +238,9 @@ class SleeveClearance(AbstractPin):
     def _faces(self, at: Relative, angles: np.ndarray) -> "Meeting":
         """Where a ring of the collar comes nearest to one of the faces; none comes near both."""
         assert self.axial_clearance is not None
-        radius = self._face_radius
         # The collar is square to the pin's axis: its height over a place of the face.
+        radius, slope = self._face_radius, self._slope(at)
         arm = subtract((radius * np.cos(angles), radius * np.sin(angles), 0.0), (*at.place[:2], 0.0))
-        slope = self._slope(at)
         fall = with_barriers(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))
         height = with_barriers(jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape))
         side = jnp.where(height < 0, -1.0, 1.0)
@@ -272,19 +255,18 @@ class SleeveClearance(AbstractPin):
     def _slope(self, at: Relative) -> Vector:
         """The pin's axis per unit of height along the sleeve."""
         x, y, z = at.axis
-        return (
-            (0.0, 0.0, 1.0)
-            if is_zero(x) and is_zero(y)
-            else (*with_barriers((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
-        )
+        if is_zero(x) and is_zero(y):
+            return Z
+        return *with_barriers((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0
 
     def _contact_points(self, at: Relative, where: "Meeting", tangents, share: np.ndarray) -> ContactPoint:
         velocity = at.velocity_at(where.arm)
-        everywhere = where.depth.shape
-        rate, *slip = (
-            with_barriers(jnp.broadcast_to(jnp.asarray(dot(along, velocity), float), everywhere))
-            for along in (where.normal, *tangents)
-        )
+
+        def along(direction):
+            part = jnp.asarray(dot(direction, velocity), float)
+            return with_barriers(jnp.broadcast_to(part, where.depth.shape))
+
+        rate, *slip = (along(direction) for direction in (where.normal, *tangents))
         return ContactPoint(where.depth, rate, tuple(slip), where.normal, tangents, where.arm, None, jnp.asarray(share))
 
     def pattern(self, points):

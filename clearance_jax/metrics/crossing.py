@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism._base import drive_breaks
@@ -15,7 +16,6 @@ from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import signal_at, since_field
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.solve.steps.band import EntryFinder
-from clearance_jax.solve.steps.observers import without_derivatives
 
 DIRECTIONS = RISING, FALLING = "rising", "falling"
 

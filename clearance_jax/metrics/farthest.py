@@ -2,12 +2,12 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax.dynamics.pose import displaced
 from clearance_jax.joints.reach import farthest
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -40,8 +40,7 @@ class Farthest(AbstractSignal):
         joints = mechanism.clearance_joints()
         counts = [len(joint.joint.play()) for joint in joints]
         given = time, mechanism, reference
-        numbers, rest = eqx.partition(given, eqx.is_array)
-        fixed = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+        fixed = without_derivatives(given)
 
         def split(values):
             return tuple(jnp.split(values, np.cumsum(counts)[:-1]))

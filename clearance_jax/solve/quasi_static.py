@@ -16,6 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Code, Flag, Scalar
 from clearance_jax._compile.kept import kept_jit
 from clearance_jax._compile.solo import solo_jit
@@ -132,8 +133,7 @@ def _middle(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Arr
 
 
 def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
-    numbers, rest = eqx.partition(asked, eqx.is_array)
-    asked = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+    asked = without_derivatives(asked)
     ready = asked.mechanism.prepare()
     grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
     count = grid.shape[0]

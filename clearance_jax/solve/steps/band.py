@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.roots import bisect
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.steps.interpolate import between, tops
-from clearance_jax.solve.steps.observers import PIECES, STEPS, AbstractObserver, Picked, without_derivatives
+from clearance_jax.solve.steps.observers import PIECES, STEPS, AbstractObserver, Picked
 from clearance_jax.solve.steps.problem import motion
 
 # Bisections for the entry in a part of a step: enough for the last digit.

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.errors import ClearanceError
@@ -102,11 +103,6 @@ class PeakRecord(NamedTuple):
 STEPS = 100
 # Parts of a step on each of which a signal is nearly one cubic.
 PIECES = 4
-
-
-def without_derivatives(tree):
-    """The same numbers, without derivatives."""
-    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
 class SignalSearch(NamedTuple):
