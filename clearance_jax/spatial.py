@@ -313,6 +313,11 @@ def as_array(terms) -> Array:
     return jnp.stack([jnp.asarray(term, dtype=float) for term in terms]) if terms else jnp.zeros(0)
 
 
+def matrix(rows: Matrix) -> Array:
+    """A matrix as an array."""
+    return jnp.stack([as_array(row) for row in rows])
+
+
 def put(whole: Array, places: np.ndarray, values: Array) -> Array:
     """`whole` (n, ...) with `values` (k, ...) in its `places` (k,), which are known before it runs. It is no scatter,
     with which a program could not be one function (see `_compile.one_function`).

@@ -80,69 +80,31 @@ def shift(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric
     return Symmetric(entry)
 
 
-class AbstractRow(Module):
-    """One number for each unknown: a row of a Jacobian."""
+class Row(Module):
+    """One number for each unknown, one by one or as an array: a row of a Jacobian."""
+
+    numbers: list[Term] | Array
 
     @property
-    @abc.abstractmethod
     def terms(self) -> list[Term]:
         """The numbers one by one."""
+        return [self.numbers[i] for i in range(len(self.numbers))]
 
     @property
-    @abc.abstractmethod
     def array(self) -> Array:
         """The numbers as one array."""
+        return as_array(self.numbers)
 
     @property
-    @abc.abstractmethod
     def is_absent(self) -> bool:
         """Whether all of them are absent from the program."""
+        return isinstance(self.numbers, list) and absent(tuple(self.numbers))
 
-    @abc.abstractmethod
     def dot(self, values: list[Term]) -> Term:
         """The row times values of the unknowns."""
-
-
-class TermRow(AbstractRow):
-    """A row of single numbers."""
-
-    every: list[Term]
-
-    @property
-    def terms(self):
-        return self.every
-
-    @property
-    def array(self):
-        return as_array(self.every)
-
-    @property
-    def is_absent(self):
-        return absent(tuple(self.every))
-
-    def dot(self, values):
-        return total(times(r, value) for r, value in zip(self.every, values, strict=True))
-
-
-class ArrayRow(AbstractRow):
-    """A row that is an array."""
-
-    whole: Array
-
-    @property
-    def terms(self):
-        return [self.whole[i] for i in range(self.whole.shape[0])]
-
-    @property
-    def array(self):
-        return self.whole
-
-    @property
-    def is_absent(self):
-        return False
-
-    def dot(self, values):
-        return self.whole @ as_array(values)
+        if isinstance(self.numbers, list):
+            return total(times(r, value) for r, value in zip(self.numbers, values, strict=True))
+        return self.numbers @ as_array(values)
 
 
 Choice = Callable[[Callable[[], Array]], Array | None]
@@ -175,7 +137,7 @@ class AbstractFactors(Module):
         """The solution for one right-hand side."""
 
     @abc.abstractmethod
-    def constraint(self, rows: Sequence[AbstractRow], choose: Choice) -> AbstractConstraint:
+    def constraint(self, rows: Sequence[Row], choose: Choice) -> AbstractConstraint:
         """The constraint of conditions, given by the rows of their Jacobian J."""
 
 

@@ -94,34 +94,26 @@ def project(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: in
     A step opens a loop by its own error, and one iteration leaves the square of that; a state further away needs more.
     """
     loops = mechanism.closures()
-    if not loops:
-        return of_unit_length(y, mechanism)
+    if not loops:  # orientations of unit length
+        plan = layout(mechanism)
+        q = move(mechanism, plan.split(y).q, (0.0,) * plan.free)
+        return jnp.concatenate([as_array(q), y[plan.v.start :]])
     if iterations == 1:
         return correct(time, y, mechanism, loops)[0]
     return jax.lax.fori_loop(0, iterations, lambda _, y: correct(time, y, mechanism, loops)[0], y)
-
-
-def of_unit_length(y: Array, mechanism: PreparedMechanism) -> Array:
-    """The state with orientations normalised to unit length."""
-    plan = layout(mechanism)
-    still = (0.0,) * plan.free
-    return jnp.concatenate([as_array(move(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
 
 
 def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Float[Array, " loops"]]:
     """The nearest state (in the kinetic norm) in which all loops are closed, with the remaining opening of each [m].
     The pin of a loop with clearance is at rest at its `eccentricity`.
 
-    The first iterations hold the pins in their sleeves. The last ones let them move, for loops that only play can
-    close.
+    The first iterations hold the pins in their sleeves; the last ones let them move, for loops that only play closes.
     """
     played = [part.v.start for part in parts(mechanism) if part.coordinate.play is not None]
 
     def once(k, carry):
-        pins_fixed = k < HELD
-        firm = {i: jnp.where(pins_fixed, FIRM, 1.0) for i in played}
-        # Velocities belong to closed positions.
-        settle = jnp.where(k >= HELD - 1, 1.0, 0.0)
+        firm = {i: jnp.where(k < HELD, FIRM, 1.0) for i in played}
+        settle = jnp.where(k >= HELD - 1, 1.0, 0.0)  # velocities belong to closed positions
         moved, opened = correct(time, carry[0], mechanism, mechanism.loops, firm, settle)
         return jnp.where(k < HELD + LOOSE - 1, moved, carry[0]), opened
 

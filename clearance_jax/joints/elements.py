@@ -273,24 +273,18 @@ class PreloadedBearing(AbstractElement):
     """
 
     radial_stiffness: Scalar = physical("N/m", above=0.0, help="stiffness across", example='"200 N/um"')
-    axial_stiffness: Scalar = physical(
-        "N/m", least=0.0, default=0.0, help="stiffness of axial play", example='"300 N/um"'
-    )
-    tilt_stiffness: Scalar = physical(
-        "N*m/rad", least=0.0, default=0.0, help="stiffness against tilt", example='"200 kN*m/rad"'
-    )
+    axial_stiffness: Scalar = physical("N/m", "stiffness of axial play", '"300 N/um"', least=0.0, default=0.0)
+    tilt_stiffness: Scalar = physical("N*m/rad", "stiffness against tilt", '"200 kN*m/rad"', least=0.0, default=0.0)
     radial_preload: Scalar | None = physical(
-        "N", above=0.0, default=None, help="force at which the play opens", example='"800 N"', absent="it never opens"
+        "N", "force at which the play opens", '"800 N"', "it never opens", above=0.0, default=None
     )
     axial_preload: Scalar | None = physical(
-        "N", above=0.0, default=None, help="axial force at which it opens", example='"1 kN"', absent="it never opens"
+        "N", "axial force at which it opens", '"1 kN"', "it never opens", above=0.0, default=None
     )
     tilt_preload: Scalar | None = physical(
-        "N*m", above=0.0, default=None, help="moment at which it opens", example='"40 N*m"', absent="it never opens"
+        "N*m", "moment at which it opens", '"40 N*m"', "it never opens", above=0.0, default=None
     )
-    damping_time: Scalar = physical(
-        "s", least=0.0, default=ROLLING_DAMPING, help="damping over stiffness", example='"10 us"'
-    )
+    damping_time: Scalar = physical("s", "damping over stiffness", '"10 us"', least=0.0, default=ROLLING_DAMPING)
     stiff: ClassVar[bool] = True
 
     def _springs(self, offset: Offset) -> tuple[tuple[Scalar, Scalar | None, Vector], ...]:

@@ -130,11 +130,7 @@ class RevoluteClearance(AbstractPin):
     """
 
     radial_clearance: Scalar = physical(
-        "m",
-        above=0.0,
-        help="sleeve radius minus pin radius; its presence makes the play",
-        example='"0.1 mm"',
-        instead=GRIPS,
+        "m", "sleeve radius minus pin radius; its presence makes the play", '"0.1 mm"', above=0.0, instead=GRIPS
     )
     pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]

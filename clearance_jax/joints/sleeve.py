@@ -71,21 +71,13 @@ class SleeveClearance(AbstractPin):
       the sleeve's x, the others evenly around it. `None`: the sleeve is round, and the program has nothing for wear.
     """
 
-    radial_clearance: Scalar = physical(
-        "m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"', instead=GRIPS
-    )
+    radial_clearance: Scalar = physical("m", "sleeve radius minus pin radius", '"0.1 mm"', above=0.0, instead=GRIPS)
     pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
     length: Scalar = physical("m", above=0.0, help="length of the contact along the sleeve", example='"40 mm"')
     normal: AbstractNormalLaw
     friction: AbstractFrictionLaw | None = None
     axial_clearance: Scalar | None = physical(
-        "m",
-        above=0.0,
-        default=None,
-        help="axial play to either side",
-        example='"0.1 mm"',
-        absent="held axially",
-        instead=GRIPS,
+        "m", "axial play to either side", '"0.1 mm"', "held axially", above=0.0, default=None, instead=GRIPS
     )
     element: AbstractElement | None = None
     stations: int = describe("points along the sleeve, both edges among them", "8", static=True, default=8)
@@ -96,12 +88,7 @@ class SleeveClearance(AbstractPin):
         default="through",
     )
     collar_radius: Scalar | None = physical(
-        "m",
-        above=0.0,
-        default=None,
-        help="radius at which the faces bear",
-        example='"15 mm"',
-        absent="one and a half pin radii",
+        "m", "radius at which the faces bear", '"15 mm"', "one and a half pin radii", above=0.0, default=None
     )
     ring: int = describe("points of a face", "8", static=True, default=8)
     pin_material: Material | None = None

@@ -26,19 +26,15 @@ class InternalHertz(AbstractStiffness):
 
     pin_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the pin", example='"207 GPa"')
     sleeve_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the sleeve", example='"100 GPa"')
-    pin_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the pin", example="0.29"
-    )
-    sleeve_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the sleeve", example="0.34"
-    )
+    pin_poisson: Scalar = physical("", "Poisson's ratio of the pin", "0.29", least=0.0, below=0.5, default=0.3)
+    sleeve_poisson: Scalar = physical("", "Poisson's ratio of the sleeve", "0.34", least=0.0, below=0.5, default=0.3)
     reference_clearance: Scalar | None = physical(
         "m",
+        "the clearance for which the stiffness is computed",
+        '"0.1 mm"',
+        "the joint's own: the stiffness changes with it",
         above=0.0,
         default=None,
-        help="the clearance for which the stiffness is computed",
-        example='"0.1 mm"',
-        absent="the joint's own: the stiffness changes with it",
     )
 
     def value(self, geometry: Geometry) -> Scalar:

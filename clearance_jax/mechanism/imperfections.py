@@ -40,11 +40,11 @@ class Compliance(Parametrised):
     damping: Scalar = physical("effort*s/coordinate", least=0.0, default=0.0, help="damping", example='"20 N*m*s/rad"')
     rotor_inertia: Scalar | None = physical(
         "effort*s^2/coordinate",
+        "inertia of the motor's rotor, seen through the gears",
+        '"1.5 kg*m^2"',
+        "a drive that is followed exactly",
         above=0.0,
         default=None,
-        help="inertia of the motor's rotor, seen through the gears",
-        example='"1.5 kg*m^2"',
-        absent="a drive that is followed exactly",
     )
 
 

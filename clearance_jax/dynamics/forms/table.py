@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.symmetric import ArrayRow, Dense
+from clearance_jax._basis.symmetric import Dense
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.forms.frames import AbstractExtra, AbstractMoves, Frames, SpatialForce, rotors
+from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames, Moves, SpatialForce, rotors
 from clearance_jax.dynamics.forms.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -41,27 +41,6 @@ class ColumnArrays(NamedTuple):
     def spin(self) -> Float[Array, "columns 3"]:
         """Spin of a body by each column."""
         return jnp.asarray(self.moves)[:, None] * self.spins
-
-
-class ArrayMoves(AbstractMoves):
-    """Velocities or spins by the free coordinates, as one array."""
-
-    def __init__(self, whole: Float[Array, "free 3"]):
-        self.whole = whole
-
-    @property
-    def array(self):
-        return self.whole
-
-    @property
-    def count(self):
-        return self.whole.shape[0]
-
-    def along(self, direction):
-        return ArrayRow(self.whole @ as_array(direction))
-
-    def square(self, weights):
-        return jnp.sum(self.whole**2, axis=1) @ as_array(weights)
 
 
 class ArrayExtra(AbstractExtra):
@@ -123,11 +102,11 @@ class TabledFrames(Frames):
 
     def velocities(self, body, point, base=None, beside=ZERO):
         moves = self.columns(body).velocity_at(point)
-        return ArrayMoves(moves if base is None else moves - self.columns(base).velocity_at(beside))
+        return Moves(moves if base is None else moves - self.columns(base).velocity_at(beside))
 
     def spins(self, body, base=None):
         spin = self.columns(body).spin
-        return ArrayMoves(spin if base is None else spin - self.columns(base).spin)
+        return Moves(spin if base is None else spin - self.columns(base).spin)
 
     def extra(self, acceleration):
         return ArrayExtra(self, acceleration)
@@ -220,7 +199,8 @@ class TabledFrames(Frames):
         force, moment = self.deficits(acceleration)
         out = {}
         for joint in self.mechanism.joints:
-            hanging = self.subtree(joint.child)
+            beyond = self.mechanism.beyond(joint.child)
+            hanging = np.array([float(body.name in beyond) for body in self.mechanism.bodies])
             whole = SpatialForce(three(hanging @ force), three(hanging @ moment))
             out[joint.child] = whole.move(subtract(three(self.origin), self[joint.child].pivot))
         return out
@@ -264,8 +244,3 @@ class TabledFrames(Frames):
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate)
         sliding = self.links.mass @ jnp.sum(jnp.abs(self.speeds * at), axis=1)
         return sliding + jnp.sum(jnp.abs(self.spin * turning))
-
-    def subtree(self, body: str) -> np.ndarray:
-        """1 for a body and all that hangs on it, 0 for the others."""
-        beyond = self.mechanism.beyond(body)
-        return np.array([float(other.name in beyond) for other in self.mechanism.bodies])

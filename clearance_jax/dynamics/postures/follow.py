@@ -106,14 +106,18 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
 
     _, (solution, values, speeds, accelerations, before) = jax.lax.scan(interval, start, (edges[:-1], edges[1:]))
 
+    driven = _sought_joints(chain)
+    passive = tuple(i for i, joint in zip(chain.sought, driven, strict=True) if not joint)
+    held = PreparedChain(chain.mechanism, chain.point, chain.joints, passive)
+
     def inside(begin, end, q, values, speeds, accelerations, part):
         time, h = begin + part * (end - begin), end - begin
         at = _hermite(h, values, speeds, accelerations, part)
         # The joints' motion is known; passive coordinates of loops follow.
-        q = change(chain, q, jnp.where(_sought_joints(chain), at - values[0], 0.0))
+        q = change(chain, q, jnp.where(np.array(driven), at - values[0], 0.0))
         aim = aim_at(path, time, time)
         if chain.mechanism.closures():
-            q = find(_passive(chain), None, time, q).q
+            q = find(held, None, time, q).q
         return off(chain, aim, look_at(chain, aim, time, q).gap)
 
     args = edges[:-1], edges[1:], before, values, speeds, accelerations
@@ -130,15 +134,9 @@ def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part
     return powers @ part ** jnp.arange(6)
 
 
-def _sought_joints(chain: AbstractChain) -> np.ndarray:
+def _sought_joints(chain: AbstractChain) -> list[bool]:
     """Which of the sought coordinates are joints (the others are passive)."""
-    return np.array([chain.coordinates[i].name in chain.joints for i in chain.sought])
-
-
-def _passive(chain: PreparedChain) -> PreparedChain:
-    """The chain with its joints held; only passive coordinates are sought."""
-    sought = tuple(i for i, driven in zip(chain.sought, _sought_joints(chain), strict=True) if not driven)
-    return PreparedChain(chain.mechanism, chain.point, chain.joints, sought)
+    return [chain.coordinates[i].name in chain.joints for i in chain.sought]
 
 
 def follow(

@@ -19,7 +19,7 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.segments import Pose
 from clearance_jax.mechanism.state import parts
-from clearance_jax.spatial import as_array
+from clearance_jax.spatial import matrix
 
 # Starts that are tried if the default one fails and the user named none.
 STARTS = 32
@@ -77,19 +77,13 @@ def inverse_kinematics(
     chain = chain_of(mechanism, point, joints)
     _check_plane(chain, pose)
     begin = begin_of(mechanism, chain, start)
-    aim = Aim(pose.place, None if pose.orientation is None else rows_of(pose))
+    aim = Aim(pose.place, pose.orientation and matrix(pose.orientation.rotation.rows))
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
         return posture_of(chain, aim, search(chain, aim, jnp.zeros(()), begin))
     solution = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
     if not is_met(chain, aim, solution, tolerance):
         raise ClearanceError(why_unreached(chain, aim, solution))
     return posture_of(chain, aim, solution)
-
-
-def rows_of(pose: Pose) -> Float[Array, "3 3"]:
-    """The rotation matrix of a pose with an orientation."""
-    assert pose.orientation is not None
-    return jnp.stack([as_array(row) for row in pose.orientation.rotation.rows])
 
 
 def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Posture | None) -> Array:
@@ -180,7 +174,7 @@ def _check_plane(chain: Chain, pose: Pose) -> None:
     """Raise for a pose out of the plane, of what moves in the plane."""
     if not chain.mechanism.is_plane or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(pose)):
         return
-    tilted = pose.orientation is not None and float(rows_of(pose)[2, 2]) < 1 - 1e-12
+    tilted = pose.orientation is not None and float(pose.orientation.rotation.rows[2][2]) < 1 - 1e-12
     if tilted or float(pose.place[2]) != 0:
         raise ClearanceError("The mechanism is in the plane: a pose of it must have no z, and no roll and pitch.")
 

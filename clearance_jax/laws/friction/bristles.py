@@ -153,7 +153,7 @@ class ElastoPlastic(AbstractLuGre):
     """
 
     breakaway_share: Scalar = physical(
-        "", above=0.0, below=1.0, default=0.5, help="share of the deflection that is elastic", example="0.7"
+        "", "share of the deflection that is elastic", "0.7", above=0.0, below=1.0, default=0.5
     )
 
     def release(self, slip, bend, width=None):

@@ -148,9 +148,7 @@ class Ambrosio(AbstractSlipLaw):
     """
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    free_speed: Scalar = physical(
-        "m/s", above=0.0, help="slip v_0 below which there is no friction", example='"1 mm/s"'
-    )
+    free_speed: Scalar = physical("m/s", "slip v_0 below which there is no friction", '"1 mm/s"', above=0.0)
     transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
     smoothness: ClassVar[Smoothness] = "C0"
 
@@ -184,9 +182,7 @@ class BengisuAkay(AbstractSlipLaw):
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
     transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
-    decay_speed: Scalar = physical(
-        "m/s", above=0.0, help="slip over which friction falls from its peak", example='"5 mm/s"'
-    )
+    decay_speed: Scalar = physical("m/s", "slip over which friction falls from its peak", '"5 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 
     def profile(self, v, normal_force):

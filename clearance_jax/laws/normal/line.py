@@ -44,15 +44,9 @@ class LineContact(AbstractImpactLaw):
 
     pin_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the pin", example='"207 GPa"')
     sleeve_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the sleeve", example='"100 GPa"')
-    pin_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the pin", example="0.29"
-    )
-    sleeve_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the sleeve", example="0.34"
-    )
-    restitution: Scalar | None = physical(
-        "", above=0.0, below=1.0, default=None, help=RESTITUTION, example="0.7", absent="elastic"
-    )
+    pin_poisson: Scalar = physical("", "Poisson's ratio of the pin", "0.29", least=0.0, below=0.5, default=0.3)
+    sleeve_poisson: Scalar = physical("", "Poisson's ratio of the sleeve", "0.34", least=0.0, below=0.5, default=0.3)
+    restitution: Scalar | None = physical("", RESTITUTION, "0.7", "elastic", above=0.0, below=1.0, default=None)
     minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
     relation: Relation = eqx.field(static=True, default=relations.JOHNSON)
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
@@ -151,9 +145,7 @@ class Winkler(AbstractImpactLaw):
     """
 
     stiffness: Scalar = physical("Pa/m", above=0.0, help="stiffness k of a layer", example='"2e13 Pa/m"')
-    restitution: Scalar | None = physical(
-        "", above=0.0, below=1.0, default=None, help=RESTITUTION, example="0.7", absent="elastic"
-    )
+    restitution: Scalar | None = physical("", RESTITUTION, "0.7", "elastic", above=0.0, below=1.0, default=None)
     minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     smoothness: ClassVar[Smoothness] = "C1"

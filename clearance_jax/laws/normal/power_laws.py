@@ -156,7 +156,7 @@ class AdamsImpact(AbstractPowerLaw):
     stiffness: Any = physical(STIFFNESS, **STIFF)
     damping: Scalar = physical("N*s/m", least=0.0, help="damping c_max at full depth", example='"2000 N*s/m"')
     full_damping_depth: Scalar = physical(
-        "m", above=0.0, help="penetration d_max from which on the damping is complete", example='"0.01 mm"'
+        "m", "penetration d_max from which on the damping is complete", '"0.01 mm"', above=0.0
     )
     exponent: Scalar | None = physical("", **EXPONENT)
     smoothness: ClassVar[Smoothness] = "C0"

@@ -37,12 +37,7 @@ class StandardLinearSolid(AbstractNormalLaw):
     relaxing_share: Scalar = physical("", above=0.0, below=1.0, help="share of the force that relaxes", example="0.4")
     relaxation_time: Scalar = physical("s", above=0.0, help="time of the relaxation", example='"5 ms"')
     exponent: Scalar | None = physical(
-        "",
-        least=1.0,
-        default=None,
-        help="exponent n of the penetration of a standard linear solid",
-        example="1.5",
-        absent="1",
+        "", "exponent n of the penetration of a standard linear solid", "1.5", "1", least=1.0, default=None
     )
     smoothness: ClassVar[Smoothness] = "C0"
     remembers: ClassVar[tuple[str, ...]] = ("flow",)

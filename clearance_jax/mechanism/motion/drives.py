@@ -87,37 +87,21 @@ class Trapezoid(AbstractDrive):
     begin: Values = begin_key()
     rise: Values = rise_key()
     speed: Scalar | None = physical(
-        "coordinate/s",
-        above=0.0,
-        default=None,
-        help="limit of the speed",
-        example='"180 deg/s"',
-        absent="moves by `duration`",
+        "coordinate/s", "limit of the speed", '"180 deg/s"', "moves by `duration`", above=0.0, default=None
     )
     acceleration: Scalar | None = physical(
-        "coordinate/s^2",
-        above=0.0,
-        default=None,
-        help="limit of the acceleration",
-        example='"720 deg/s^2"',
-        absent="moves by `duration`",
+        "coordinate/s^2", "limit of the acceleration", '"720 deg/s^2"', "moves by `duration`", above=0.0, default=None
     )
     duration: Values | None = physical(
         "s",
+        "how long each takes, instead of `speed` and `acceleration`",
+        '["0.5 s", "0.25 s"]',
+        "as fast as `speed` and `acceleration` allow",
         above=0.0,
         default=None,
-        help="how long each takes, instead of `speed` and `acceleration`",
-        example='["0.5 s", "0.25 s"]',
-        absent="as fast as `speed` and `acceleration` allow",
     )
     cruise: Scalar | None = physical(
-        "",
-        least=0.0,
-        below=1.0,
-        default=None,
-        help="part of the duration at constant speed",
-        example="0.5",
-        absent="a third",
+        "", "part of the duration at constant speed", "0.5", "a third", least=0.0, below=1.0, default=None
     )
     offset: Scalar = offset_key()
 
@@ -211,29 +195,27 @@ class Quintic(AbstractDrive):
     """
 
     times: Values = physical("s", help="times of the via points, increasing", example='["0 s", "1 s", "2 s"]')
-    values: Values = physical(
-        "coordinate", help="the coordinate at these times", example='["0 deg", "90 deg", "45 deg"]'
-    )
+    values: Values = physical("coordinate", "the coordinate at these times", '["0 deg", "90 deg", "45 deg"]')
     speeds: Values | None = physical(
         "coordinate/s",
+        "its rates at these times",
+        '["0 deg/s", "20 deg/s", "0 deg/s"]',
+        "those of least jerk, at rest at both ends",
         default=None,
-        help="its rates at these times",
-        example='["0 deg/s", "20 deg/s", "0 deg/s"]',
-        absent="those of least jerk, at rest at both ends",
     )
     accelerations: Values | None = physical(
         "coordinate/s^2",
+        "its second rates at these times, only with `speeds`",
+        '["0 deg/s^2", "-30 deg/s^2", "0 deg/s^2"]',
+        "those of least jerk, zero at both ends",
         default=None,
-        help="its second rates at these times, only with `speeds`",
-        example='["0 deg/s^2", "-30 deg/s^2", "0 deg/s^2"]',
-        absent="those of least jerk, zero at both ends",
     )
     jumps: Values | None = physical(
         "coordinate/s^2",
+        "by how much its second rate jumps at these times (`accelerations` are those just after)",
+        '["0 deg/s^2", "50 deg/s^2", "0 deg/s^2"]',
+        "it does not jump",
         default=None,
-        help="by how much its second rate jumps at these times (`accelerations` are those just after)",
-        example='["0 deg/s^2", "50 deg/s^2", "0 deg/s^2"]',
-        absent="it does not jump",
     )
 
     def __check_init__(self):

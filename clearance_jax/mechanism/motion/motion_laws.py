@@ -56,9 +56,7 @@ def rise_key():
 
 def offset_key():
     """A field that is the value from which a motion starts, or about which it swings."""
-    return physical(
-        "coordinate", default=0.0, help="value before steps and moves, about which it swings", example='"10 deg"'
-    )
+    return physical("coordinate", "value before steps and moves, about which it swings", '"10 deg"', default=0.0)
 
 
 class ConstantSpeed(AbstractDrive):
@@ -143,12 +141,8 @@ class Spline(AbstractDrive):
     "natural" (q'' = 0) or "clamped" (q' = 0).
     """
 
-    times: Values = physical(
-        "s", help="times of the table, increasing, at least 4", example='["0 s", "1 s", "2 s", "3 s"]'
-    )
-    values: Values = physical(
-        "coordinate", help="the coordinate at these times", example='["0 deg", "20 deg", "5 deg", "0 deg"]'
-    )
+    times: Values = physical("s", "times of the table, increasing, at least 4", '["0 s", "1 s", "2 s", "3 s"]')
+    values: Values = physical("coordinate", "the coordinate at these times", '["0 deg", "20 deg", "5 deg", "0 deg"]')
     ends: Literal["not-a-knot", "natural", "clamped"] = describe(
         "what holds at both ends: `natural` (q'' = 0), `clamped` (q' = 0)",
         '"clamped"',

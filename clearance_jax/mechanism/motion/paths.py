@@ -29,7 +29,7 @@ from clearance_jax.mechanism.motion.segments import (
     Triple,
 )
 from clearance_jax.parameters import physical
-from clearance_jax.spatial import as_array, hamilton, of_quaternion
+from clearance_jax.spatial import as_array, hamilton, matrix, of_quaternion
 
 __all__ = ["AbstractSegment", "Arc", "CartesianPath", "Curve", "Line", "Waypoint"]
 
@@ -205,4 +205,4 @@ class PreparedPath(Module):
 
 def matrix_of(quaternion: Quadruple) -> Float[Array, "3 3"]:
     """The rotation matrix of a quaternion of any length."""
-    return jnp.stack([as_array(row) for row in of_quaternion(*quaternion)])
+    return matrix(of_quaternion(*quaternion))

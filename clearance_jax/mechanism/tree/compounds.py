@@ -88,7 +88,7 @@ class Ball(Module):
         default_factory=Spin,
     )
     damping: Scalar | None = physical(
-        "N*m*s/rad", least=0.0, default=None, help="damping of its spin", example='"0.1 N*m*s/rad"', absent="none"
+        "N*m*s/rad", "damping of its spin", '"0.1 N*m*s/rad"', "none", least=0.0, default=None
     )
     drive: ClassVar[None] = None
     rotor_inertia: ClassVar[None] = None

@@ -16,7 +16,19 @@ from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint
-from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
+from clearance_jax.spatial import (
+    IDENTITY,
+    UNIT,
+    ZERO,
+    Rotation,
+    Vector,
+    add,
+    as_array,
+    matrix,
+    product,
+    scale,
+    transpose,
+)
 
 # With more coordinates than this, computations that occur once in a solve use a table: only their compiling counts.
 ONCE = 3
@@ -91,19 +103,15 @@ def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Lin
     frames = [placed[body.name] for body in bodies]
     centres = [at.move(body.center_of_mass.vector, IDENTITY).offset for body, at in zip(bodies, frames, strict=True)]
     return Links(
-        jnp.stack([_matrix(at.rotation.rows) for at in before]),
+        jnp.stack([matrix(at.rotation.rows) for at in before]),
         jnp.stack([as_array(at.offset) for at in before]),
         jnp.stack([as_array(axis or ZERO) for axis in axes]),
-        jnp.stack([_matrix(at.rotation.rows) for at in frames]),
+        jnp.stack([matrix(at.rotation.rows) for at in frames]),
         jnp.stack([as_array(at.offset) for at in frames]),
         as_array([0.0 if body.mass is None else body.mass for body in bodies]),
         jnp.stack([as_array(centre) for centre in centres]),
         jnp.stack([_inertia(body, at.rotation) for body, at in zip(bodies, frames, strict=True)]),
     )
-
-
-def _matrix(rows) -> Array:
-    return jnp.stack([as_array(row) for row in rows])
 
 
 def _inertia(body: Body, rotation: Rotation) -> Array:
@@ -114,7 +122,7 @@ def _inertia(body: Body, rotation: Rotation) -> Array:
     tensor = body.inertia.symmetric
     rows = tuple(tuple(tensor.entry(i, j) for j in range(3)) for i in range(3))
     turned = product(product(rotation.rows, rows), transpose(rotation.rows))  # pyright: ignore[reportArgumentType]
-    return _matrix(turned)
+    return matrix(turned)
 
 
 class Masks(NamedTuple):
