@@ -106,8 +106,8 @@ class ShortBearing(AbstractElement):
     """
 
     has_static_force: ClassVar[bool] = False
-    viscosity: Scalar = physical("Pa*s", above=0.0, help="viscosity of the oil", example='"0.1 Pa*s"')
-    roughness: Scalar = physical("m", above=0.0, help="least height of the film", example='"0.5 um"')
+    viscosity: Scalar = physical("Pa*s", "viscosity of the oil", '"0.1 Pa*s"', above=0.0)
+    roughness: Scalar = physical("m", "least height of the film", '"0.5 um"', above=0.0)
 
     def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
         """Force and torque of the film on the pin."""
@@ -230,9 +230,9 @@ class PlayDamper(AbstractElement):
     the joint has no play are not damped: a pin turns freely about its axis.
     """
 
-    radial: Scalar = physical("N*s/m", least=0.0, help="damping of the play across", example='"2 kN*s/m"')
-    axial: Scalar = physical("N*s/m", least=0.0, default=0.0, help="damping of axial play", example='"1 kN*s/m"')
-    tilt: Scalar = physical("N*m*s/rad", least=0.0, default=0.0, help="damping of tilt", example='"0.5 N*m*s/rad"')
+    radial: Scalar = physical("N*s/m", "damping of the play across", '"2 kN*s/m"', least=0.0)
+    axial: Scalar = physical("N*s/m", "damping of axial play", '"1 kN*s/m"', least=0.0, default=0.0)
+    tilt: Scalar = physical("N*m*s/rad", "damping of tilt", '"0.5 N*m*s/rad"', least=0.0, default=0.0)
 
     @classmethod
     def film(cls, viscosity: Any, pin_radius: Any, length: Any, radial_clearance: Any) -> "PlayDamper":
@@ -272,7 +272,7 @@ class PreloadedBearing(AbstractElement):
     - `damping_time` [s]: damping over stiffness; for rolling bearings 0.25e-5 to 2.5e-5 s (Krämer 1993).
     """
 
-    radial_stiffness: Scalar = physical("N/m", above=0.0, help="stiffness across", example='"200 N/um"')
+    radial_stiffness: Scalar = physical("N/m", "stiffness across", '"200 N/um"', above=0.0)
     axial_stiffness: Scalar = physical("N/m", "stiffness of axial play", '"300 N/um"', least=0.0, default=0.0)
     tilt_stiffness: Scalar = physical("N*m/rad", "stiffness against tilt", '"200 kN*m/rad"', least=0.0, default=0.0)
     radial_preload: Scalar | None = physical(

@@ -56,7 +56,7 @@ class PressFit(Module):
     """
 
     fit: str = describe("fit of the bush in its housing", '"H7/p6"', static=True)
-    diameter: Scalar = physical("m", above=0.0, help="outer diameter of the bush", example='"26 mm"')
+    diameter: Scalar = physical("m", "outer diameter of the bush", '"26 mm"', above=0.0)
     housing_diameter: Scalar | None = physical(
         "m", "outer diameter of the housing", '"60 mm"', "large", above=0.0, default=None
     )

@@ -40,8 +40,8 @@ class GuideClearance(AbstractClearance):
     """
 
     side_clearance: Scalar = physical("m", "play of the block to either side", '"0.1 mm"', above=0.0, instead=GRIPS)
-    length: Scalar = physical("m", above=0.0, help="length of the block", example='"60 mm"')
-    height: Scalar = physical("m", above=0.0, help="height of the block", example='"30 mm"')
+    length: Scalar = physical("m", "length of the block", '"60 mm"', above=0.0)
+    height: Scalar = physical("m", "height of the block", '"30 mm"', above=0.0)
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None
     width: Scalar | None = physical(

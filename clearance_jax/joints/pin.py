@@ -132,7 +132,7 @@ class RevoluteClearance(AbstractPin):
     radial_clearance: Scalar = physical(
         "m", "sleeve radius minus pin radius; its presence makes the play", '"0.1 mm"', above=0.0, instead=GRIPS
     )
-    pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
+    pin_radius: Scalar = physical("m", "radius of the pin", '"10 mm"', above=0.0)
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None
     element: AbstractElement | None = None

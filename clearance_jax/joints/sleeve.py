@@ -72,8 +72,8 @@ class SleeveClearance(AbstractPin):
     """
 
     radial_clearance: Scalar = physical("m", "sleeve radius minus pin radius", '"0.1 mm"', above=0.0, instead=GRIPS)
-    pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
-    length: Scalar = physical("m", above=0.0, help="length of the contact along the sleeve", example='"40 mm"')
+    pin_radius: Scalar = physical("m", "radius of the pin", '"10 mm"', above=0.0)
+    length: Scalar = physical("m", "length of the contact along the sleeve", '"40 mm"', above=0.0)
     normal: AbstractNormalLaw
     friction: AbstractFrictionLaw | None = None
     axial_clearance: Scalar | None = physical(

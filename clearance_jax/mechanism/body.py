@@ -104,8 +104,8 @@ class Spring(Module):
     """The spring's name."""
     body_a: str = describe("the body at its one end, or `ground`", '"ground"', static=True)
     body_b: str = describe("the body at its other end", '"slider"', static=True)
-    stiffness: Scalar = physical("N/m", least=0.0, help="stiffness k", example='"4530 N/m"')
-    damping: Scalar = physical("N*s/m", least=0.0, default=0.0, help="damping b", example='"2 N*s/m"')
+    stiffness: Scalar = physical("N/m", "stiffness k", '"4530 N/m"', least=0.0)
+    damping: Scalar = physical("N*s/m", "damping b", '"2 N*s/m"', least=0.0, default=0.0)
     free_length: Scalar = physical("m", "length l0 at which it is relaxed", '"77.85 mm"', least=0.0, default=0.0)
     at_a: Position = describe("its end in the frame of `body_a`", '["14 mm", "72 mm"]', "the origin", default=ORIGIN)
     at_b: Position = describe("its end in the frame of `body_b`", '["20 mm", "-18 mm"]', "the origin", default=ORIGIN)

@@ -75,7 +75,7 @@ class ComputedTorque(AbstractController):
     name: str = eqx.field(static=True)
     references: tuple[Reference, ...] = eqx.field(converter=tuple)
     frequency: Scalar = physical("rad/s", "natural frequency w of the errors' decay", '"50 rad/s"', above=0.0)
-    damping: Scalar = physical("", least=0.0, default=1.0, help="damping ratio d of the errors' decay", example="0.7")
+    damping: Scalar = physical("", "damping ratio d of the errors' decay", "0.7", least=0.0, default=1.0)
     model: Any = apart(default=None)
     period: float | None = period_key()
 

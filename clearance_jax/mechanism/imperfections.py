@@ -36,8 +36,8 @@ class Compliance(Parametrised):
       the gear ratio.
     """
 
-    stiffness: Scalar = physical("effort/coordinate", above=0.0, help="stiffness", example='"50 kN*m/rad"')
-    damping: Scalar = physical("effort*s/coordinate", least=0.0, default=0.0, help="damping", example='"20 N*m*s/rad"')
+    stiffness: Scalar = physical("effort/coordinate", "stiffness", '"50 kN*m/rad"', above=0.0)
+    damping: Scalar = physical("effort*s/coordinate", "damping", '"20 N*m*s/rad"', least=0.0, default=0.0)
     rotor_inertia: Scalar | None = physical(
         "effort*s^2/coordinate",
         "inertia of the motor's rotor, seen through the gears",

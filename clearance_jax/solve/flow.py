@@ -110,14 +110,6 @@ def states_of(solution: Solution) -> list[Array]:
     return [solution.initial, solution.final, solution.y, *(pick.y for pick in solution.found)]
 
 
-def with_states(solution: Solution, states: list[Array]) -> Solution:
-    """The same solution with other states, in the order of `states_of`."""
-    start, final, y, *picks = states
-    rest = iter(picks)
-    picked = tuple(None if pick is None else pick._replace(y=next(rest)) for pick in solution.picked)
-    return dataclasses.replace(solution, initial=start, final=final, y=y, picked=picked)
-
-
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
     """The tangents plus the effect of moving the end or the sample times: the rate of the motion there."""
     problem = Problem(inputs.mechanism.prepare(), inputs.integrands, energy_balance=options.energy_balance)
@@ -145,7 +137,10 @@ def variations(inputs: Inputs, which: Which, options: Options) -> tuple[Solution
     """The solution, and the derivatives of its states by each varied number (leading axis)."""
     stacked = _stack(inputs, which, options=options)
     stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
-    value = with_states(stacked, [stack[0] for stack in stacks])
+    start, final, y, *picks = (stack[0] for stack in stacks)
+    rest = iter(picks)
+    picked = tuple(None if pick is None else pick._replace(y=next(rest)) for pick in stacked.picked)
+    value = dataclasses.replace(stacked, initial=start, final=final, y=y, picked=picked)
     return value, [stack[1:] for stack in stacks]
 
 
@@ -205,22 +200,9 @@ def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Options) -> S
     )
     code = why_stopped(out.code, problem.mechanism, out.end_time, motion(problem, final))
     code = jnp.where(task.refused > 0, task.refused, code)
-    return Solution(
-        time,
-        y,
-        start,
-        final,
-        code,
-        out.accepted,
-        out.rejected,
-        residual,
-        out.end_time,
-        records,
-        picked,
-        task.seated,
-        sampled=out.samples is not None,
-        energy_balance=options.energy_balance,
-    )
+    ended = code, out.accepted, out.rejected, residual, out.end_time
+    asked = {"sampled": out.samples is not None, "energy_balance": options.energy_balance}
+    return Solution(time, y, start, final, *ended, records, picked, task.seated, **asked)
 
 
 def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:

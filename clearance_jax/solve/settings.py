@@ -160,20 +160,13 @@ def settings_of(
     check_arguments(mechanism, asked.t0, t1, asked.rtol, asked.solver)
     if asked.derivatives not in DERIVATIVES:
         raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
-    if asked.start not in STARTS:
-        raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quote(asked.start)}.")
-    if asked.fidelity not in FIDELITIES:
-        raise ClearanceError(f"`fidelity` must be {' or '.join(FIDELITIES)}, but it is {quote(asked.fidelity)}.")
+    for name, word, words in (("start", asked.start, STARTS), ("fidelity", asked.fidelity, FIDELITIES)):
+        if word not in words:
+            raise ClearanceError(f"`{name}` must be {' or '.join(words)}, but it is {quote(word)}.")
     solver = choose_solver(mechanism, asked.rtol) if _is_auto(asked.solver) else asked.solver
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
-    return asked._replace(
-        solver=solver,
-        t0=t0,
-        rtol=rtol,
-        atol=atol,
-        y0=_initial(mechanism, asked.y0),
-        save_at=_times(asked.save_at, t0, t1),
-    )
+    y0, save_at = _initial(mechanism, asked.y0), _times(asked.save_at, t0, t1)
+    return asked._replace(solver=solver, t0=t0, rtol=rtol, atol=atol, y0=y0, save_at=save_at)
 
 
 def with_solver(model: Any, options: Mapping[str, Any]) -> dict[str, Any]:

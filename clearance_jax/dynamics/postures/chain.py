@@ -195,11 +195,8 @@ def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array,
     if aim is not None:
         point, frame = chain.frame, motion[chain.frame.body]
         at = frame.point(point.at.vector)
-        linear, velocity, flat = (
-            motion.velocities(chain.frame.body, at).array,
-            frame.velocity_at(at),
-            mechanism.is_plane,
-        )
+        linear, velocity = motion.velocities(chain.frame.body, at).array, frame.velocity_at(at)
+        flat = mechanism.is_plane
         along = (0, 1) if flat else (0, 1, 2)
         rows += [((at[k] - aim.place[k]) / size, linear[:, k] / size, velocity[k] / size) for k in along]
         if aim.rotation is not None:

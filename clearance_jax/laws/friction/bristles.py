@@ -127,7 +127,7 @@ class Dahl(AbstractBristles):
     **Arguments:** `coefficient` mu, `bristle_stiffness` s0 [1/m].
     """
 
-    coefficient: Scalar = physical("", above=0.0, help="coefficient of friction mu", example="0.1")
+    coefficient: Scalar = physical("", "coefficient of friction mu", "0.1", above=0.0)
     bristle_stiffness: Scalar = physical("1/m", above=0.0, **STIFFNESS)
 
     @property

@@ -57,7 +57,7 @@ class CubicCoulomb(AbstractSlipLaw):
     """
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C1"
 
     def profile(self, v, normal_force):
@@ -73,7 +73,7 @@ class TanhCoulomb(AbstractSlipLaw):
     """T = -mu N tanh(v/v_t). **Arguments:** `coefficient` mu, `transition_speed` v_t [m/s]."""
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C2"
 
     def profile(self, v, normal_force):
@@ -95,8 +95,8 @@ class AdamsFriction(AbstractSlipLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    stiction_speed: Scalar = physical("m/s", above=0.0, help="slip v_s of the peak", example='"1 mm/s"')
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    stiction_speed: Scalar = physical("m/s", "slip v_s of the peak", '"1 mm/s"', above=0.0)
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C1"
 
     def demands(self):
@@ -127,7 +127,7 @@ class Threlfall(AbstractSlipLaw):
     """
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 
     def profile(self, v, normal_force):
@@ -149,7 +149,7 @@ class Ambrosio(AbstractSlipLaw):
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
     free_speed: Scalar = physical("m/s", "slip v_0 below which there is no friction", '"1 mm/s"', above=0.0)
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 
     def demands(self):
@@ -181,7 +181,7 @@ class BengisuAkay(AbstractSlipLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", "slip v_t of the peak", '"10 mm/s"', above=0.0)
     decay_speed: Scalar = physical("m/s", "slip over which friction falls from its peak", '"5 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 
@@ -209,10 +209,10 @@ class Stribeck(AbstractSlipLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    stribeck_speed: Scalar = physical("m/s", above=0.0, help="slip v_s between the two", example='"1 mm/s"')
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
-    shape: Scalar = physical("", least=1.0, default=2.0, help="exponent p of the fall from the peak", example="1")
-    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction s2", example='"0.1 s/m"')
+    stribeck_speed: Scalar = physical("m/s", "slip v_s between the two", '"1 mm/s"', above=0.0)
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
+    shape: Scalar = physical("", "exponent p of the fall from the peak", "1", least=1.0, default=2.0)
+    viscous: Scalar = physical("s/m", "viscous friction s2", '"0.1 s/m"', least=0.0, default=0.0)
 
     @property
     def smoothness(self) -> Smoothness:  # type: ignore[override]
@@ -249,7 +249,7 @@ class BrownMcPhee(AbstractSlipLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", "slip v_t of the peak", '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C2"
 
     def profile(self, v, normal_force):

@@ -42,12 +42,12 @@ class LineContact(AbstractImpactLaw):
     elastic); `minimum_impact_speed` [m/s]; `relation`: f, which tells the laws of this kind apart; `ratio`: a(e).
     """
 
-    pin_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the pin", example='"207 GPa"')
-    sleeve_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the sleeve", example='"100 GPa"')
+    pin_modulus: Scalar = physical("Pa", "Young's modulus of the pin", '"207 GPa"', above=0.0)
+    sleeve_modulus: Scalar = physical("Pa", "Young's modulus of the sleeve", '"100 GPa"', above=0.0)
     pin_poisson: Scalar = physical("", "Poisson's ratio of the pin", "0.29", least=0.0, below=0.5, default=0.3)
     sleeve_poisson: Scalar = physical("", "Poisson's ratio of the sleeve", "0.34", least=0.0, below=0.5, default=0.3)
     restitution: Scalar | None = physical("", RESTITUTION, "0.7", "elastic", above=0.0, below=1.0, default=None)
-    minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
+    minimum_impact_speed: Scalar = physical("m/s", SLOWEST, '"1 mm/s"', above=0.0, default=1e-3)
     relation: Relation = eqx.field(static=True, default=relations.JOHNSON)
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     smoothness: ClassVar[Smoothness] = "C1"
@@ -144,9 +144,9 @@ class Winkler(AbstractImpactLaw):
     `cj.wear.foundation`); `restitution` e (`None`: elastic); `minimum_impact_speed` [m/s]; `ratio`: a(e).
     """
 
-    stiffness: Scalar = physical("Pa/m", above=0.0, help="stiffness k of a layer", example='"2e13 Pa/m"')
+    stiffness: Scalar = physical("Pa/m", "stiffness k of a layer", '"2e13 Pa/m"', above=0.0)
     restitution: Scalar | None = physical("", RESTITUTION, "0.7", "elastic", above=0.0, below=1.0, default=None)
-    minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
+    minimum_impact_speed: Scalar = physical("m/s", SLOWEST, '"1 mm/s"', above=0.0, default=1e-3)
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     smoothness: ClassVar[Smoothness] = "C1"
     has_radii: ClassVar[bool] = False

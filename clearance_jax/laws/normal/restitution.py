@@ -91,10 +91,10 @@ class RestitutionLaw(AbstractImpactLaw):
     """
 
     stiffness: Any = physical(STIFFNESS, **STIFF)
-    restitution: Scalar = physical("", above=0.0, below=1.0, help=RESTITUTION, example="0.7")
+    restitution: Scalar = physical("", RESTITUTION, "0.7", above=0.0, below=1.0)
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     exponent: Scalar | None = physical("", **EXPONENT)
-    minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
+    minimum_impact_speed: Scalar = physical("m/s", SLOWEST, '"1 mm/s"', above=0.0, default=1e-3)
     smoothness: ClassVar[Smoothness] = "C1"
 
     def units(self):

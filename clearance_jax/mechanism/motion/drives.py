@@ -48,7 +48,7 @@ THIRD = 1 / 3
 class Constant(AbstractDrive):
     """q = value: the coordinate is held."""
 
-    value: Scalar = physical("coordinate", help="value at which the coordinate is held", example='"30 deg"')
+    value: Scalar = physical("coordinate", "value at which the coordinate is held", '"30 deg"')
 
     def __call__(self, time):
         return self.value, 0.0, 0.0
@@ -123,10 +123,19 @@ class Trapezoid(AbstractDrive):
     def ramps(self) -> Ramps:
         """The ramps of all moves."""
         if self.duration is not None:
-            return _ramps_of_duration(self.rise, self.duration, THIRD if self.cruise is None else self.cruise)
+            cruise = self.duration * (THIRD if self.cruise is None else self.cruise)
+            ramp = (self.duration - cruise) / 2
+            return Ramps(ramp, cruise, self.rise / (ramp + cruise))
         assert self.speed is not None
         assert self.acceleration is not None
-        return _ramps_of_limits(self.rise, self.speed, self.acceleration)
+        # A move by zero would be 0 / 0: it is computed as a move by one, and its times are set to zero.
+        still = self.rise == 0
+        size = jnp.where(still, 1.0, jnp.abs(self.rise))
+        reached = size * self.acceleration > self.speed**2
+        peak = jnp.where(reached, self.speed, jnp.sqrt(jnp.where(reached, 1.0, size * self.acceleration)))
+        ramp = peak / self.acceleration
+        cruise = jnp.where(reached & ~still, size / peak - ramp, 0.0)
+        return Ramps(jnp.where(still, 0.0, ramp), cruise, jnp.sign(self.rise) * peak)
 
     def begins(self, ramps: Ramps) -> Values:
         """When each move begins [s], after waiting for those before it."""
@@ -161,23 +170,6 @@ class Trapezoid(AbstractDrive):
         return self.prepare().times
 
 
-def _ramps_of_duration(rise: Values, duration: Values, part: Scalar | float) -> Ramps:
-    cruise = duration * part
-    ramp = (duration - cruise) / 2
-    return Ramps(ramp, cruise, rise / (ramp + cruise))
-
-
-def _ramps_of_limits(rise: Values, speed: Scalar, acceleration: Scalar) -> Ramps:
-    # A move by zero would be 0 / 0: it is computed as a move by one, and its times are set to zero.
-    still = rise == 0
-    size = jnp.where(still, 1.0, jnp.abs(rise))
-    reached = size * acceleration > speed**2
-    peak = jnp.where(reached, speed, jnp.sqrt(jnp.where(reached, 1.0, size * acceleration)))
-    ramp = peak / acceleration
-    cruise = jnp.where(reached & ~still, size / peak - ramp, 0.0)
-    return Ramps(jnp.where(still, 0.0, ramp), cruise, jnp.sign(rise) * peak)
-
-
 class Quintic(AbstractDrive):
     """Through via points: a polynomial of degree five between each two of them. q'' is continuous, and q''' may jump at
     the points.
@@ -194,7 +186,7 @@ class Quintic(AbstractDrive):
       point).
     """
 
-    times: Values = physical("s", help="times of the via points, increasing", example='["0 s", "1 s", "2 s"]')
+    times: Values = physical("s", "times of the via points, increasing", '["0 s", "1 s", "2 s"]')
     values: Values = physical("coordinate", "the coordinate at these times", '["0 deg", "90 deg", "45 deg"]')
     speeds: Values | None = physical(
         "coordinate/s",

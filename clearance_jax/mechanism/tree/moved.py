@@ -77,7 +77,8 @@ def carry(frame: Frame, step: FrameStep) -> Frame:
     """The frame after a step, without the columns of what moves it."""
     by, slides, turns, tilts = step
     if tilts is not None:
-        return _swing(frame, swing(*tilts, *by.q), by)
+        at = swing(*tilts, *by.q)
+        return frame.swivel(at.rows, *swing_rates(at, by))
     if slides is None and turns is None:
         w, x, y, z = by.q
         (p, q, r), (a, b, c) = by.v, by.a
@@ -87,11 +88,6 @@ def carry(frame: Frame, step: FrameStep) -> Frame:
         return frame.turn(turns, q, v, a)
     assert slides is not None
     return frame.slid(slides, q, v, a)
-
-
-def _swing(frame: Frame, at: Swing, by: Moved) -> Frame:
-    """The frame after a swing."""
-    return frame.swivel(at.rows, *swing_rates(at, by))
 
 
 def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
@@ -108,7 +104,7 @@ def beyond(frame: Frame, step: FrameStep) -> Frame:
     by, slides, turns, tilts = step
     if tilts is not None:
         at = swing(*tilts, *by.q)
-        after = _swing(frame, at, by)
+        after = frame.swivel(at.rows, *swing_rates(at, by))
         for k, axis in enumerate(at.outside):
             after = after.add_motion(JacobianColumn(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
         return after

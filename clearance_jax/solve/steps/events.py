@@ -80,10 +80,8 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
     if at.rows is None or rate.rows is None:
         return (*at.velocity[:2], at.spin[2]), (*rate.velocity[:2], rate.spin[2])
     bend = zip(turning_rows(rate.spin, at.rows), turning_rows(at.spin, rate.rows), strict=True)
-    return (*at.velocity, *itertools.chain(*rate.rows)), (
-        *rate.velocity,
-        *itertools.chain(*(add(a, b) for a, b in bend)),
-    )
+    bent = itertools.chain(*(add(a, b) for a, b in bend))
+    return (*at.velocity, *itertools.chain(*rate.rows)), (*rate.velocity, *bent)
 
 
 def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], Each]:
@@ -158,9 +156,7 @@ def event_joints(curve_of: list[StepCurve], memory: dict[str, Rows], mechanism: 
     several = [member for member in each if member.is_several]
     for members in alike(several):
         group = [several[i] for i in members]
-        poses, twists = (
-            stack_trees([part(member.curve) for member in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
-        )
+        poses, twists = stack_trees([(member.curve.pose, member.curve.twist) for member in group], 1)
         clearances, memories = stack_trees([(member.clearance, member.memory) for member in group])
         alone.append(EventJoints(clearances, StepCurve(poses, twists, group[0].curve.h), memories))
     return alone

@@ -73,16 +73,6 @@ class Problem(Module):
         state = plan.split(y)
         return vector(position_rates(self.mechanism, state.q, state.v))
 
-    @property
-    def speeds(self) -> slice:
-        """The slice of the velocities."""
-        return layout(self.mechanism).v
-
-    @property
-    def without_directions(self) -> "Problem":
-        """The same problem without directions."""
-        return Problem(self.mechanism, self.integrands, energy_balance=self.energy_balance)
-
 
 def with_model(problem: Problem, model: tuple) -> Problem:
     """The same problem of another mechanism, without directions."""
@@ -121,8 +111,7 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
     stacks = tuple(y[:, i] for i in range(problem.size))
     count = y.shape[0] - 1
     outputs = jax.eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
-    speeds = problem.speeds.stop - problem.speeds.start
-    push = lift if len(outputs) - speeds > count else vjp_rows
+    push = lift if len(outputs) - layout(problem.mechanism).free > count else vjp_rows
     with sharing_lanes(time):
         return by_component(push(rates, problem, stacks), time)
 
@@ -225,11 +214,8 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
     reached = _reach(flat, varied)
     kept = [r if by else None for r, by in zip(rates, reached, strict=True)]
     movers = [by or None for by in reached]
-    return (
-        eqx.combine(jax.tree.unflatten(shape, value), rest),
-        jax.tree.unflatten(shape, kept),
-        jax.tree.unflatten(shape, movers),
-    )
+    value = eqx.combine(jax.tree.unflatten(shape, value), rest)
+    return value, jax.tree.unflatten(shape, kept), jax.tree.unflatten(shape, movers)
 
 
 def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:

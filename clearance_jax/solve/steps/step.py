@@ -234,6 +234,6 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
         # The moved payload is handed over in one mechanism and not yet in the other.
         return slope + payload_power(slope, problem.mechanism) - payload_power(slope, moved.mechanism)
 
-    after = field(time, state, problem.without_directions)
+    after = field(time, state, with_model(problem, problem.model))
     jumps = jax.vmap(before)(problem.directions, delay) - after[None]
     return jnp.concatenate([stack[:1], stack[1:] + delay[:, None] * jumps])
