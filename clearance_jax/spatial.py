@@ -210,9 +210,7 @@ def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
 
 
 class Swing(NamedTuple):
-    """A rotation about an axis in the plane of two perpendicular axes, by two tilts: `rows`, its matrix, and by each
-    tilt the spin per unit of its rate, in the axes `outside` and in the rotated axes `inside`; `part`: 1 / (1 + g^2).
-    """
+    """A rotation by two tilts: matrix, spin per unit rate in outside and inside axes, `part` 1 / (1 + g^2)."""
 
     rows: Matrix
     outside: tuple[Vector, Vector]
@@ -266,9 +264,7 @@ def rotation_vector(q: tuple[Term, ...]) -> Vector:
 
 
 def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
-    """A quaternion (w, x, y, z), of any length, of a rotation's matrix. It is computed from the largest of its four
-    numbers, which is accurate for every turn (all rows of q q^T are multiples of q).
-    """
+    """A quaternion (w, x, y, z), of any length, of a rotation's matrix, from the largest of its numbers."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ((jnp.asarray(term, float) for term in row) for row in a)
     rows = (
         (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),

@@ -17,9 +17,7 @@ from clearance_jax.spatial import Rotation, Term, Vector, absent, as_array, dot,
 
 
 class Symmetric:
-    """A symmetric 3 x 3 matrix whose entries are computed on request: a plane mechanism needs only the last one, and
-    unused entries are not in the program. (Request them in the trace that made it.)
-    """
+    """A symmetric 3 x 3 matrix whose entries are computed on request, in the trace that made it: few are needed."""
 
     def __init__(self, entry: Callable[[int, int], Term]):
         self._entry = entry
@@ -142,9 +140,7 @@ class AbstractFactors(Module):
 
 
 class Constraint(AbstractConstraint):
-    """The changes M^-1 J^T by unit multipliers, and J M^-1 J^T factored; `kept`: which conditions are solved for (1)
-    and which repeat others (0), `None` for all.
-    """
+    """M^-1 J^T, J M^-1 J^T factored, and which conditions are `kept` (1) or repeat others (0); `None`: all."""
 
     spread: list[list[Term]]
     factored: AbstractFactors
@@ -221,9 +217,7 @@ class Factored(AbstractFactors):
 
 
 class Dense(AbstractFactors):
-    """Factors of a large matrix as one array, by a library (lower Cholesky factor). Each call has a cost, but the
-    program stays small, where single numbers would take minutes to compile.
-    """
+    """Factors of a large matrix as an array, by a library: number by number it would compile for minutes."""
 
     lower: Array
 

@@ -27,9 +27,7 @@ HELD, LOOSE = 8, 5
 
 
 class StartErrors(NamedTuple):
-    """Errors of a start: the opening of each loop [m]; and where pins are settled, by joint, the `unborne` part of its
-    load and the part of its play by which the last round `moved` it; and how the pins begin (`seated`).
-    """
+    """Errors of a start: openings of loops [m]; of settled pins the `unborne` parts of loads, `moved` parts of play."""
 
     loops: Float[Array, " loops"]
     unborne: Float[Array, " joints"]

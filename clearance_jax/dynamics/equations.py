@@ -115,9 +115,7 @@ def _right_sides(
 
 
 def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Term]]:
-    """Accelerations and multipliers. Their derivative is that of the residual at the solution, solved by the known
-    factors: neither the mass matrix nor its factors are differentiated.
-    """
+    """Accelerations and multipliers; their derivative is the residual's, solved by the known factors."""
     numbers, rebuilt = numbers_of((motion, pairs, efforts))
 
     def flat(answer: tuple[list[Term], list[Term]]) -> tuple[list[Array], list[Array]]:

@@ -55,9 +55,7 @@ class StaticPose(NamedTuple):
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
-    """**Raises** `ClearanceError` for a mechanism without play, for an ideal motion that does not follow from drives,
-    and for laws and elements whose forces do not follow from places and slips.
-    """
+    """**Raises** `ClearanceError` for a mechanism whose poses do not follow from drives, places and slips."""
     if not mechanism.clearance_joints():
         raise ClearanceError(
             "A mechanism without play is where its drives put it, whatever the load. Give a joint clearance, or use "
@@ -97,9 +95,7 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
 
 
 def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> StaticPose:
-    """The poses at increasing times, without derivatives, stacked along a first axis; `ideal`: the ideal mechanism's
-    states then. A search begins between known poses, and ends where it would from any start.
-    """
+    """The poses at increasing times, without derivatives, stacked; `ideal`: the ideal mechanism's states then."""
     times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.without_sampling(), ideal))
     count, middles = times.shape[0], tuple(map(middle, mechanism.clearance_joints()))
     if not any(map(is_searched, mechanism.clearance_joints())):
@@ -188,9 +184,7 @@ def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Sta
 
 
 def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
-    """The state of a pose with its derivatives by the mechanism's numbers and the time. They are those of further
-    Newton steps; each step reduces their error by the ratio of clearance to length.
-    """
+    """The state of a pose with its derivatives, those of further Newton steps: each reduces their error."""
     mechanism = mechanism.without_sampling()
     play, ideal = jax.lax.stop_gradient((pose.play, pose.ideal))
     begin = _unstepped(time, mechanism, play, ideal)

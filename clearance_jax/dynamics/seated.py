@@ -40,9 +40,7 @@ class Seated(NamedTuple):
 
 
 def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) -> Float[Array, " joints"]:
-    """Which joints rest (1) and which follow (0): a joint follows if its place of rest takes longer to cross the play
-    than the slowest motion about the pose takes for a radian. `together`: if one rests, all do.
-    """
+    """Which joints rest (1): those whose place of rest crosses the play faster than a radian of the slowest motion."""
     rest = pace > 2 * jnp.pi * frequency
     return jnp.where(jnp.any(rest) if together else rest, jnp.ones(len(pace)), 0.0)
 
@@ -82,9 +80,7 @@ def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Squar
 def play_moves(
     mechanism: PreparedMechanism, time: Scalar, y: Array
 ) -> tuple[Float[Array, "play free"], Float[Array, "free play"]]:
-    """The rates of the play coordinates by the free velocities, and the smallest free velocities for given rates of the
-    play that keep ideal loops closed.
-    """
+    """The rates of the play by the free velocities, and the smallest velocities that keep loops closed for them."""
     at, plan, ways = mechanism.at(time), layout(mechanism), _ways(mechanism, time, y)
     every = closure_conditions(frames(at, time, plan.split(y)))
     # The Jacobian of the conditions of ideal loops.

@@ -44,9 +44,7 @@ DEFLECTIONS = 4
 
 
 def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
-    """The mechanism whose drives that give way start deflected, at rest relative to their motors: they do not
-    accelerate while joints are ideal and everything else moves as prescribed.
-    """
+    """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal."""
     springs = [part for part in parts(mechanism.ideal()) if gives_way(part.coordinate.motion)]
     if not springs:
         return mechanism

@@ -24,9 +24,7 @@ class ImplausibleWarning(UserWarning):
 
 
 def above_pin(radial: Any, pin: Any) -> str:
-    """A text about a radial clearance that is as large as its pin's radius [m] or larger; empty if it is smaller or one
-    of them is traced. (Contact in the plane is right at any size, so it is not refused.)
-    """
+    """A text about a radial clearance as large as its pin's radius [m] or larger; empty if not, or traced."""
     if isinstance(radial, Tracer) or isinstance(pin, Tracer):
         return ""
     try:

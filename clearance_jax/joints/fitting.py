@@ -93,9 +93,7 @@ class PressFit(Module):
         return 2 * a * b / (self.bush_modulus * (b**2 - a**2) * (housing + bush))
 
     def closes(self, bore: Any, warming: Any, expansion: Any) -> tuple[Scalar, Scalar, Scalar]:
-        """By how much a `bore` [m] of a bush with that `expansion` [1/K] closes at its diameter [m], `warming` [K]
-        above 20 degC: at least, with mean sizes, and at most.
-        """
+        """By how much a `bore` [m] closes at its diameter [m] at least, with mean sizes, and at most."""
         seat, part = fit_of(self.diameter, self.fit), self.part(bore)
         loosest, tightest = (seat.hole[1], seat.shaft[0]), (seat.hole[0], seat.shaft[1])
         mean = sum(seat.hole) / 2, sum(seat.shaft) / 2

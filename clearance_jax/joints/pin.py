@@ -30,9 +30,7 @@ from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
 class Sections(NamedTuple):
-    """The sections of a sleeve in which its pin bears: the `geometry` of the whole, and by section its height along the
-    sleeve's axis and its length [m], `heights` and `lengths` (sections,).
-    """
+    """The sections in which a pin bears: the whole `geometry`; by section height along the axis and length [m]."""
 
     geometry: Geometry
     heights: Float[Array, " sections"]

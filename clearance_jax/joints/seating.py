@@ -142,9 +142,7 @@ class Seat(NamedTuple):
 
 
 class Near(NamedTuple):
-    """A start near the end of a search, `place` [m or rad], if it is `known`. Such a search bears the load to a
-    millionth or better; Newton steps of all joints follow.
-    """
+    """A start near the end of a search, `place` [m or rad], if it is `known`; Newton steps of all joints follow."""
 
     place: Values
     known: Flag

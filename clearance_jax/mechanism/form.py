@@ -13,9 +13,7 @@ UNROLLED, PLAYED, FRAMED = 16, 24, 40
 
 
 class EquationForm(NamedTuple):
-    """What decides the form: free velocities, conditions of ideal closures (in space), all coordinates, whether there
-    is play, and whether the mechanism stays in its plane.
-    """
+    """What decides the form: free velocities, conditions in space, all coordinates, play, and whether it is plane."""
 
     free: int
     conditions: int

@@ -203,9 +203,7 @@ PRINTED = 1e-3
 
 
 def check_inertia(tensor: np.ndarray, what: str) -> None:
-    """Raise `ClearanceError` for a tensor (3, 3) that no body has: a negative principal moment, or one larger than the
-    sum of the other two (beyond the rounding of a file).
-    """
+    """Raise for a tensor that no body has: a negative principal moment, or one above the sum of the other two."""
     if not np.all(np.isfinite(tensor)):
         raise ClearanceError(f"{what} must be finite.")
     least, middle, most = np.linalg.eigvalsh(tensor)

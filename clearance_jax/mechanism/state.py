@@ -18,9 +18,7 @@ from clearance_jax.spatial import Term, add, as_array, dot, plus, quaternion_rat
 
 
 class State(NamedTuple):
-    """A state by its parts: positions, velocities, and by name the memory of each clearance joint and the efforts that
-    each sampled actuator or controller holds.
-    """
+    """A state by its parts: positions, velocities; by name the memory of a joint, the efforts that something holds."""
 
     q: Rows
     v: Rows
@@ -58,9 +56,7 @@ def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ..
 
 
 class Layout(NamedTuple):
-    """Places in a state (static): names of the positions, of the velocities, of the memory of each clearance joint, and
-    of the efforts that each sampled actuator or controller holds.
-    """
+    """Places in a state (static): names of positions, velocities, memory of each joint, and held efforts."""
 
     positions: tuple[str, ...]
     velocities: tuple[str, ...]

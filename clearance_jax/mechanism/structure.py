@@ -47,9 +47,7 @@ def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: S
 
 
 def check_loose(loops: Sequence[AbstractJoint]) -> None:
-    """Raise for a loop joint in space with clearance that would have to hold a direction without contact. In the tree a
-    direction that is neither play nor motion is held, because it is no coordinate; in a loop nothing holds it.
-    """
+    """Raise for a loop joint with clearance in space that has neither play nor motion in some direction."""
     for loop in loops:
         if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
             continue

@@ -42,9 +42,7 @@ class SampledPath(Module):
         return hermite(self.places[k], self.moves[k], self.places[k + 1], self.moves[k + 1], x - k)
 
     def nearest(self, point: Float[Array, " 3"]) -> Scalar:
-        """The parameter (in intervals) of the place nearest to a point: on the part of the curve at the nearest chord,
-        where the plane across the curve goes through the point. Bisection works also where the velocity is zero.
-        """
+        """The parameter (in intervals) of the place nearest to a point, on the curve's part at the nearest chord."""
         ways, off = jnp.diff(self.places, axis=0), point[None] - self.places[:-1]
         squares = jnp.sum(ways * ways, axis=1)
         along = jnp.clip(jnp.sum(off * ways, axis=1) / jnp.where(squares > 0, squares, 1.0), 0.0, 1.0)
@@ -135,9 +133,7 @@ class PathDeviation(AbstractSignal):
 
 
 def _error(places: Array, moves: Array) -> Scalar:
-    """An estimate of the largest error of the cubics between samples [m]: the error across the path of those between
-    every second sample, over 2^4.
-    """
+    """The largest error of the cubics between samples [m], across the path: that of every second sample, over 2^4."""
     middles = hermite(places[:-2:2], 2 * moves[:-2:2], places[2::2], 2 * moves[2::2], 0.5)
     off, way = places[1::2] - middles, moves[1::2]
     squares = jnp.sum(way * way, axis=1)

@@ -235,9 +235,8 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
     def advance(y, t0):
         if mechanism.closures():
             y = project(t0, y, problem.mechanism, 2)
-        solution = flow(
-            Inputs(mechanism, t0, t0 + metric.period, None, options.rtol, options.atol, y), options=settings
-        )
+        inputs = Inputs(mechanism, t0, t0 + metric.period, None, options.rtol, options.atol, y)
+        solution = flow(inputs, options=settings)
         # A factor: the slopes of a selected NaN would be zeros.
         end = solution.final[:size] * jnp.where(solution.succeeded, 1.0, jnp.nan)
         return end, end

@@ -34,9 +34,7 @@ from clearance_jax.solve.steps.tolerances import Tolerances, floors, tolerances
 
 
 class Inputs(NamedTuple):
-    """Inputs of a solve: `simulate`'s numbers, with sample times in increasing order; `integrands`: functions of (time,
-    state, mechanism), of any shape, to be integrated along with the motion.
-    """
+    """Inputs of a solve; `integrands`: functions of (time, state, mechanism), of any shape, to be integrated along."""
 
     mechanism: Mechanism
     t0: Array

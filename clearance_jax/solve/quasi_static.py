@@ -24,15 +24,13 @@ from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.pose import StaticPose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.start import are_within, has_left, leaves_walls
+from clearance_jax.solve.start import are_within, has_left, is_possible, leaves_walls
 from clearance_jax.solve.steps.interpolate import hermite
 from clearance_jax.solve.steps.observers import AbstractObserver, Picked
-from clearance_jax.solve.steps.tolerances import largest_length
 from clearance_jax.solve.validity import NOT_VALID, Validity, validity_of
 
 # Intervals of the grid; Simpson's rule wants an even number.
@@ -45,9 +43,7 @@ POSED, CLOSED = 1e-4, 1e-8
 
 
 class PoseTask(NamedTuple):
-    """Inputs of a quasi-static motion, varied numbers first; the sample times outside the grid (`between`), and the
-    index of each sample among the grid's times and those (`places`).
-    """
+    """Inputs of a quasi-static motion, varied numbers first; sample times off the grid; each sample's index in all."""
 
     mechanism: Mechanism
     integrands: tuple
@@ -116,8 +112,11 @@ def _motion_jvp(primals, tangents, *, observers, seats):
 
 @solo_jit
 def _differentiated(asked: PoseTask, rates: PoseTask, posed: Poses, seats: bool):
+    def middle(time, mechanism, pose):
+        return middle_pose(time, mechanism, pose.ideal).y
+
     def motion(asked):
-        return _solution(asked, posed, _states(asked, posed, with_derivatives if seats else _middle))
+        return _solution(asked, posed, _states(asked, posed, with_derivatives if seats else middle))
 
     return eqx.filter_jvp(motion, (asked,), (rates,))
 
@@ -126,10 +125,6 @@ def _differentiated(asked: PoseTask, rates: PoseTask, posed: Poses, seats: bool)
 def _valued(asked: PoseTask, observers: tuple[AbstractObserver, ...], seats: bool) -> tuple[Solution, Poses]:
     posed = _pose_all(asked, observers, seats)
     return _solution(asked, posed, _states(asked, posed)), posed
-
-
-def _middle(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
-    return middle_pose(time, mechanism, pose.ideal).y
 
 
 def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
@@ -145,7 +140,11 @@ def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
     every = jax.tree.map(lambda x: x[back], at_places(times, ready, ideal))
     on_grid, at_times = (jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), asked.places))
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
-    good = are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
+    good = (
+        is_possible(every.errors, asked.mechanism, CLOSED, POSED)
+        & bounds_hold(asked.mechanism)
+        & jnp.all(jnp.isfinite(every.y))
+    )
     left = jnp.asarray(False)
     if leaves_walls(ready):
         left = jnp.any(jax.vmap(lambda t, y: has_left(ready, t, y))(times[back], every.y))
@@ -157,8 +156,7 @@ def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
 
 def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
     """Whether pins rest under their loads, and loops are closed."""
-    closed = jnp.all(errors.loops <= CLOSED * largest_length(mechanism))
-    return closed & jnp.all(errors.unborne <= POSED) & jnp.all(errors.moved <= POSED)
+    return is_possible(errors, mechanism, CLOSED, POSED)
 
 
 class Read(NamedTuple):
@@ -191,16 +189,13 @@ def _states(asked: PoseTask, posed: Poses, state: Callable[..., Array] | None = 
     samples = read(times, posed.at_times) if times.size else posed.at_times.y
     if not asked.integrands:
         return Read(ends[0], ends[1], samples, picks, jnp.zeros(0), jnp.zeros((times.shape[0], 0)))
-    values = _integrands(asked, ready, grid, read(grid, posed.on_grid))
-    sums = _cumulative(values, (asked.t1 - asked.t0) / INTERVALS)
-    return Read(ends[0], ends[1], samples, picks, sums[-1], _between(grid, sums, values, times))
 
-
-def _integrands(asked: PoseTask, ready: Any, grid: Array, y: Array) -> Float[Array, "times quadratures"]:
-    def flat(time, y):
+    def integrands(time, y):
         return jnp.concatenate([jnp.ravel(f(time, y, ready)) for f in asked.integrands])
 
-    return jax.vmap(flat)(grid, y)
+    values = jax.vmap(integrands)(grid, read(grid, posed.on_grid))
+    sums = _cumulative(values, (asked.t1 - asked.t0) / INTERVALS)
+    return Read(ends[0], ends[1], samples, picks, sums[-1], _between(grid, sums, values, times))
 
 
 def _cumulative(values: Float[Array, "times k"], h: Scalar) -> Float[Array, "times k"]:

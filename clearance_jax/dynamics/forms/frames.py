@@ -63,9 +63,7 @@ class SpatialForce(NamedTuple):
 
 
 class Moves:
-    """The velocity or spin that each free coordinate makes per unit of its rate: vectors (zero where it does not move
-    the body), or an array (free, 3).
-    """
+    """The velocity or spin by each free coordinate per unit of its rate: vectors, or an array (free, 3)."""
 
     def __init__(self, every: list[Vector] | Array):
         self.every = every

@@ -61,9 +61,7 @@ def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state:
 
 
 class Swept(NamedTuple):
-    """By link: the `rates` of its coordinate (zero for balls) and the `axes` that it slides along or turns about, in
-    the link's own axes; and the `motions` of all links, the ground behind them.
-    """
+    """By link: `rates` and own `axes` of its coordinate; and the `motions` of all links, the ground behind them."""
 
     rates: list[Term]
     axes: Array

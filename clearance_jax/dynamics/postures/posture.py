@@ -34,9 +34,7 @@ HOLDS = 3
 
 
 class PostureSolution(NamedTuple):
-    """End of a search: positions, residual `gap` and its Jacobian there, which sought coordinates are `at_limit`, the
-    number of iterations; `closed` as in `PoseGap`.
-    """
+    """End of a search: positions, `gap` and Jacobian there, sought coordinates `at_limit`, iterations, `closed`."""
 
     q: Positions
     gap: Float[Array, " rows"]

@@ -170,11 +170,8 @@ class Arc(AbstractSegment):
     def refusal(self, corners):
         begin, end = (np.asarray(corner.place) for corner in corners)
         p, q = np.asarray(as_array(self.via.vector)) - begin, end - begin
-        if np.linalg.norm(np.cross(p, q)) <= SAME * max(p @ p, q @ q):
-            return (
-                "its begin, `via` and end lie on a line, or two of them at one place, through which there is no circle"
-            )
-        return ""
+        reason = "its begin, `via` and end lie on a line, or two of them at one place, through which there is no circle"
+        return reason if np.linalg.norm(np.cross(p, q)) <= SAME * max(p @ p, q @ q) else ""
 
 
 class Curve(AbstractSegment):

@@ -25,9 +25,7 @@ from clearance_jax.spatial import (
 
 
 class Moved(NamedTuple):
-    """Positions, velocities and given accelerations of a coordinate (0.0 where nothing moves); `index` of its first
-    velocity among the free ones (-1: prescribed).
-    """
+    """Positions, velocities and given accelerations of a coordinate; `index` of its velocity (-1: prescribed)."""
 
     index: int
     q: tuple[Term, ...]
@@ -48,9 +46,7 @@ def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
 
 
 class FrameStep(NamedTuple):
-    """One motion of a frame: an elementary coordinate, which slides along or turns about an axis (neither: a ball), or
-    the two `tilts` of a swing about perpendicular axes.
-    """
+    """One motion of a frame: it slides along or turns about an axis (neither: a ball), or swings by two `tilts`."""
 
     by: Moved
     slides: Vector | None = None

@@ -143,9 +143,7 @@ def _own_field(t, y, args):
 
 
 def integrate(task: SolveTask, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
-    """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it. Then diffrax samples, because our loop over
-    samples would copy all of them for each lane.
-    """
+    """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it; diffrax samples then, with fewer copies."""
     at = task.save_at
     by_diffrax = mapped and at is not None
     out = _by_diffrax(task, options, moving_breaks, [diffrax.SubSaveAt(ts=at)] if by_diffrax else [], not by_diffrax)

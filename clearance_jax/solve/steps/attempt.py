@@ -26,9 +26,7 @@ STARTS = CENTRE, SETTLED = "centre", "settled"
 
 
 class Options(NamedTuple):
-    """The choices of `simulate` for which a solve is compiled. `solver`: a diffrax Runge-Kutta solver; `observers`: see
-    every accepted step (`observers.AbstractObserver`); `start`: one of `STARTS`.
-    """
+    """The choices of `simulate` for which a solve is compiled; `observers` see every accepted step."""
 
     solver: Any
     locate_events: bool

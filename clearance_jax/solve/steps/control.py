@@ -54,9 +54,7 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Verdict on a try: its error over the allowed one; whether it crosses an event, the time just past the event, to
-    which the next try goes, and how far past that is [s].
-    """
+    """Verdict on a try: error over the allowed one; whether it crosses an event, the time past it, how far past [s]."""
 
     error: Each
     cut: EachFlag
@@ -65,9 +63,7 @@ class Verdict(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """Whether to keep a try; start and end of the next one; whether that starts just past a break; the new memory;
-    whether the solve ends here, because the step size has collapsed or a part has left its walls.
-    """
+    """Whether to keep a try; start and end of the next; is a break just before; the memory; does the solve end here."""
 
     keep: EachFlag
     start: Each
@@ -185,9 +181,7 @@ def factor(error: Each, accurate: EachFlag, order: float) -> Each:
 
 
 def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means) -> Scalar:
-    """End of the first try: a ten thousandth of the time in which the state moves by its own scale. The control then
-    grows the step, so a small start costs little and no impact just after t0 is missed.
-    """
+    """End of the first try, a ten thousandth of the state's own time: a small start costs little, misses no impact."""
     first, unit = motion(problem, y0), means.allowed.unit
     places = first[problem.places]
     moved = problem.place_rates(first)

@@ -134,9 +134,7 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
 
 
 class EventJoints(NamedTuple):
-    """A joint whose events are located, or several alike joints with several points together: then every number has an
-    axis of joints, the second one in a curve's coefficients.
-    """
+    """A joint whose events are located, or several alike ones together: then every number has an axis of joints."""
 
     clearance: PreparedClearance
     curve: StepCurve
@@ -259,9 +257,7 @@ def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
 
 
 def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Each]:
-    """Where a penetration comes closest to a change of sign between two samples, and how far beyond (negative: not
-    quite; minus infinity: no extremum).
-    """
+    """Where a penetration comes closest to a change of sign between samples; how far beyond (negative: not quite)."""
     towards = jnp.where(depth[:1] <= 0, 1.0, -1.0)
     widths = jnp.diff(places, axis=0)
     x, height, bend = share(tops(towards * depth, towards * rate * h, widths))

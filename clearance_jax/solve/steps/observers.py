@@ -88,9 +88,7 @@ def _largest(value: Array, count: int) -> Array:
 
 
 class PeakRecord(NamedTuple):
-    """Peaks so far; and time, value, slope and state at the last step's end, which is a peak if the next step begins
-    neither higher nor rising.
-    """
+    """Peaks so far; and the last step's end, which is a peak if the next step begins neither higher nor rising."""
 
     peaks: SignalPeaks
     time: Array
@@ -278,9 +276,7 @@ class PeakFinder(AbstractObserver):
 
 
 class Touches(NamedTuple):
-    """Contacts of a joint: how often its surfaces have met, the lowest approach speed of these [m/s], and the smallest
-    distance at which they turned back without touching [m] (infinite: none).
-    """
+    """How often surfaces have met, their lowest approach speed [m/s], the nearest miss [m] (infinite: none)."""
 
     count: Array
     slowest: Array

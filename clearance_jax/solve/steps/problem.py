@@ -88,9 +88,7 @@ def widths(problem: Problem) -> list[int]:
 # Traced once and called wherever a rate is wanted; XLA inlines the calls.
 @jax.jit
 def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
-    """The rate of a state or a stack, (..., size, *lanes), and of the quadratures behind it, (..., size + quadratures,
-    *lanes); the latter are zeros where they do not count.
-    """
+    """The rate of a state or stack, (..., size, *lanes), with its quadratures behind, zero where they do not count."""
 
     def rows(time, y, problem):
         mechanism, integrands = problem.model
@@ -195,9 +193,7 @@ def split(tree, directions):
 
 
 def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
-    """`function(tree)`, its derivatives along the directions (`None` for leaves that do not vary), and by leaf the
-    varied leaves on which it depends.
-    """
+    """`function(tree)`, its derivatives along the directions, and by leaf the varied leaves on which it depends."""
     varied, fixed = split(tree, directions)
 
     def of(v):
