@@ -257,9 +257,8 @@ def dense(matrix: list[list[Term]]) -> Array:
 
 
 def factor(matrix: list[list[Term]]) -> AbstractFactors:
-    """Factor a symmetric positive definite matrix given by its lower triangle (structural zeros stay absent).
-
-    For few rows the loops are unrolled into the program.
+    """Factor a symmetric positive definite matrix by its lower triangle (structural zeros stay absent); few rows
+    unrolled.
     """
     if len(matrix) >= MANY:
         return Dense(jnp.linalg.cholesky(dense(matrix)))

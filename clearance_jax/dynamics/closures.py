@@ -10,14 +10,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.conditions import closure_conditions, conditions, constraint, independent, wrong_way
-from clearance_jax.dynamics.forms.frames import Frames
 from clearance_jax.dynamics.kinematics import frames, sleeve_axes
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, move, parts
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
-from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minus, plus, times
+from clearance_jax.spatial import ZERO, Term, as_array, cross, dot, minus, plus, times
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
 FIRM = 1e9
@@ -48,17 +47,18 @@ def correct(
     firm: Mapping[int, Term] | None = None,
     settle: Term = 1.0,
 ) -> tuple[Array, Float[Array, " loops"]]:
-    """One Newton step of positions and velocities towards closed loops, and how far each loop was open [m].
-
-    **Arguments:** `firm`: factors on the inertia of coordinates that are to stay; `settle`: factor on the change of the
-    velocities (0: only positions change).
+    """One Newton step of positions and velocities towards closed loops, and how far each loop was open [m]; `firm`:
+    factors on the inertia of coordinates that are to stay; `settle`: factor on the change of velocities.
     """
     mechanism, plan = mechanism.at(time), layout(mechanism)
     state = plan.split(y)
     motion = frames(mechanism, time, state)
     loop_conditions, gaps, rates, opened = [], [], [], []
     for loop in loops:
-        offset = initial_offset(loop, motion)
+        # Of a joint with clearance, its pin is where it starts.
+        offset = ZERO
+        if isinstance(loop, AbstractPlayed) and loop.clearance is not None:
+            offset = sleeve_axes(loop, motion).apply(loop.eccentricity.vector)
         turning = cross(motion[loop.parent].spin, offset)
         errors = []
         for now in conditions(loop, motion):
@@ -116,13 +116,6 @@ def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Arra
         return jnp.where(k < HELD + LOOSE - 1, moved, carry[0]), opened
 
     return jax.lax.fori_loop(0, HELD + LOOSE, once, (y, jnp.zeros(len(mechanism.loops))))
-
-
-def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
-    """The starting place of the pin of a loop with clearance, from its sleeve's centre, in the world's axes [m]."""
-    if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
-        return ZERO
-    return sleeve_axes(loop, motion).apply(loop.eccentricity.vector)
 
 
 class Mobility(NamedTuple):

@@ -24,9 +24,8 @@ from clearance_jax.spatial import Term, minus, plus, times
 
 
 class Balance(NamedTuple):
-    """The solved equations of motion: where everything is, the action of each clearance joint (by name), the wrench
-    pairs of clearances, springs and loads, the efforts of actuators and controllers, the free accelerations, and the
-    wrenches of the ideal closures.
+    """The solved equations of motion: frames, actions of clearance joints (by name), wrench pairs of clearances,
+    springs and loads, efforts of actuators and controllers, free accelerations, and wrenches of the ideal closures.
     """
 
     motion: Frames

@@ -74,7 +74,7 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
     if rotation.is_plane and pin.rotation.is_plane:
         angle, spin = minus(pin.angle, sleeve.angle), (0.0, 0.0, minus(pin.spin[2], sleeve.spin[2]))
         return share(Relative(place, angle, velocity, spin))
-    rows = product(transpose(rotation.rows), pin_axes(joint.joint, motion).rows)
+    rows = product(transpose(rotation.rows), _along(joint.joint, joint.joint.on_child(pin)).rows)
     spin = rotation.undo(subtract(pin.spin, sleeve.spin))
     return with_barriers(Relative(place, 0.0, velocity, spin, rows))
 
@@ -82,11 +82,6 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
 def sleeve_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
     """The sleeve's axes; z is the axis of the joint."""
     return _along(joint, sleeve_rotation(joint, motion))
-
-
-def pin_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
-    """The pin's axes; z is the axis of the pin."""
-    return _along(joint, joint.on_child(motion[joint.child]))
 
 
 def _along(joint: AbstractPlayed, rotation: Rotation) -> Rotation:
@@ -139,10 +134,8 @@ def relative_accelerations(
 
 
 def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: AbstractExtra) -> Relative:
-    """The rate of the relative motion in a joint that closes a loop.
-
-    With u the pin's place in the sleeve's axes, R these axes, w the sleeve's spin: u'' = R^T (a_pin - a_sleeve) - 2 w
-    x u', of the pin's centre and the sleeve's material point there.
+    """The rate of the relative motion in a joint that closes a loop: for the pin's place u in the sleeve's axes R, of
+    the spin w, u'' = R^T (a_pin - a_sleeve) - 2 w x u', of the pin's centre and the sleeve's material point there.
     """
     now, sleeve, pin = at.relative, motion[joint.parent], motion[joint.child]
     apart = subtract(

@@ -124,9 +124,8 @@ def axes_of(mechanism: AbstractMechanism) -> tuple[str, ...]:
 
 
 class Variable(NamedTuple):
-    """Dimensions after the leading one, SI unit and meaning of a variable.
-
-    A unit `see NAME` is in the coordinate of that name, one for each entry of the variable's first dimension.
+    """Dimensions after the leading one, SI unit and meaning of a variable. A unit `see NAME` is that of the coordinate
+    of this name, for each entry of the first dimension.
     """
 
     dims: tuple[str, ...]

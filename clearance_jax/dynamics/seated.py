@@ -47,9 +47,8 @@ def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) 
 
 def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
     """The lowest frequency [Hz] of contacts with a `stiffness` [J, for play in units of its size] and the `inverse` of
-    the masses. Directions without stiffness, as axial play under no axial load, are left out: they have no place of
-    rest. 0 where a stiffness is negative. (The effect of weight is left out: its square of 2 pi f is gravity over a
-    length of the mechanism.)
+    the masses. Directions without stiffness have no place of rest and are left out; 0 where it is negative. (So is the
+    weight: its square of 2 pi f is gravity over a length of the mechanism.)
     """
     values, ways = small_eigh(stiffness)
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))

@@ -229,9 +229,8 @@ class PreparedClearance(Module):
         return out
 
     def latch(self, memory: Memory, now: Relative, rate: Relative) -> Memory:
-        """The memory at the start of a step: rewritten by the laws where contact has just begun or ended.
-
-        **Arguments:** the relative motion `now`, and its time derivative (`rate`).
+        """The memory at the start of a step, rewritten by the laws where contact has just begun or ended: from the
+        relative motion `now` and its time derivative (`rate`).
         """
         # Structural zeros of the place stay absent.
         numbers, constants = eqx.partition(now, eqx.is_array)

@@ -90,9 +90,7 @@ class ContactPoint(NamedTuple):
         return self.slip if self.sweep is None else (self.slip[0] + self.sweep, *self.slip[1:])
 
     def rubbing_around(self, lever: Array, spin: Term) -> "ContactPoint":
-        """The same with friction on a lever further from the pin's axis, about which the pin spins [rad/s]. Faces of a
-        sleeve are normal to the axis, and keep their friction.
-        """
+        """The same with friction further from the axis by a lever; the pin spins about it [rad/s]. Not of faces."""
         x, y, _ = self.normal
         lever = jnp.where(plus(times(x, x), times(y, y)) > 0.5, lever, 0.0)
         return self._replace(lever=lever, sweep=lever * spin)

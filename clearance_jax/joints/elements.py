@@ -190,9 +190,7 @@ def _mean_positive(values: Array) -> Array:
 
 
 def _loads(e: Scalar, closing: Scalar, around: Scalar) -> tuple[Scalar, Scalar]:
-    """Integrals of the positive half of (a cos t + b sin t) / (1 - e cos t)^3, times cos t and sin t, with a
-    = `closing` and b = `around`.
-    """
+    """Integrals of max(0, a cos t + b sin t) / (1 - e cos t)^3, times cos t and sin t; a = `closing`, b = `around`."""
     size, a, b = safe_unit(closing, around)
     a = jnp.where(size > 0, a, 1.0)
     root = jnp.sqrt(1 - e * e)

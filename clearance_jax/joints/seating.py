@@ -208,9 +208,7 @@ class Seating(NamedTuple):
 
     @property
     def most(self) -> Values:
-        """The size of the load along each coordinate, at the middle or where the load was computed. A pin tilted there
-        has parts of the load that vanish at the middle by symmetry.
-        """
+        """The same, at the middle or where the load was computed: parts of a tilted pin's vanish at the middle."""
         if self.turned is None:
             return self.asked
         return jnp.maximum(self.asked, jnp.where(self.counts, self._along(self.load, self.turned.at), 0.0))
@@ -226,9 +224,7 @@ class Seating(NamedTuple):
         return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
-        """What the joint bears with the pin pressed along its first slide by a part of its play: beyond the play, or
-        from the middle if an element there holds the pin.
-        """
+        """What it bears at a `depth` [play] beyond its wall along its first slide (or the middle, if an element holds it)."""
         element = self.clearance.joint.element
         free = 0 if element is not None and element.stiff else 1
         return jnp.abs(self.residual((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
@@ -301,9 +297,8 @@ class Seating(NamedTuple):
 
 
 def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
-    """The stiffness of a joint without friction and load, for play in units of its size [J], without derivatives.
-
-    **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad].
+    """The stiffness of a joint without friction and load at a place (play,), for play in units of its size [J];
+    constant.
     """
     smooth, size = clearance.without_friction(), size_of(clearance.joint.play())
     joint, at, size = jax.lax.stop_gradient((smooth, place, size))

@@ -100,10 +100,8 @@ PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUID
 
 
 def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) -> AbstractPlayed:
-    """The joint with a whole `clearance`, with one made of a designer's `numbers`, or with some of its own replaced.
-
-    **Raises:** `ClearanceError` for a joint of a kind that has no play, for numbers that are not of its kind, and for
-    what is missing or contradicts itself.
+    """The joint with a whole `clearance`, one made of a designer's `numbers`, or some of its own replaced. **Raises**
+    `ClearanceError` for a joint without play, numbers of another kind, and what is missing or contradicts itself.
     """
     if not isinstance(joint, AbstractPlayed):
         raise no_play_reason(joint)

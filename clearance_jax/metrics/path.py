@@ -28,9 +28,7 @@ OF_PLAY, OF_LENGTH = 1e-3, 1e-8
 
 
 class SampledPath(Module):
-    """A path by samples at equal time intervals: `places` [m], and `moves`, velocities times the interval [m]; `known`:
-    whether these are dense enough.
-    """
+    """A path by equally spaced samples: `places` [m], `moves` (velocity times interval) [m]; `known`: dense?"""
 
     places: Float[Array, "samples 3"]
     moves: Float[Array, "samples 3"]

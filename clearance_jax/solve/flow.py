@@ -168,9 +168,8 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 
 
 def task_of(inputs: Inputs, options: Options, directions: Any = None) -> SolveTask:
-    """The task of a solve; with directions (a tree like `inputs.varied`) its states are stacks.
-
-    A motion that cannot begin (see `refusal_of`) ends where it begins, with a code of its own.
+    """The task of a solve; with directions (a tree like `inputs.varied`) its states are stacks. A motion that cannot
+    begin (see `refusal_of`) ends where it begins, with a code of its own.
     """
     t0, t1, save_at = inputs.t0, inputs.t1, inputs.save_at
     problem, start, allowed, errors = problem_of(inputs, options, directions)
@@ -211,14 +210,12 @@ def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = 
 
 
 def _directions(inputs: Inputs, which: Which) -> Any:
-    """A direction for each number that varies."""
-    return None if which is None else basis(_varying_numbers(inputs, which))
-
-
-def _varying_numbers(inputs: Inputs, which: tuple[bool, ...]) -> Any:
-    """The numbers that vary; `None` for the others."""
+    """A direction for each number that varies; `None` for the others."""
+    if which is None:
+        return None
     leaves, tree = jax.tree.flatten(inputs.varied, is_leaf=lambda x: x is None)
-    return jax.tree.unflatten(tree, [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)])
+    numbers = [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)]
+    return basis(jax.tree.unflatten(tree, numbers))
 
 
 def _breaks_move(task: SolveTask) -> bool:

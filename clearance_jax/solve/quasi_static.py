@@ -73,10 +73,7 @@ class Poses(NamedTuple):
 def quasi_static(
     mechanism: Mechanism, t1: Any, settings: Settings, observers: tuple = (), integrands: tuple = ()
 ) -> Solution:
-    """The quasi-static motion from `t0` to `t1`, as a solution without energy balance.
-
-    **Raises:** `ClearanceError` for what no pose can give (see `check_poses`).
-    """
+    """The quasi-static motion from `t0` to `t1`, without energy balance. **Raises** as `check_poses`."""
     check_poses(mechanism, settings)
     asked = PoseTask(mechanism, integrands, settings.t0, t1, settings.save_at, *_beside_grid(settings, t1))
     return _motion(asked, observers=observers, seats=settings.fidelity != STATIC)
@@ -140,11 +137,7 @@ def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
     every = jax.tree.map(lambda x: x[back], at_places(times, ready, ideal))
     on_grid, at_times = (jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), asked.places))
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
-    good = (
-        is_possible(every.errors, asked.mechanism, CLOSED, POSED)
-        & bounds_hold(asked.mechanism)
-        & jnp.all(jnp.isfinite(every.y))
-    )
+    good = are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
     left = jnp.asarray(False)
     if leaves_walls(ready):
         left = jnp.any(jax.vmap(lambda t, y: has_left(ready, t, y))(times[back], every.y))

@@ -44,9 +44,8 @@ def kind_of(model: Any) -> str:
 
 
 def choose_solver(model: Any, rtol: Any) -> str:
-    """The name of the solver for a mechanism, or a model that has one, at a relative tolerance.
-
-    **Raises:** `ClearanceError` for an `rtol` that is not known while the program is made.
+    """The name of the solver for a mechanism, or a model that has one, at a relative tolerance. **Raises**
+    `ClearanceError` for an `rtol` that is traced.
     """
     if isinstance(rtol, Tracer):
         raise ClearanceError(

@@ -107,10 +107,8 @@ class AbstractExtra(abc.ABC):
 
 
 class Frames(abc.ABC):
-    """The frames of all bodies in one state, by name, with the mechanism's inertia, loads and energies there.
-
-    Coordinates are counted by free velocities. `acceleration` is that of each of them; where it is `None`, their
-    accelerations are left out, as in `Frame`.
+    """The frames of all bodies in one state, by name, with inertia, loads and energies there. `acceleration`: of each
+    free velocity; `None`: accelerations without that part, as in `Frame`.
     """
 
     mechanism: PreparedMechanism

@@ -23,9 +23,7 @@ from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtra
 
 
 class ColumnArrays(NamedTuple):
-    """The free columns of a table as arrays: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1
-    for the columns that move a body, else 0.
-    """
+    """Free columns: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1 if it moves a body."""
 
     spins: Float[Array, "columns 3"]
     slides: Float[Array, "columns 3"]

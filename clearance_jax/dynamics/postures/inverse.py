@@ -224,15 +224,10 @@ def in_the_way(chain: Chain, aim: Aim, solution: PostureSolution) -> str:
     direction = beyond @ (beyond.T @ np.asarray(solution.gap))
     if np.linalg.norm(direction) < SINGULAR * float(solution.left):
         return "Give another `start`."
-    return "The posture is singular, stretched or folded: " + _without_reach(chain, aim, -direction)
-
-
-def _without_reach(chain: Chain, aim: Aim, direction: np.ndarray) -> str:
-    places = 2 if chain.mechanism.is_plane else 3
-    along, turning = direction[:places], direction[places:]
-    if np.linalg.norm(along) >= np.linalg.norm(turning) or aim.rotation is None:
-        unit, what = along / np.linalg.norm(along), "moves it along"
-    else:
-        unit = turning[:3] / max(np.linalg.norm(turning[:3]), 1e-300)
-        what = "turns it about"
-    return f"no joint {what} ({', '.join(f'{x + 0.0:.3f}' for x in unit)})."
+    along, turning = np.split(-direction, [2 if chain.mechanism.is_plane else 3])
+    unit, what = along, "moves it along"
+    if np.linalg.norm(along) < np.linalg.norm(turning) and aim.rotation is not None:
+        unit, what = turning[:3], "turns it about"
+    unit = unit / max(np.linalg.norm(unit), 1e-300) + 0.0
+    shown = ", ".join(f"{x:.3f}" for x in unit)
+    return f"The posture is singular, stretched or folded: no joint {what} ({shown})."

@@ -56,12 +56,6 @@ def _start(q):
     return jnp.where(q < 3, near, q + jnp.log(q + jnp.log(q)))
 
 
-def _logarithm(t: Scalar) -> Scalar:
-    """The w > 1 with w exp(-w) = t < 1/e."""
-    q = -jnp.log(t)
-    return newton(lambda w, q: w * (q - 1 + jnp.log(w)) / (w - 1), _start(q), NEWTON, q, unrolled=True)
-
-
 def _logarithmic(constant: Callable[[ContactLine], Scalar]) -> Relation:
     """The relation of a constant C."""
 
@@ -71,7 +65,9 @@ def _logarithmic(constant: Callable[[ContactLine], Scalar]) -> Relation:
     def split(line, penetration):
         end = limit(line)
         inside = jnp.clip(penetration, 1e-30, end)
-        w = _logarithm(inside / (4 * line.clearance) * jnp.exp(-constant(line)))
+        # w > 1 with w exp(-w) = exp(-q) < 1/e.
+        q = -jnp.log(inside / (4 * line.clearance) * jnp.exp(-constant(line)))
+        w = newton(lambda w, q: w * (q - 1 + jnp.log(w)) / (w - 1), _start(q), NEWTON, q, unrolled=True)
         return inside, w, positive_part(penetration - end)
 
     def force(line, penetration):

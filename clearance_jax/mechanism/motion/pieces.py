@@ -62,10 +62,8 @@ _ELEMENT = HERMITE.T @ _JERK @ HERMITE
 
 
 def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Values, Values]:
-    """Speeds and accelerations at every point.
-
-    **Arguments:** `times` [s] (increasing), `values`; `speeds`: where they are given, only accelerations are sought;
-    otherwise the motion begins and ends at rest. Accelerations at both ends are zero.
+    """Speeds and accelerations at every point, of a motion from rest to rest or with given `speeds`; accelerations at
+    both ends are zero. **Arguments:** `times` [s] (increasing), `values`.
     """
     n = times.shape[0]
     known = jnp.stack([jnp.zeros(n) if speeds is None else speeds, jnp.zeros(n)], axis=-1)

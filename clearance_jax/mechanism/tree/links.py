@@ -35,9 +35,8 @@ ONCE = 3
 
 
 class Links(Module):
-    """The numbers of a table: by link the fixed rotation and offset before it, and its axis in its own frame; by body
-    the fixed rotation and offset of its frame on the link that carries it, and its mass, centre and inertia in that
-    link's axes.
+    """The numbers of a table: by link the fixed rotation and offset before it, and its axis; by body the fixed rotation
+    and offset of its frame on its link, and mass, centre and inertia in the axes of that link.
     """
 
     turned: Float[Array, "links 3 3"]
@@ -164,12 +163,7 @@ def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
 
 def rodrigues(axis: Float[Array, "links 3"], sine: Float[Array, " links"], cosine: Float[Array, " links"]) -> Array:
     """The matrices of turns about unit axes, (links, 3, 3)."""
-    k = _hats(axis)
-    return jnp.eye(3)[None] + sine[:, None, None] * k + (1 - cosine)[:, None, None] * (k @ k)
-
-
-def _hats(a: Float[Array, "n 3"]) -> Array:
-    """The matrices of cross products."""
-    x, y, z = a[:, 0], a[:, 1], a[:, 2]
+    x, y, z = axis[:, 0], axis[:, 1], axis[:, 2]
     o = jnp.zeros_like(x)
-    return jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
+    k = jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)  # a cross product
+    return jnp.eye(3)[None] + sine[:, None, None] * k + (1 - cosine)[:, None, None] * (k @ k)

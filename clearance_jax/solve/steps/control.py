@@ -105,11 +105,6 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
-def lenience(order: float) -> float:
-    """The weight of the derivatives' errors beside the motion's, for a method whose error has this order."""
-    return LENIENCE * REFINED ** max(order - PLAIN_ORDER, 0.0)
-
-
 def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each]:
     """The error of a step over the allowed one: of motion and derivatives, and of the motion alone.
 
@@ -142,7 +137,9 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
             columns += jnp.maximum(rms(begin, kind), rms(end, kind))
             # Shared: the reduction that follows goes through them lane by lane.
             worst = jnp.maximum(worst, jnp.max(share(rms(off, kind) / columns), axis=0))
-        scaled = jnp.maximum(scaled, lenience(means.order) * worst)
+        # The weight of the derivatives' errors beside the motion's.
+        lenience = LENIENCE * REFINED ** max(means.order - PLAIN_ORDER, 0.0)
+        scaled = jnp.maximum(scaled, lenience * worst)
     fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
 

@@ -231,20 +231,17 @@ def earliest(wanted: Array, places: Array) -> Each:
 
 
 def graze(places: Array, point: ContactPoint, h: Each) -> Each:
-    """The place between two samples at which a penetration comes closest to a change of sign (a graze would begin and
-    end there); infinite if it has no extremum.
-
-    **Arguments:** one contact point at all places (first axis).
+    """The place between two samples at which a penetration (of one point at all places, first axis) comes closest to a
+    change of sign, where a graze would begin and end; infinite without an extremum.
     """
     place, height = closest(places, point.penetration, point.penetration_rate, h)
     return jnp.where(height > -jnp.inf, place, jnp.inf)
 
 
 def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
-    """`graze` of each of several joints (joints, *lanes), at the point that comes closest to contact, or goes furthest
-    beyond. An earlier graze of another point is found once the step has been cut there.
-
-    **Arguments:** contact points at all places, (places, joints, points, *lanes).
+    """`graze` of each of several joints (joints, *lanes), at the point (points: places, joints, points, *lanes) that
+    comes closest to contact or goes furthest beyond; earlier grazes of others are located once the step has been cut
+    there.
     """
     of_points = jax.vmap(closest, (None, 1, 1, None))
     place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, points.penetration, points.penetration_rate, h)

@@ -39,9 +39,7 @@ def polynomial(coefficients, x):
 
 def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -> Array:
     """The state at a fraction x of a step of size h; ends (y0, y1, slope0, slope1), states `[q, v, ...]` along the last
-    axis but the lanes'.
-
-    Where positions and speeds correspond, by the quintic through the accelerations; the rest by the cubic.
+    axis but the lanes'. By the quintic through accelerations where positions have their speeds; the rest by the cubic.
     """
     y0, y1, slope0, slope1 = ends
     if plan.positions != plan.velocities:

@@ -53,9 +53,8 @@ class AbstractObserver(Module):
         return record, None
 
     def among(self, times: Array, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Array]:
-        """The indices of the states that it picks among states at separate times, and its values there.
-
-        **Raises:** `ClearanceError` if it needs the motion between them.
+        """Indices and values of the states it picks among separate ones. **Raises** `ClearanceError` if it follows
+        steps.
         """
         raise ClearanceError(
             f"{type(self).__name__} follows a motion step by step, and quasi-static poses have none: use "

@@ -57,9 +57,7 @@ _EPS = float(np.finfo(np.float64).eps)
 
 
 class Trial(NamedTuple):
-    """A try of a step: its start (with laws latched), its end, the estimated error, the slopes at both ends and at all
-    stages (stages, ..., n, *lanes).
-    """
+    """A try of a step: start (laws latched), end, error; slopes at its ends and stages (stages, ..., n, *lanes)."""
 
     start: Array
     end: Array
