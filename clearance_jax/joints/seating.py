@@ -224,7 +224,7 @@ class Seating(NamedTuple):
         return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
-        """What it bears at a `depth` [play] beyond its wall along its first slide (or the middle, if an element holds it)."""
+        """What it bears at a `depth` [play] beyond its wall along its first slide (or a stiff element's middle)."""
         element = self.clearance.joint.element
         free = 0 if element is not None and element.stiff else 1
         return jnp.abs(self.residual((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])

@@ -167,7 +167,7 @@ def follow(
     aim = aim_at(ready, first, jnp.asarray(edges[:2].mean()))
     begin = begin_of(mechanism, chain, start)
     solution = best(chain, aim, first, begin, start is None, tolerance / 10)
-    if not is_met(chain, aim, solution, tolerance / 10):
+    if not is_met(chain, solution, tolerance / 10):
         raise ClearanceError(why_unreached(chain, aim, solution, ", where the path begins"))
     knots, blocks = _refine(chain, ready, edges, solution.q, tolerance)
     _check_speeds(chain, knots, blocks)

@@ -81,7 +81,7 @@ def inverse_kinematics(
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
         return posture_of(chain, aim, search(chain, aim, jnp.zeros(()), begin))
     solution = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
-    if not is_met(chain, aim, solution, tolerance):
+    if not is_met(chain, solution, tolerance):
         raise ClearanceError(why_unreached(chain, aim, solution))
     return posture_of(chain, aim, solution)
 
@@ -121,11 +121,11 @@ _searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: s
 def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> PostureSolution:
     """The solution from a start; if that fails and the search may begin `anywhere`, the best one of many starts."""
     solution = search(chain, aim, time, begin)
-    if is_met(chain, aim, solution, tolerance) or not anywhere:
+    if is_met(chain, solution, tolerance) or not anywhere:
         return solution
     every = _searches(chain, aim, time, other_starts(chain, begin))
     each = [jax.tree.map(lambda leaf, k=k: leaf[k], every) for k in range(STARTS)]
-    good = [posture for posture in each if is_met(chain, aim, posture, tolerance)]
+    good = [posture for posture in each if is_met(chain, posture, tolerance)]
     if not good:
         return min([solution, *each], key=lambda posture: float(posture.left))
     units = np.asarray(chain.units)
@@ -157,7 +157,7 @@ def off(chain: AbstractChain, aim: Aim, gap: Array) -> tuple[Array, Array]:
     return jnp.linalg.norm(gap[:places]) * chain.size, jnp.linalg.norm(angle)
 
 
-def is_met(chain: Chain, aim: Aim, solution: PostureSolution, tolerance: float) -> bool:
+def is_met(chain: Chain, solution: PostureSolution, tolerance: float) -> bool:
     """Whether a solution is within the tolerance."""
     size = float(chain.size)
     return bool(solution.closed) and float(jnp.linalg.norm(solution.gap)) * size <= tolerance
