@@ -50,8 +50,7 @@ def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
         acceleration = subtract(acceleration, cross(scale(2.0, a.spin), rate))
     moves = motion.velocities(loop.child, there, loop.parent, seen)
     out = [
-        Condition(*(dot(along, part) for part in (gap, rate, acceleration)), moves.along(along), along, ZERO, moves)
-        for along in directions
+        Condition(dot(n, gap), dot(n, rate), dot(n, acceleration), moves.along(n), n, ZERO, moves) for n in directions
     ]
     if hold.square:
         pin = loop.on_child(b)

@@ -142,7 +142,7 @@ class RevoluteClearance(AbstractPin):
     modes: Modes | None = None
     kind: ClassVar[str] = "pin"
     tangents: ClassVar[int] = 1
-    contact: ClassVar = "point"
+    contact: ClassVar[Literal["point", "line"]] = "point"
 
     def __check_init__(self):
         if self.depth is None:

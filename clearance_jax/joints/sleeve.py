@@ -97,7 +97,7 @@ class SleeveClearance(AbstractPin):
     depth: Float[Array, "*batch stations sectors"] | None = physical("m", least=0.0, default=None)
     kind: ClassVar[str] = "sleeve"
     tangents: ClassVar[int] = 2
-    contact: ClassVar = "line"
+    contact: ClassVar[Literal["point", "line"]] = "line"
 
     def __check_init__(self):
         if not 2 <= self.stations <= MOST:

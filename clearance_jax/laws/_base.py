@@ -250,7 +250,7 @@ class PreparedNormal(Module):
 # Laws made of another ------------------------------------------------------------------------------------------------
 
 
-class OfLaw:
+class _OfLaw:
     """An attribute of a modified law that is its `law`'s."""
 
     def __set_name__(self, owner: type, name: str):
@@ -258,6 +258,9 @@ class OfLaw:
 
     def __get__(self, modified: Any, owner: Any = None) -> Any:
         return self if modified is None else getattr(modified.law, self.name)
+
+
+OfLaw: Any = _OfLaw
 
 
 class AbstractModifiedLaw(AbstractNormalLaw):

@@ -107,7 +107,7 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
 
     driven = [chain.coordinates[i].name in chain.joints for i in chain.sought]
     passive = tuple(i for i, joint in zip(chain.sought, driven, strict=True) if not joint)
-    held = PreparedChain(chain.mechanism, chain.point, chain.joints, passive)
+    followers = PreparedChain(chain.mechanism, chain.point, chain.joints, passive)
 
     def inside(begin, end, q, values, speeds, accelerations, part):
         time, h = begin + part * (end - begin), end - begin
@@ -120,7 +120,7 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
         q = change(chain, q, jnp.where(np.array(driven), at - values[0], 0.0))
         aim = aim_at(path, time, time)
         if chain.mechanism.closures():
-            q = find(held, None, time, q).q
+            q = find(followers, None, time, q).q
         return off(chain, aim, look_at(chain, aim, time, q).gap)
 
     args = edges[:-1], edges[1:], before, values, speeds, accelerations

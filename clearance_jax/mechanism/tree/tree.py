@@ -171,14 +171,14 @@ class AbstractPlayed(AbstractJoint):
         """The joint's elementary coordinates, with axes in those of the sleeve."""
 
     def coordinates(self):
-        sleeve, own = self.sleeve, self.own_coordinates()
+        sleeve, coordinates = self.sleeve, self.own_coordinates()
         if sleeve is UNIT:
-            return own
+            return coordinates
 
         def turned(axis: Vector | None) -> Any:
             return axis and tuple(dot(axis, row) for row in sleeve)
 
-        return tuple(c._replace(slides=turned(c.slides), turns=turned(c.turns)) for c in own)
+        return tuple(c._replace(slides=turned(c.slides), turns=turned(c.turns)) for c in coordinates)
 
     def play(self) -> tuple[PlayCoordinate, ...]:
         """The play coordinates that its clearance adds to the tree."""
