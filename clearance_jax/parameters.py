@@ -52,13 +52,13 @@ def outside(part: Any) -> Any:
 
 def physical(
     unit: str,
+    help: str = "",
+    example: str = "",
+    absent: str = "",
     *,
     above: float | None = None,
     least: float | None = None,
     below: float | None = None,
-    help: str = "",
-    example: str = "",
-    absent: str = "",
     instead: str = "",
     **field,
 ):

@@ -210,9 +210,7 @@ def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
 
 
 class Swing(NamedTuple):
-    """A rotation about an axis in the plane of two perpendicular axes, by two tilts: `rows`, its matrix, and by each
-    tilt the spin per unit of its rate, in the axes `outside` and in the rotated axes `inside`; `part`: 1 / (1 + g^2).
-    """
+    """A rotation by two tilts: matrix, spin per unit rate in outside and inside axes, `part` 1 / (1 + g^2)."""
 
     rows: Matrix
     outside: tuple[Vector, Vector]
@@ -266,9 +264,7 @@ def rotation_vector(q: tuple[Term, ...]) -> Vector:
 
 
 def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
-    """A quaternion (w, x, y, z), of any length, of a rotation's matrix. It is computed from the largest of its four
-    numbers, which is accurate for every turn (all rows of q q^T are multiples of q).
-    """
+    """A quaternion (w, x, y, z), of any length, of a rotation's matrix, from the largest of its numbers."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ((jnp.asarray(term, float) for term in row) for row in a)
     rows = (
         (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
@@ -282,9 +278,7 @@ def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
 
 
 def rotation_between(a: Rotation, b: Rotation) -> Vector:
-    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: accurate for small ones, at most half a turn
-    (where its sign is undefined).
-    """
+    """The rotation vector [rad], in the outer axes, that takes `a` to `b`; of half a turn its sign is undefined."""
     if a.is_plane and b.is_plane:
         return 0.0, 0.0, minus(b.angle, a.angle)
     return rotation_vector(quaternion_of_matrix(product(b.rows, transpose(a.rows))))
@@ -313,6 +307,11 @@ def as_array(terms) -> Array:
         return terms
     terms = list(terms)
     return jnp.stack([jnp.asarray(term, dtype=float) for term in terms]) if terms else jnp.zeros(0)
+
+
+def matrix(rows: Matrix) -> Array:
+    """A matrix as an array."""
+    return jnp.stack([as_array(row) for row in rows])
 
 
 def put(whole: Array, places: np.ndarray, values: Array) -> Array:

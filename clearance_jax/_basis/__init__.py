@@ -1,3 +1,1 @@
-"""What every module may need: the base of modules, array types, elementary functions, small matrices, names with stars,
-optional packages.
-"""
+"""What every module may need: modules, array types, elementary functions, roots, matrices, names with stars."""

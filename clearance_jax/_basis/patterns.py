@@ -10,10 +10,8 @@ Given = TypeVar("Given")
 
 
 def expand(given: Mapping[str, Given], known: Iterable[str]) -> dict[str, Given]:
-    """Values given by names, some with a star: "*.radial_clearance" matches every known name that ends so. A value
-    under the full name has precedence.
-
-    **Raises:** `ClearanceError` for a name with a star that matches no known one.
+    """Values by names, some with a star: "*.radial_clearance" matches every known name that ends so; a full name has
+    precedence. **Raises** `ClearanceError` for a name with a star that matches none.
     """
     out: dict[str, Given] = {}
     names = list(known)

@@ -17,9 +17,7 @@ from clearance_jax.spatial import Rotation, Term, Vector, absent, as_array, dot,
 
 
 class Symmetric:
-    """A symmetric 3 x 3 matrix whose entries are computed on request: a plane mechanism needs only the last one, and
-    unused entries are not in the program. (Request them in the trace that made it.)
-    """
+    """A symmetric 3 x 3 matrix whose entries are computed on request, in the trace that made it: few are needed."""
 
     def __init__(self, entry: Callable[[int, int], Term]):
         self._entry = entry
@@ -69,9 +67,7 @@ def of_point(mass: Term, arm: Vector, moment: Vector) -> Symmetric:
 
 
 def shift(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric:
-    """An inertia about a point, moved to another: `by` leads from the new point to the old; `old` and `new` are mass
-    times the arm of its centre from each.
-    """
+    """An inertia moved to another point, from which `by` leads to the old one; mass times arms `old` and `new`."""
 
     def entry(i: int, j: int) -> Term:
         if i == j:
@@ -82,69 +78,31 @@ def shift(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric
     return Symmetric(entry)
 
 
-class AbstractRow(Module):
-    """One number for each unknown: a row of a Jacobian."""
+class Row(Module):
+    """One number for each unknown, one by one or as an array: a row of a Jacobian."""
+
+    numbers: list[Term] | Array
 
     @property
-    @abc.abstractmethod
     def terms(self) -> list[Term]:
         """The numbers one by one."""
+        return [self.numbers[i] for i in range(len(self.numbers))]
 
     @property
-    @abc.abstractmethod
     def array(self) -> Array:
         """The numbers as one array."""
+        return as_array(self.numbers)
 
     @property
-    @abc.abstractmethod
     def is_absent(self) -> bool:
         """Whether all of them are absent from the program."""
+        return isinstance(self.numbers, list) and absent(tuple(self.numbers))
 
-    @abc.abstractmethod
     def dot(self, values: list[Term]) -> Term:
         """The row times values of the unknowns."""
-
-
-class TermRow(AbstractRow):
-    """A row of single numbers."""
-
-    every: list[Term]
-
-    @property
-    def terms(self):
-        return self.every
-
-    @property
-    def array(self):
-        return as_array(self.every)
-
-    @property
-    def is_absent(self):
-        return absent(tuple(self.every))
-
-    def dot(self, values):
-        return total(times(r, value) for r, value in zip(self.every, values, strict=True))
-
-
-class ArrayRow(AbstractRow):
-    """A row that is an array."""
-
-    whole: Array
-
-    @property
-    def terms(self):
-        return [self.whole[i] for i in range(self.whole.shape[0])]
-
-    @property
-    def array(self):
-        return self.whole
-
-    @property
-    def is_absent(self):
-        return False
-
-    def dot(self, values):
-        return self.whole @ as_array(values)
+        if isinstance(self.numbers, list):
+            return total(times(r, value) for r, value in zip(self.numbers, values, strict=True))
+        return self.numbers @ as_array(values)
 
 
 Choice = Callable[[Callable[[], Array]], Array | None]
@@ -177,14 +135,12 @@ class AbstractFactors(Module):
         """The solution for one right-hand side."""
 
     @abc.abstractmethod
-    def constraint(self, rows: Sequence[AbstractRow], choose: Choice) -> AbstractConstraint:
+    def constraint(self, rows: Sequence[Row], choose: Choice) -> AbstractConstraint:
         """The constraint of conditions, given by the rows of their Jacobian J."""
 
 
 class Constraint(AbstractConstraint):
-    """The changes M^-1 J^T by unit multipliers, and J M^-1 J^T factored; `kept`: which conditions are solved for (1)
-    and which repeat others (0), `None` for all.
-    """
+    """M^-1 J^T, J M^-1 J^T factored, and which conditions are `kept` (1) or repeat others (0); `None`: all."""
 
     spread: list[list[Term]]
     factored: AbstractFactors
@@ -261,9 +217,7 @@ class Factored(AbstractFactors):
 
 
 class Dense(AbstractFactors):
-    """Factors of a large matrix as one array, by a library (lower Cholesky factor). Each call has a cost, but the
-    program stays small, where single numbers would take minutes to compile.
-    """
+    """Factors of a large matrix as an array, by a library: number by number it would compile for minutes."""
 
     lower: Array
 
@@ -303,9 +257,8 @@ def dense(matrix: list[list[Term]]) -> Array:
 
 
 def factor(matrix: list[list[Term]]) -> AbstractFactors:
-    """Factor a symmetric positive definite matrix given by its lower triangle (structural zeros stay absent).
-
-    For few rows the loops are unrolled into the program.
+    """Factor a symmetric positive definite matrix by its lower triangle (structural zeros stay absent); few rows
+    unrolled.
     """
     if len(matrix) >= MANY:
         return Dense(jnp.linalg.cholesky(dense(matrix)))

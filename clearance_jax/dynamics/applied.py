@@ -12,7 +12,6 @@ from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import frames, spring_state
 from clearance_jax.mechanism.actuators import AbstractActuator, is_instant
 from clearance_jax.mechanism.body import GROUND, Wrench
-from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import Acting, State, effort_sources, layout, parts
 from clearance_jax.mechanism.tree.compounds import Ball
@@ -71,31 +70,20 @@ def command(source: Acting, time: Scalar, seen: Measured) -> Sequence[Term]:
     if isinstance(source.part, AbstractActuator):
         position, velocity = _read(source.part.measures() or source.coordinates, seen)
         return [source.part(time, jnp.asarray(position, float), jnp.asarray(velocity, float))]
-    return _compute(source.part, time, seen)
+    # Inverse dynamics of the controller's model, in the order of its references.
+    model: PreparedMechanism = source.part.model
+    read = {r.name: _read(r.encoder or (r.name,), seen) for r in source.part.references}
+    names = [part.coordinate.name for part in parts(model)]
+    wanted = dict(zip(read, source.part.accelerations(time, *zip(*read.values(), strict=True)), strict=True))
+    q, v = (tuple(jnp.asarray(read[name][i], float) for name in names) for i in (0, 1))
+    efforts = inverse_dynamics(model, time, State(q, v, {}), [wanted[name] for name in names])
+    efforts = dict(zip(names, efforts, strict=True))
+    return [efforts[name] for name in read]
 
 
 def _read(encoder: Sequence[str], seen: Measured) -> tuple[Term, Term]:
     """Position and velocity that an encoder shows: sums over its coordinates."""
     return total(seen[name][0] for name in encoder), total(seen[name][1] for name in encoder)
-
-
-def _compute(controller: AbstractController, time: Scalar, seen: Measured) -> list[Term]:
-    """Efforts by the inverse dynamics of the controller's model, in the order of its references."""
-    model: PreparedMechanism = controller.model
-    read = {reference.name: _read(_encoder(reference), seen) for reference in controller.references}
-    names = [part.coordinate.name for part in parts(model)]
-    wanted = dict(zip(read, controller.accelerations(time, *zip(*read.values(), strict=True)), strict=True))
-    state = State(
-        tuple(jnp.asarray(read[name][0], float) for name in names),
-        tuple(jnp.asarray(read[name][1], float) for name in names),
-        {},
-    )
-    efforts = dict(zip(names, inverse_dynamics(model, time, state, [wanted[name] for name in names]), strict=True))
-    return [efforts[name] for name in read]
-
-
-def _encoder(reference: Reference) -> tuple[str, ...]:
-    return reference.encoder or (reference.name,)
 
 
 def inverse_dynamics(mechanism: PreparedMechanism, time: Scalar, state: State, acceleration: list[Term]) -> list[Term]:

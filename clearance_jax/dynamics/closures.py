@@ -10,14 +10,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.conditions import closure_conditions, conditions, constraint, independent, wrong_way
-from clearance_jax.dynamics.forms.frames import Frames
 from clearance_jax.dynamics.kinematics import frames, sleeve_axes
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, move, parts
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
-from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minus, plus, times
+from clearance_jax.spatial import ZERO, Term, as_array, cross, dot, minus, plus, times
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
 FIRM = 1e9
@@ -27,9 +26,7 @@ HELD, LOOSE = 8, 5
 
 
 class StartErrors(NamedTuple):
-    """Errors of a start: the opening of each loop [m]; and where pins are settled, by joint, the `unborne` part of its
-    load and the part of its play by which the last round `moved` it; and how the pins begin (`seated`).
-    """
+    """Errors of a start: openings of loops [m]; of settled pins the `unborne` parts of loads, `moved` parts of play."""
 
     loops: Float[Array, " loops"]
     unborne: Float[Array, " joints"]
@@ -50,17 +47,18 @@ def correct(
     firm: Mapping[int, Term] | None = None,
     settle: Term = 1.0,
 ) -> tuple[Array, Float[Array, " loops"]]:
-    """One Newton step of positions and velocities towards closed loops, and how far each loop was open [m].
-
-    **Arguments:** `firm`: factors on the inertia of coordinates that are to stay; `settle`: factor on the change of the
-    velocities (0: only positions change).
+    """One Newton step of positions and velocities towards closed loops, and how far each loop was open [m]; `firm`:
+    factors on the inertia of coordinates that are to stay; `settle`: factor on the change of velocities.
     """
     mechanism, plan = mechanism.at(time), layout(mechanism)
     state = plan.split(y)
     motion = frames(mechanism, time, state)
     loop_conditions, gaps, rates, opened = [], [], [], []
     for loop in loops:
-        offset = initial_offset(loop, motion)
+        # Of a joint with clearance, its pin is where it starts.
+        offset = ZERO
+        if isinstance(loop, AbstractPlayed) and loop.clearance is not None:
+            offset = sleeve_axes(loop, motion).apply(loop.eccentricity.vector)
         turning = cross(motion[loop.parent].spin, offset)
         errors = []
         for now in conditions(loop, motion):
@@ -94,51 +92,34 @@ def project(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: in
     A step opens a loop by its own error, and one iteration leaves the square of that; a state further away needs more.
     """
     loops = mechanism.closures()
-    if not loops:
-        return of_unit_length(y, mechanism)
+    if not loops:  # orientations of unit length
+        plan = layout(mechanism)
+        q = move(mechanism, plan.split(y).q, (0.0,) * plan.free)
+        return jnp.concatenate([as_array(q), y[plan.v.start :]])
     if iterations == 1:
         return correct(time, y, mechanism, loops)[0]
     return jax.lax.fori_loop(0, iterations, lambda _, y: correct(time, y, mechanism, loops)[0], y)
-
-
-def of_unit_length(y: Array, mechanism: PreparedMechanism) -> Array:
-    """The state with orientations normalised to unit length."""
-    plan = layout(mechanism)
-    still = (0.0,) * plan.free
-    return jnp.concatenate([as_array(move(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
 
 
 def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Float[Array, " loops"]]:
     """The nearest state (in the kinetic norm) in which all loops are closed, with the remaining opening of each [m].
     The pin of a loop with clearance is at rest at its `eccentricity`.
 
-    The first iterations hold the pins in their sleeves. The last ones let them move, for loops that only play can
-    close.
+    The first iterations hold the pins in their sleeves; the last ones let them move, for loops that only play closes.
     """
     played = [part.v.start for part in parts(mechanism) if part.coordinate.play is not None]
 
     def once(k, carry):
-        pins_fixed = k < HELD
-        firm = {i: jnp.where(pins_fixed, FIRM, 1.0) for i in played}
-        # Velocities belong to closed positions.
-        settle = jnp.where(k >= HELD - 1, 1.0, 0.0)
+        firm = {i: jnp.where(k < HELD, FIRM, 1.0) for i in played}
+        settle = jnp.where(k >= HELD - 1, 1.0, 0.0)  # velocities belong to closed positions
         moved, opened = correct(time, carry[0], mechanism, mechanism.loops, firm, settle)
         return jnp.where(k < HELD + LOOSE - 1, moved, carry[0]), opened
 
     return jax.lax.fori_loop(0, HELD + LOOSE, once, (y, jnp.zeros(len(mechanism.loops))))
 
 
-def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
-    """The starting place of the pin of a loop with clearance, from its sleeve's centre, in the world's axes [m]."""
-    if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
-        return ZERO
-    return sleeve_axes(loop, motion).apply(loop.eccentricity.vector)
-
-
 class Mobility(NamedTuple):
-    """How a mechanism can move: the number of its free `velocities`, the number of `conditions` of its ideal loop
-    joints, and how many of these are `independent`.
-    """
+    """How a mechanism can move: free `velocities`, `conditions` of its ideal loops, and `independent` ones of these."""
 
     velocities: int
     conditions: int

@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors, AbstractRow
+from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors, Row
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.forms.frames import AbstractMoves, Frames, Pair
+from clearance_jax.dynamics.forms.frames import Frames, Moves, Pair
 from clearance_jax.dynamics.kinematics import frames, sleeve_rotation
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
@@ -29,76 +29,38 @@ class Condition(NamedTuple):
     gap: Term
     rate: Term
     acceleration: Term
-    row: AbstractRow
+    row: Row
     force: Vector
     torque: Vector
-    moves: AbstractMoves
-
-    @property
-    def is_met(self) -> bool:
-        """Whether the structure of the mechanism meets it always."""
-        return self.row.is_absent and absent((self.gap, self.rate, self.acceleration))
+    moves: Moves
 
 
 def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
-    """The conditions of an ideal joint that closes a loop, without those that the structure meets (out of the plane of
-    a plane mechanism, for example).
-    """
+    """The conditions of an ideal joint that closes a loop, without those that hold by structure (as in the plane)."""
     hold = loop.joint_constraint()
     a, b = motion[loop.parent], motion[loop.child]
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
-    if hold.along is None:
-        out = _point_conditions(loop, motion, here, there)
-    else:
-        out = _plane_conditions([sleeve.apply(along) for along in hold.along], loop, motion, here, there)
+    # A point of b stays at a point of a, or in planes through this that are normal to directions of a: then, seen from
+    # a, it moves against the point of a at the same place.
+    seen, directions = (here, UNIT) if hold.along is None else (there, [sleeve.apply(along) for along in hold.along])
+    gap, rate = subtract(there, here), subtract(b.velocity_at(there), a.velocity_at(seen))
+    acceleration = subtract(b.acceleration_at(there), a.acceleration_at(seen))
+    if hold.along is not None:
+        acceleration = subtract(acceleration, cross(scale(2.0, a.spin), rate))
+    moves = motion.velocities(loop.child, there, loop.parent, seen)
+    out = [
+        Condition(dot(n, gap), dot(n, rate), dot(n, acceleration), moves.along(n), n, ZERO, moves) for n in directions
+    ]
     if hold.square:
         pin = loop.on_child(b)
         out += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], loop, motion)
-    return [c for c in out if not c.is_met]
+    return [c for c in out if not (c.row.is_absent and absent((c.gap, c.rate, c.acceleration)))]
 
 
 def closure_conditions(motion: Frames) -> list[Condition]:
     """The conditions of all ideal closures of a mechanism."""
     return [condition for loop in motion.mechanism.closures() for condition in conditions(loop, motion)]
-
-
-def _point_conditions(loop: AbstractJoint, motion: Frames, here: Vector, there: Vector) -> list[Condition]:
-    """A point of the child b stays at a point of the parent a."""
-    a, b = motion[loop.parent], motion[loop.child]
-    gap = subtract(there, here)
-    rate = subtract(b.velocity_at(there), a.velocity_at(here))
-    acceleration = subtract(b.acceleration_at(there), a.acceleration_at(here))
-    moves = motion.velocities(loop.child, there, loop.parent, here)
-    return [
-        Condition(gap[k], rate[k], acceleration[k], moves.along(along), along, ZERO, moves)
-        for k, along in enumerate(UNIT)
-    ]
-
-
-def _plane_conditions(
-    directions: list[Vector], loop: AbstractJoint, motion: Frames, here: Vector, there: Vector
-) -> list[Condition]:
-    """A point of the child b stays in planes through a point of the parent a that are normal to directions of a. Seen
-    from a, the point of b moves against the point of a at the same place.
-    """
-    a, b = motion[loop.parent], motion[loop.child]
-    velocity = subtract(b.velocity_at(there), a.velocity_at(there))
-    coriolis = cross(scale(2.0, a.spin), velocity)
-    acceleration = subtract(subtract(b.acceleration_at(there), a.acceleration_at(there)), coriolis)
-    moves = motion.velocities(loop.child, there, loop.parent, there)
-    return [
-        Condition(
-            dot(along, subtract(there, here)),
-            dot(along, velocity),
-            dot(along, acceleration),
-            moves.along(along),
-            along,
-            ZERO,
-            moves,
-        )
-        for along in directions
-    ]
 
 
 def _square(pairs: list[tuple[Vector, Vector]], loop: AbstractJoint, motion: Frames) -> list[Condition]:

@@ -24,9 +24,8 @@ from clearance_jax.spatial import Term, minus, plus, times
 
 
 class Balance(NamedTuple):
-    """The solved equations of motion: where everything is, the action of each clearance joint (by name), the wrench
-    pairs of clearances, springs and loads, the efforts of actuators and controllers, the free accelerations, and the
-    wrenches of the ideal closures.
+    """The solved equations of motion: frames, actions of clearance joints (by name), wrench pairs of clearances,
+    springs and loads, efforts of actuators and controllers, free accelerations, and wrenches of the ideal closures.
     """
 
     motion: Frames
@@ -63,9 +62,7 @@ def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, PinMotion], act
 
 
 def accelerations(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Pair]]:
-    """Accelerations of the free coordinates under wrenches between bodies and efforts of actuators, and the closures'
-    wrenches.
-    """
+    """Accelerations of the free coordinates under wrench pairs and efforts, and the wrenches of the closures."""
     loops = motion.mechanism.closures()
     if loops and not layout(motion.mechanism).free:
         text = f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
@@ -116,9 +113,7 @@ def _right_sides(
 
 
 def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Term]]:
-    """Accelerations and multipliers. Their derivative is that of the residual at the solution, solved by the known
-    factors: neither the mass matrix nor its factors are differentiated.
-    """
+    """Accelerations and multipliers; their derivative is the residual's, solved by the known factors."""
     numbers, rebuilt = numbers_of((motion, pairs, efforts))
 
     def flat(answer: tuple[list[Term], list[Term]]) -> tuple[list[Array], list[Array]]:

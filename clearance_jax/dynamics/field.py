@@ -36,8 +36,7 @@ HAIR = 16 * float(np.finfo(np.float64).eps)
 
 def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
     """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
-    dampers; loss in friction; and the sum of absolute powers (the energy exchanged, against which a residual is
-    judged).
+    dampers; loss in friction; and the sum of absolute powers (the energy exchanged, to judge a residual by).
     """
     drive = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
     for effort, speed in zip(now.efforts, state.v, strict=True):
@@ -59,12 +58,9 @@ def joint_losses(mechanism: PreparedMechanism, state: State) -> tuple[Term, Term
     damped, rubbed = [], []
     for part in parts(mechanism):
         motion = part.coordinate.motion
-        if isinstance(motion, Ball):
-            if motion.damping is not None:
-                damped.append(motion.damping * sum(spin**2 for spin in state.v[part.v]))
-            continue
-        for actuator in motion.actuators:
-            losses = actuator.losses(state.v[part.v.start])
+        if isinstance(motion, Ball) and motion.damping is not None:
+            damped.append(motion.damping * sum(spin**2 for spin in state.v[part.v]))
+        for losses in (actuator.losses(state.v[part.v.start]) for actuator in motion.actuators):
             damped.append(losses[0])
             rubbed.append(losses[1])
     return total(damped), total(rubbed)
@@ -127,9 +123,7 @@ def balance_at_start(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Fl
 
 
 def hand_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """A state with the energy balance, where the energy of payloads that came or went just before `time` counts as
-    work.
-    """
+    """A state with the energy balance, where payloads that came or went just before `time` add their energy as work."""
     brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
     changed = layout(mechanism).size + np.array([BALANCE_TERMS.index(name) for name in ("drive_work", "exchanged")])
     return put(y, changed, y[changed] + jnp.stack([brought, jnp.abs(brought)]))
@@ -173,9 +167,7 @@ def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -
 def rate(
     time: Scalar, y: Rows, mechanism: PreparedMechanism, energy_balance: bool = False, counts: Flag | None = None
 ) -> Rows:
-    """Time derivative of the state `[q, v, memory]`, and of the energy balance if it is integrated. Where `counts` is
-    false the balance's rates are zeros.
-    """
+    """The rate of the state `[q, v, memory]` and of any energy balance, whose part is zero where `counts` is false."""
     mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
     now = balance(mechanism, time, state)

@@ -41,9 +41,7 @@ def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
 
 
 class PinMotion(NamedTuple):
-    """Relative motion of a clearance joint; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's
-    centre in the world [m].
-    """
+    """Relative motion of a clearance joint; `rotation` from the sleeve's axes to the world's; the pin's centre [m]."""
 
     relative: Relative
     rotation: Rotation
@@ -51,9 +49,7 @@ class PinMotion(NamedTuple):
 
 
 def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, PinMotion]:
-    """Kinematics of every clearance joint: in the tree from its coordinates, which keep the digits of a small play on a
-    large machine; in a loop from a difference of positions.
-    """
+    """Kinematics of every clearance joint: in the tree from its own coordinates, which keep a small play's digits."""
     in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     out = {}
     for joint in mechanism.clearance_joints():
@@ -78,7 +74,7 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
     if rotation.is_plane and pin.rotation.is_plane:
         angle, spin = minus(pin.angle, sleeve.angle), (0.0, 0.0, minus(pin.spin[2], sleeve.spin[2]))
         return share(Relative(place, angle, velocity, spin))
-    rows = product(transpose(rotation.rows), pin_axes(joint.joint, motion).rows)
+    rows = product(transpose(rotation.rows), _along(joint.joint, joint.joint.on_child(pin)).rows)
     spin = rotation.undo(subtract(pin.spin, sleeve.spin))
     return with_barriers(Relative(place, 0.0, velocity, spin, rows))
 
@@ -86,11 +82,6 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
 def sleeve_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
     """The sleeve's axes; z is the axis of the joint."""
     return _along(joint, sleeve_rotation(joint, motion))
-
-
-def pin_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
-    """The pin's axes; z is the axis of the pin."""
-    return _along(joint, joint.on_child(motion[joint.child]))
 
 
 def _along(joint: AbstractPlayed, rotation: Rotation) -> Rotation:
@@ -143,10 +134,8 @@ def relative_accelerations(
 
 
 def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: AbstractExtra) -> Relative:
-    """The rate of the relative motion in a joint that closes a loop.
-
-    With u the pin's place in the sleeve's axes, R these axes, w the sleeve's spin: u'' = R^T (a_pin - a_sleeve) - 2 w
-    x u', of the pin's centre and the sleeve's material point there.
+    """The rate of the relative motion in a joint that closes a loop: for the pin's place u in the sleeve's axes R, of
+    the spin w, u'' = R^T (a_pin - a_sleeve) - 2 w x u', of the pin's centre and the sleeve's material point there.
     """
     now, sleeve, pin = at.relative, motion[joint.parent], motion[joint.child]
     apart = subtract(

@@ -17,16 +17,16 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
-from clearance_jax.dynamics.closures import StartErrors, correct
-from clearance_jax.dynamics.reactions import determinate, pin_loads
+from clearance_jax.dynamics.closures import StartErrors, project
+from clearance_jax.dynamics.reactions import by_joint, determinate, pin_loads
 from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
-from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, size_of, whole_state
+from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import PreparedClearance
-from clearance_jax.joints.seating import FreeMotion, Near, Seating, SeatLoad, held_stiffness
+from clearance_jax.joints.seating import FreeMotion, Near, Seating, SeatLoad, held_stiffness, size_of
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import initial_values, layout, position_rates
+from clearance_jax.mechanism.state import initial_values, layout, place_rates
 from clearance_jax.spatial import as_array
 
 # Rounds that seat pins, from the middle of a sleeve and from between two poses. Each reduces the error by the ratio of
@@ -55,9 +55,7 @@ class StaticPose(NamedTuple):
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
-    """**Raises** `ClearanceError` for a mechanism without play, for an ideal motion that does not follow from drives,
-    and for laws and elements whose forces do not follow from places and slips.
-    """
+    """**Raises** `ClearanceError` for a mechanism whose poses do not follow from drives, places and slips."""
     if not mechanism.clearance_joints():
         raise ClearanceError(
             "A mechanism without play is where its drives put it, whatever the load. Give a joint clearance, or use "
@@ -88,23 +86,16 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
     if not ideal.closures():
         return jnp.broadcast_to(first, (times.shape[0], first.shape[0]))
 
-    def closed(time, y):
-        return jax.lax.fori_loop(0, CLOSING, lambda _, y: correct(time, y, ideal, ideal.loops)[0], y)
-
     def next_one(carry, time):
         before, y = carry
-        q, v = tuple(y[plan.q]), tuple(y[plan.v])
-        moved = y.at[plan.q].add((time - before) * as_array(position_rates(ideal, q, v)))
-        y = closed(time, moved)
+        y = project(time, y.at[plan.q].add((time - before) * place_rates(ideal, y)), ideal, CLOSING)
         return (time, y), y
 
-    return jax.lax.scan(next_one, (times[0], closed(times[0], first)), times)[1]
+    return jax.lax.scan(next_one, (times[0], project(times[0], first, ideal, CLOSING)), times)[1]
 
 
 def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> StaticPose:
-    """The poses at increasing times, without derivatives, stacked along a first axis; `ideal`: the ideal mechanism's
-    states then. A search begins between known poses, and ends where it would from any start.
-    """
+    """The poses at increasing times, without derivatives, stacked; `ideal`: the ideal mechanism's states then."""
     times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.without_sampling(), ideal))
     count, middles = times.shape[0], tuple(map(middle, mechanism.clearance_joints()))
     if not any(map(is_searched, mechanism.clearance_joints())):
@@ -165,7 +156,7 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
 
     _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begun))
     state = step.state(mechanism)
-    size = jnp.concatenate([size_of(joint) for joint in joints])
+    size = jnp.concatenate([size_of(joint.joint.play()) for joint in joints])
     mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
     pressed = [
         (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
@@ -178,29 +169,22 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
 
 
 def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], ideal: Array) -> Array:
-    """The state `[q, v, memory]` with pins held at values of their play, and everything else as drives and loops put
-    it; `ideal`: the ideal mechanism's state.
-    """
-    joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    fixed = mechanism.hold_pins({joint.name: tuple(values) for joint, values in zip(joints, play, strict=True)})
-    if loops:
-        ideal = jax.lax.fori_loop(0, CLOSING, lambda _, y: correct(time, y, fixed, fixed.loops)[0], ideal)
-    rates = as_array(position_rates(fixed, tuple(ideal[plan.q]), tuple(ideal[plan.v])))
+    """The state `[q, v, memory]` with pins held at values of their play; `ideal`: a state near the ideal one."""
+    fixed = mechanism.hold_pins(by_joint(mechanism, play))
+    ideal = project(time, ideal, fixed, CLOSING) if mechanism.loops else ideal
     still, free = tuple(map(jnp.zeros_like, play)), tuple(jnp.asarray(False) for _ in play)
-    return whole_state(mechanism, Seats(ideal, play), Seats(rates, still), free)
+    return whole_state(mechanism, Seats(ideal, play), Seats(place_rates(fixed, ideal), still), free)
 
 
 def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> StaticPose:
     """The state of the ideal motion with pins in the middle of their play, for joints that no load presses."""
     play = tuple(jnp.zeros(len(joint.joint.play())) for joint in mechanism.clearance_joints())
-    nothing = StartErrors.nothing()
-    return StaticPose(displaced(time, mechanism, play, ideal), play, ideal, nothing, jnp.asarray(jnp.nan))
+    y = displaced(time, mechanism, play, ideal)
+    return StaticPose(y, play, ideal, StartErrors.nothing(), jnp.asarray(jnp.nan))
 
 
 def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
-    """The state of a pose with its derivatives by the mechanism's numbers and the time. They are those of further
-    Newton steps; each step reduces their error by the ratio of clearance to length.
-    """
+    """The state of a pose with its derivatives, those of further Newton steps: each reduces their error."""
     mechanism = mechanism.without_sampling()
     play, ideal = jax.lax.stop_gradient((pose.play, pose.ideal))
     begin = _unstepped(time, mechanism, play, ideal)
@@ -216,8 +200,7 @@ def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ..
 
 class NewtonStep(NamedTuple):
     """After a Newton step: the play, the ideal state and its rates, how far loops are open [m]; by joint, whether a
-    load presses it, the part of the load that it did not bear before the step, and the part of its play by which it was
-    moved.
+    load presses it, the part of the load that it did not bear before, and the part of its play by which it was moved.
     """
 
     play: tuple[Array, ...]
@@ -246,10 +229,8 @@ def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], 
 
 
 def _joint_step(clearance: PreparedClearance, start: Array, load: SeatLoad, free: FreeMotion, play: Array) -> tuple:
-    """A Newton step of one joint's play: the new play, whether a load presses it, the part of the load that was not
-    borne, and the part of the play by which it was moved.
-    """
-    size = as_array([coordinate.scale for coordinate in clearance.joint.play()])
+    """A Newton step of a joint: its play, whether a load presses it, the unborne part, and the part of play moved."""
+    size = size_of(clearance.joint.play())
     whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, free)
     x, fixed = play / jax.lax.stop_gradient(size), jax.lax.stop_gradient(whole)
     fixed = fixed._replace(counts=fixed.more_than_round_off())

@@ -19,12 +19,11 @@ from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.field import BALANCE_TERMS, drive_forces, energies, read_balance
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.reactions import reactions
-from clearance_jax.joints import Action
 from clearance_jax.laws._friction import speed_of
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, actuated_coordinates, layout, parts
-from clearance_jax.spatial import Term, Vector, add, as_array, length_of, rotation_vector, scale
+from clearance_jax.spatial import Vector, add, as_array, length_of, rotation_vector, scale
 
 
 def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, Array]:
@@ -52,14 +51,12 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
 
 
 def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
-    """By clearance joint: place of the pin (joints, axes), normal force, and the values at its deepest contact
-    point.
-    """
+    """By joint with clearance: the pin's place (joints, axes), the normal force, and values at its deepest point."""
     if not now.actions:
         return {}
     plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
-    points = [action.deepest for action in now.actions.values()]
-    patterns = {}
+    every = [action.points for action in now.actions.values()]
+    points, patterns = [action.deepest for action in now.actions.values()], {}
     if len(axes_of(mechanism)) == 3:
         joints = [joint.clearance.joint for joint in mechanism.clearance_joints()]
         bearing = [joint.pattern(joint.points(at)) for joint, at in zip(joints, plays, strict=True)]
@@ -72,15 +69,10 @@ def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
         "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),
-        "contact_power": jnp.stack([_power(action) for action in now.actions.values()]),
+        "contact_power": jnp.stack([jnp.sum(each.normal_force * each.penetration_rate) for each in every]),
         "friction_force": jnp.stack([_friction(mechanism, now, joint) for joint in mechanism.clearance_joints()]),
         "slip_velocity": jnp.stack([p.slip[0] if len(p.slip) == 1 else speed_of(p.slip) for p in points]),
     }
-
-
-def _power(action: Action) -> Array:
-    """The power that the normal forces of a joint's contacts take from the motion [W]."""
-    return jnp.sum(action.points.normal_force * action.points.penetration_rate)
 
 
 def _friction(mechanism: PreparedMechanism, now: Balance, joint: ClearanceJoint) -> Array:
@@ -111,12 +103,9 @@ def point_motions(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array
 
 
 def coordinate_values(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Array]:
-    """Position and velocity of every elementary coordinate, prescribed ones too; of an orientation its rotation vector
-    and its spin.
-    """
+    """Position and velocity of every coordinate, prescribed ones too; of a ball its rotation vector and spin."""
     free = iter(parts(mechanism))
-    q: list[Term] = []
-    v: list[Term] = []
+    q, v = [], []
     for coordinate in mechanism.coordinates():
         if coordinate.motion.drive is None:
             part = next(free)
@@ -135,9 +124,8 @@ def axes_of(mechanism: AbstractMechanism) -> tuple[str, ...]:
 
 
 class Variable(NamedTuple):
-    """Dimensions after the leading one, SI unit and meaning of a variable.
-
-    A unit `see NAME` is in the coordinate of that name, one for each entry of the variable's first dimension.
+    """Dimensions after the leading one, SI unit and meaning of a variable. A unit `see NAME` is that of the coordinate
+    of this name, for each entry of the first dimension.
     """
 
     dims: tuple[str, ...]

@@ -15,19 +15,19 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import correct
 from clearance_jax.dynamics.equations import Balance, accelerations, balance
 from clearance_jax.dynamics.forms.frames import Frames, Pair, SpatialForce
-from clearance_jax.dynamics.kinematics import across_loop, pin_and_axes, sleeve_axes
+from clearance_jax.dynamics.kinematics import across_loop, pin_and_axes
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.seating import FreeMotion, SeatLoad, relative_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, position_rates
-from clearance_jax.spatial import ZERO, Term, Vector, add, as_array, cross, scale, subtract
+from clearance_jax.mechanism.state import layout, place_rates
+from clearance_jax.spatial import ZERO, Term, Vector, add, cross, scale, subtract
 
 
 class Reaction(NamedTuple):
-    """Reaction of a joint on the pin (its child): `force` [N] in the world's axes, `on_pin` the same force in the
-    sleeve's axes, `turning` the moment about the pin's centre there [N m], `at` the pin's centre in the world [m]. (The
-    torque about the sleeve's axis that turns the pin is its drive's or actuator's.)
+    """Reaction of a joint on the pin (its child): `force` [N] in the world's axes; `on_pin`, the same in the sleeve's
+    axes, and `turning`, the moment about the pin's centre there [N m], without that about the sleeve's axis, which is
+    its drive's or actuator's; `at`: the pin's centre in the world [m].
     """
 
     force: Vector
@@ -56,15 +56,18 @@ def hold_still(mechanism: PreparedMechanism, play: Mapping[str, Sequence[Term]])
     return determinate(mechanism.hold_pins(play).without_sampling()).as_small_program()
 
 
+def by_joint(mechanism: PreparedMechanism, play: Sequence[Array]) -> dict[str, Sequence[Term]]:
+    """Values of the play coordinates by the names of joints."""
+    return {joint.name: tuple(p) for joint, p in zip(mechanism.clearance_joints(), play, strict=True)}
+
+
 def held_reactions(mechanism: PreparedMechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:
     """The reactions in the clearance joints, from a balance of the mechanism with pins held."""
     ideal = mechanism.ideal().at(time)
     exerted = dict(zip([j.name for j in ideal.all_joints()], reactions(ideal, now), strict=True))
     out = {}
     for joint in mechanism.clearance_joints():
-        force, moment = exerted[joint.name]
-        turned = sleeve_axes(joint.joint, now.motion)
-        at = now.motion[joint.child].point(joint.joint.at_child.vector)
+        (force, moment), (at, turned) = exerted[joint.name], pin_and_axes(joint, now.motion)
         out[joint.name] = Reaction(force, turned.undo(force), turned.undo(moment), at)
     return out
 
@@ -121,12 +124,11 @@ class PinLoads(NamedTuple):
 
 def pin_loads(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> PinLoads:
     """Loads of the ideal joints with pins held at values of their play; `y`: a state near the ideal mechanism's."""
-    joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    fixed = hold_still(mechanism, {joint.name: tuple(values) for joint, values in zip(joints, play, strict=True)})
-    opened = jnp.zeros(0)
+    joints, loops, opened = mechanism.clearance_joints(), mechanism.loops, jnp.zeros(0)
+    fixed = hold_still(mechanism, by_joint(mechanism, play))
     if loops:
         y, opened = correct(time, y, fixed, fixed.loops)
-    now = balance(fixed, time, plan.split(y))
+    now = balance(fixed, time, layout(mechanism.ideal()).split(y))
     free = tuple(_free_motion(joint, now.motion) for joint in joints)
     friction = tuple(map(_friction, joints, play, free))
     rubs = loops and any(joint.clearance.friction is not None for joint in joints)
@@ -136,14 +138,12 @@ def pin_loads(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...
     loads = tuple(SeatLoad(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
     if rubs:
         loads = tuple(load.plus(rub) for load, rub in zip(loads, friction, strict=True))
-    rates = as_array(position_rates(fixed, tuple(y[plan.q]), tuple(y[plan.v])))
-    return PinLoads(y, rates, opened, loads, friction, free)
+    return PinLoads(y, place_rates(fixed, y), opened, loads, friction, free)
 
 
 def _free_motion(joint: ClearanceJoint, motion: Frames) -> FreeMotion:
     """How a pin moves in its sleeve while its play is held."""
-    pin, axes = pin_and_axes(joint, motion)
-    relative = across_loop(joint, pin, axes, motion)
+    relative = across_loop(joint, *pin_and_axes(joint, motion), motion)
     slides = joint.joint.joint_constraint().along is not None
     return FreeMotion((0.0, 0.0, relative.velocity[2]) if slides else ZERO, relative.spin)
 
@@ -152,11 +152,8 @@ def _friction(joint: ClearanceJoint, play: Array, free: FreeMotion) -> SeatLoad:
     """Force and moment of friction on a pin, in the sleeve's axes."""
     if joint.clearance.friction is None:
         return SeatLoad(ZERO, ZERO)
-    at = relative_at(joint.joint.play(), play, free)
-    memory = tuple(jnp.zeros(()) for _ in joint.clearance.remembers)
-    whole = joint.clearance.act(at, memory)
-    smooth = joint.clearance.without_friction()
-    bare = smooth.act(at, memory[: len(smooth.remembers)])
+    at, smooth = relative_at(joint.joint.play(), play, free), joint.clearance.without_friction()
+    whole, bare = joint.clearance.act(at, joint.clearance.blank), smooth.act(at, smooth.blank)
     return SeatLoad(subtract(whole.force, bare.force), subtract(whole.torque, bare.torque))
 
 

@@ -1,6 +1,4 @@
-"""The relative motion in clearance joints of the tree, computed from their own coordinates only. So a small play keeps
-its digits on a large machine, and event location needs no frame of any body.
-"""
+"""The relative motion in clearance joints of the tree, from their own coordinates, so that it keeps its digits."""
 
 from typing import NamedTuple
 

@@ -18,10 +18,9 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.small_matrices import small_eigh
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.conditions import closure_conditions, constraint
-from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames, relative_motions
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, move, parts
+from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.spatial import as_array, dot, minus, plus
 
 # A direction with less than this part of the largest stiffness is held by round-off only.
@@ -30,74 +29,37 @@ Square = Float[Array, "play play"]
 
 
 class Seated(NamedTuple):
-    """How settled pins begin: which joints `rest` (1: at relative rest in the sleeve, because the place of rest moves
-    too fast to be followed; 0: moving with it); by joint the `pace` of that place, in sizes of its play [1/s]; and the
-    lowest `frequency` of the pose [Hz].
+    """How settled pins begin: which joints `rest` (1: at relative rest in the sleeve, as the place of rest is too fast
+    to follow; 0: moving with it); by joint the `pace` of that place, in sizes of its play [1/s]; the lowest `frequency`
+    of the pose [Hz].
     """
 
     rest: Float[Array, " joints"]
     pace: Float[Array, " joints"]
     frequency: Scalar
 
-    @classmethod
-    def nothing(cls) -> "Seated":
-        """For a start that is not settled."""
-        return cls(jnp.zeros(0), jnp.zeros(0), jnp.zeros(()))
-
 
 def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) -> Float[Array, " joints"]:
-    """Which joints rest (1) and which follow (0): a joint follows if its place of rest takes longer to cross the play
-    than the slowest motion about the pose takes for a radian. `together`: if one rests, all do.
-    """
+    """Which joints rest (1): those whose place of rest crosses the play faster than a radian of the slowest motion."""
     rest = pace > 2 * jnp.pi * frequency
     return jnp.where(jnp.any(rest) if together else rest, jnp.ones(len(pace)), 0.0)
 
 
-def seated_frequency(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Scalar:
-    """The lowest frequency of a seated pose [Hz]: the root of the least eigenvalue of -A over 2 pi, where A is the
-    derivative of the play coordinates' accelerations by the play coordinates. It includes weight, springs and the
-    mechanism's own motion. 0 where the pose is not stable, or where nothing holds a coordinate.
-
-    **Arguments:** a mechanism with play; `time` [s]; `y`: the state `[q, v, memory]`, its pins at their walls.
-    """
-    plan = layout(mechanism)
-    state = plan.split(y)
-    ways, moves = play_moves(mechanism, time, y)
-
-    def accelerations(change):
-        q = as_array(move(mechanism, state.q, list(moves @ change)))
-        return ways @ slope(time, y.at[plan.q].set(q), mechanism)[plan.v]
-
-    stiff = -jax.jacfwd(accelerations)(jnp.zeros(len(ways)))
-    inverse = play_mobility(mechanism, time, y)
-    # -A M^-1 = M^-1 K M^-1 is symmetric, and so is what the Cholesky factors of M^-1 make of it.
-    lower = jnp.linalg.cholesky(inverse)
-    whole = jnp.linalg.solve(lower, jnp.linalg.solve(lower, stiff @ inverse).T)
-    return _frequency(jnp.linalg.eigvalsh(0.5 * (whole + whole.T))[0])
-
-
 def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
     """The lowest frequency [Hz] of contacts with a `stiffness` [J, for play in units of its size] and the `inverse` of
-    the masses. Directions without stiffness, as axial play under no axial load, are left out: they have no place of
-    rest. 0 where a stiffness is negative. (The effect of weight is left out: its square of 2 pi f is gravity over a
-    length of the mechanism.)
+    the masses. Directions without stiffness have no place of rest and are left out; 0 where it is negative. (So is the
+    weight: its square of 2 pi f is gravity over a length of the mechanism.)
     """
     values, ways = small_eigh(stiffness)
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))
     root = (ways * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ ways.T
     # Directions that nothing holds come first, with zeros.
     squares, _ = small_eigh(root @ inverse @ root)
-    return _frequency(squares[jnp.minimum(loose, len(squares) - 1)])
-
-
-def _frequency(square: Scalar) -> Scalar:
-    return jnp.sqrt(jnp.maximum(square, 0.0)) / (2 * jnp.pi)
+    return jnp.sqrt(jnp.maximum(squares[jnp.minimum(loose, len(squares) - 1)], 0.0)) / (2 * jnp.pi)
 
 
 def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Square:
-    """M^-1, the accelerations of the play coordinates by forces along them, with ideal loops closed: [1/kg] for slides,
-    [1/(kg m^2)] for turns.
-    """
+    """M^-1, the accelerations of the play by forces along it with ideal loops closed [1/kg], of turns [1/(kg m^2)]."""
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
     inertia, ways = motion.mass_matrix(), _ways(mechanism, time, y)
@@ -117,12 +79,12 @@ def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Squar
 def play_moves(
     mechanism: PreparedMechanism, time: Scalar, y: Array
 ) -> tuple[Float[Array, "play free"], Float[Array, "free play"]]:
-    """The rates of the play coordinates by the free velocities, and the smallest free velocities for given rates of the
-    play that keep ideal loops closed.
-    """
-    ways = _ways(mechanism, time, y)
-    rows = jnp.concatenate([ways, _closing_rows(mechanism, time, y)])
-    return ways, jnp.linalg.pinv(rows)[:, : len(ways)]
+    """The rates of the play by the free velocities, and the smallest velocities that keep loops closed for them."""
+    at, plan, ways = mechanism.at(time), layout(mechanism), _ways(mechanism, time, y)
+    every = closure_conditions(frames(at, time, plan.split(y)))
+    # The Jacobian of the conditions of ideal loops.
+    closing = [jnp.stack([now.row.array for now in every])] if every else []
+    return ways, jnp.linalg.pinv(jnp.concatenate([ways, *closing]))[:, : len(ways)]
 
 
 def _ways(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "play free"]:
@@ -135,20 +97,11 @@ def _ways(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, 
 
     def rates(v):
         motions = relative_motions(time, y.at[plan.v].set(v), mechanism)
-        out = []
-        for joint, now in zip(joints, motions, strict=True):
-            for c in joint.joint.play():
-                # Slides come first, and turns are small: the sleeve's axes are those of the play.
-                along = dot(now.spin, c.turns) if c.slides is None else dot(now.velocity, c.slides)
-                out.append(along)
-        return as_array(out)
+        # Slides come first, and turns are small: the sleeve's axes are those of the play.
+        return as_array(
+            dot(now.spin, c.turns) if c.slides is None else dot(now.velocity, c.slides)
+            for joint, now in zip(joints, motions, strict=True)
+            for c in joint.joint.play()
+        )
 
     return jax.jacfwd(rates)(jnp.zeros(plan.free))
-
-
-def _closing_rows(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "conditions free"]:
-    """The Jacobian of the conditions of ideal loops."""
-    at, plan = mechanism.at(time), layout(mechanism)
-    motion = frames(at, time, plan.split(y))
-    rows = [now.row.array for now in closure_conditions(motion)]
-    return jnp.stack(rows) if rows else jnp.zeros((0, plan.free))

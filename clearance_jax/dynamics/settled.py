@@ -17,26 +17,25 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import HELD, StartErrors, correct
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.reactions import held_reactions, hold_still
+from clearance_jax.dynamics.reactions import by_joint, held_reactions, hold_still
 from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints.seating import Near, Seat, SeatLoad, Turned, relative_at, seat, stiffness_at
+from clearance_jax.joints.seating import Near, Seat, SeatLoad, Turned, relative_at, seat, size_of, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
+from clearance_jax.mechanism.state import initial_values, layout, parts, place_rates
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import gives_way, with_motions
 from clearance_jax.spatial import as_array, dot, hamilton, scale
 
@@ -45,9 +44,7 @@ DEFLECTIONS = 4
 
 
 def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
-    """The mechanism whose drives that give way start deflected, at rest relative to their motors: they do not
-    accelerate while joints are ideal and everything else moves as prescribed.
-    """
+    """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal."""
     springs = [part for part in parts(mechanism.ideal()) if gives_way(part.coordinate.motion)]
     if not springs:
         return mechanism
@@ -65,15 +62,10 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
     positions = jax.lax.fori_loop(0, DEFLECTIONS, once, begin[places])
     at = {part.coordinate.name: positions[i] for i, part in enumerate(springs)}
 
-    def move(joint: AbstractJoint) -> AbstractJoint:
-        def change(coordinate: Coordinate) -> Motion:
-            if coordinate.name not in at:
-                return coordinate.motion
-            return dataclasses.replace(coordinate.motion, position=at[coordinate.name])
+    def change(c: Coordinate) -> Motion:
+        return dataclasses.replace(c.motion, position=at[c.name]) if c.name in at else c.motion
 
-        return with_motions(joint, change)
-
-    return dataclasses.replace(mechanism, joints=tuple(move(joint) for joint in mechanism.joints))
+    return dataclasses.replace(mechanism, joints=tuple(with_motions(joint, change) for joint in mechanism.joints))
 
 
 # Rounds with pins seated: each reduces the error by the ratio of clearance to length.
@@ -100,12 +92,11 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     # At the start, sampled controllers act continuously.
     mechanism = deflect(time, mechanism.without_sampling())
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    begin = tuple(middle(joint) for joint in joints)
-    sizes = [size_of(joint) for joint in joints]
+    begin, sizes = tuple(map(middle, joints)), [size_of(joint.joint.play()) for joint in joints]
     tilts = _tilts(joints, sizes)
 
     def loads_of(settle, time, now: Seats):
-        fixed = hold_still(mechanism, {joint.name: tuple(p) for joint, p in zip(joints, now.play, strict=True)})
+        fixed = hold_still(mechanism, by_joint(mechanism, now.play))
         y, opened = now.y, jnp.zeros(0)
         if loops:
             y, opened = correct(time, y, fixed, fixed.loops, settle=settle)
@@ -114,18 +105,16 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         reactions = held_reactions(mechanism, time, motion).values()
         # Otherwise the compiler computes the reactions anew at every use.
         loads = jax.lax.optimization_barrier([(as_array(r.on_pin), as_array(r.turning)) for r in reactions])
-        rates = as_array(position_rates(fixed, tuple(now.y[plan.q]), tuple(now.y[plan.v])))
-        return y, loads, jnp.concatenate([rates, as_array(motion.acceleration)]), opened
+        rates = jnp.concatenate([place_rates(fixed, now.y), as_array(motion.acceleration)])
+        return y, loads, rates, opened
 
     def seats_at(seated, now: Seats, y, loads, opened, slopes):
         turned = [s and Turned(s[0], s[1], play) for s, play in zip(slopes, now.play, strict=True)]
         seats = seats_of(joints, loads, begin, turned=turned)
-        pressed, left = tuple(seat.presses for seat in seats), as_array([seat.left for seat in seats])
         play = tuple(jnp.where(s.presses & seated, s.play, first) for s, first in zip(seats, begin, strict=True))
-        firm = tuple(seat.stiffness for seat in seats)
+        contacts = tuple(seat.presses for seat in seats), tuple(seat.stiffness for seat in seats)
         last = [jnp.linalg.norm((new - old) / size) for new, old, size in zip(play, now.play, sizes, strict=True)]
-        errors = StartErrors(opened, left, as_array(last))
-        return Seats(y, play), ((pressed, firm), errors)
+        return Seats(y, play), (contacts, StartErrors(opened, as_array([seat.left for seat in seats]), as_array(last)))
 
     def once(k, carry):
         now, rate, _, _ = carry
@@ -149,8 +138,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     still = jax.tree.map(jnp.zeros_like, first)
     errors = StartErrors(*(jnp.zeros(len(those)) for those in (loops, joints, joints)))
     free = tuple(jnp.asarray(False) for _ in joints), tuple(jnp.zeros((len(size), len(size))) for size in sizes)
-    carry = first, still, (still, free), errors
-    begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
+    begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, (first, still, (still, free), errors))
     now, resting, (rate, (pressed, firm)), errors = begun
     paces = [speed / size for speed, size in zip(rate.play, sizes, strict=True)]
     seated = _keep_pace(mechanism, time, whole_state(mechanism, now, rate, pressed), paces, firm, sizes)
@@ -176,9 +164,7 @@ def _check(mechanism: PreparedMechanism) -> None:
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:
-    """Unit tangents of all play coordinates that turn a pin, by joint (tilts, play). A pin's load depends on hardly
-    anything else of its own play.
-    """
+    """Unit tangents of the play that turns pins, by joint (tilts, play): loads depend on hardly any other play."""
     turning = [[c.slides is None and is_searched(joint) for c in joint.joint.play()] for joint in joints]
     places = np.flatnonzero([turns for joint in turning for turns in joint])
     units = np.eye(sum(map(len, sizes)))[places]
@@ -197,37 +183,26 @@ def _derivatives(function: Callable, at: tuple, rate: tuple, tilts: tuple[Array,
     return jax.tree.map(lambda leaf: leaf[0], values), changes
 
 
-def _slopes(
-    joints: tuple[ClearanceJoint, ...], changes: list, tilts: tuple[Array, ...]
-) -> list[tuple[Array, Array] | None]:
-    """By joint that tilts: the derivatives of force and moment of its pin by its play, (3, play) each, from derivatives
-    (1 + tilts, 3).
-    """
-    out = []
-    for k, joint in enumerate(joints):
-        turns = is_searched(joint) and any(c.turns is not None for c in joint.joint.play())
-        force, moment = changes[k]
-        out.append((force[1:].T @ tilts[k], moment[1:].T @ tilts[k]) if turns else None)
-    return out
+def _slopes(joints: tuple[ClearanceJoint, ...], changes: list, tilts: tuple[Array, ...]) -> list:
+    """By joint that tilts: how force and moment of its pin change by its play, (3, play) each; else `None`."""
+    turns = [is_searched(joint) and any(c.turns is not None for c in joint.joint.play()) for joint in joints]
+    return [
+        (force[1:].T @ tilt, moment[1:].T @ tilt) if turning else None
+        for (force, moment), tilt, turning in zip(changes, tilts, turns, strict=True)
+    ]
 
 
 def _keep_pace(
     mechanism: PreparedMechanism, time: Scalar, y: Array, rates: list[Array], firm: tuple, sizes: list[Array]
 ) -> Seated:
     """Which pins can follow their place of rest; `rates`: of that place, in units of their play."""
-    numbers, rest = eqx.partition((mechanism, time, y, rates, firm, sizes), eqx.is_array)
-    mechanism, time, y, rates, firm, sizes = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+    mechanism, time, y, rates, firm, sizes = without_derivatives((mechanism, time, y, rates, firm, sizes))
     mechanism = mechanism.as_small_program()
     pace = as_array([jnp.max(jnp.abs(speed)) for speed in rates])
     size = jnp.concatenate(sizes)
     inverse = play_mobility(mechanism, time, y) / (size[:, None] * size[None, :])
     frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), inverse)
     return Seated(followers(pace, frequency, bool(mechanism.loops)), pace, frequency)
-
-
-def size_of(joint: ClearanceJoint) -> Array:
-    """The magnitudes of a joint's play coordinates [m or rad]."""
-    return as_array([coordinate.scale for coordinate in joint.joint.play()])
 
 
 def middle(joint: ClearanceJoint) -> Array:
@@ -264,12 +239,9 @@ def seats_of(
         else:
             alike.setdefault(jax.tree.structure(joint.clearance), []).append(k)
     for group in alike.values():
-        known = [None if near is None else near[k] for k in group]
-        loaded = [SeatLoad(tuple(loads[k][0]), tuple(loads[k][1])) for k in group]
-        changes = [None if turned is None else turned[k] for k in group]
         asked = [
-            (joints[k].clearance, load, begin[k], at, change)
-            for k, load, at, change in zip(group, loaded, known, changes, strict=True)
+            (joints[k].clearance, SeatLoad(*map(tuple, loads[k])), begin[k], near and near[k], turned and turned[k])
+            for k in group
         ]
         if len(group) == 1:
             seats[group[0]] = seat(*asked[0])

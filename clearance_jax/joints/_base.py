@@ -20,25 +20,17 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.roots import newton_in_logarithms
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax._compile.barriers import share, with_barriers
-from clearance_jax.joints.contact import (
-    Action,
-    ContactPoint,
-    JointOutline,
-    PlayCoordinate,
-    PointAction,
-    Relative,
-    carry,
-    depth_of,
-)
+from clearance_jax.joints.contact import Action, ContactPoint, JointOutline, PlayCoordinate, PointAction, Relative
 from clearance_jax.joints.elements import AbstractElement, Offset
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction
 from clearance_jax.parameters import Parametrised
-from clearance_jax.spatial import ZERO, Pair, Vector, Z, add, cross, dot, minus, plus, scale, times
+from clearance_jax.spatial import ZERO, Pair, Vector, add, cross, dot, plus, scale, times
 
 
 class AbstractClearance(Parametrised):
@@ -93,14 +85,11 @@ class AbstractClearance(Parametrised):
 
     @abc.abstractmethod
     def travel(self, along: Vector) -> Scalar:
-        """How far the pin's centre may go from the sleeve's along a direction (normal to the axis) before it touches
-        [m].
-        """
+        """How far the pin's centre may go along a direction across the axis before it touches [m]."""
 
     def outline(self) -> JointOutline | None:
         """What pictures show of it: by default a pin in a round sleeve, as its laws see it. `None`: nothing."""
-        geometry = self.geometry()
-        return JointOutline(geometry.pin_radius, geometry.radial_clearance)
+        return JointOutline(self.geometry().pin_radius, self.geometry().radial_clearance)
 
     @property
     def has_ends(self) -> bool:
@@ -117,19 +106,7 @@ class AbstractClearance(Parametrised):
 
     def offset(self, at: Relative) -> Offset:
         """The part of a relative motion that is play, for an element that fills it."""
-        slides, turns = (
-            tuple(any(axis[i] for axis in axes) for i in range(3))
-            for axes in zip(*((c.slides or ZERO, c.turns or ZERO) for c in self.play()), strict=True)
-        )
-        sine, cosine = ZERO, 1.0
-        if at.rows is not None and turns[2]:
-            (_, a, b), (c, _, d), (e, f, _) = at.rows
-            sine = scale(0.5, (minus(f, d), minus(b, e), minus(c, a)))
-            cosine = 0.5 * (at.rows[0][0] + at.rows[1][1] + at.rows[2][2] - 1)
-        elif at.rows is not None:  # a turn of the pin about its axis is no tilt
-            sine, cosine = cross(Z, at.axis), at.axis[2]
-        across = _only(slides, at.place), _only(slides, at.velocity)
-        return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin), at.spin[2])
+        return Offset.of(self.play(), at)
 
     @property
     def laws(self) -> tuple[AbstractNormalLaw | AbstractFrictionLaw, ...]:
@@ -148,9 +125,7 @@ class AbstractClearance(Parametrised):
 
     @property
     def remembers(self) -> tuple[str, ...]:
-        """Names of its memory variables, point by point: those of the laws, and whether the point touched, which a law
-        with memory needs.
-        """
+        """Names of its memory, point by point: that of the laws, and whether the point touched, if a law remembers."""
         names = self.normal.remembers
         if self.friction is not None:
             ends = ("",) if self.slip_components == 1 else tuple(f"_{k + 1}" for k in range(self.slip_components))
@@ -184,6 +159,11 @@ class PreparedClearance(Module):
         """The coordinates that it adds to the tree."""
         return self.joint.play()
 
+    @property
+    def blank(self) -> Memory:
+        """The memory of a contact that nothing has happened to."""
+        return tuple(jnp.zeros(()) for _ in self.remembers)
+
     def without_friction(self) -> "PreparedClearance":
         """The same joint without its friction law."""
         return PreparedClearance(self.joint, self.normal, None)
@@ -203,9 +183,8 @@ class PreparedClearance(Module):
         if points.lever is not None:
             torque = add(torque, self._sum((0.0, 0.0, points.lever * action.traction[0])))
             rubbed -= points.sweep * action.traction[0]
-        absorbed, rubbed, stored = self._sum(
-            (action.normal_force * action.penetration_rate, rubbed, action.elastic_energy)
-        )
+        absorbed = action.normal_force * action.penetration_rate
+        absorbed, rubbed, stored = self._sum((absorbed, rubbed, action.elastic_energy))
         if self.joint.element is not None:
             push, twist = self.joint.element.wrench(self.joint.offset(at), self.joint.geometry())
             force, torque = add(force, push), add(torque, twist)
@@ -224,22 +203,19 @@ class PreparedClearance(Module):
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
         normal, (normal_memory, rest, touched) = self.normal.at(point.local), self._parts(memory)
         depth, rate, slip = point.penetration, point.penetration_rate, point.rubbing
-        share = 1.0 if point.share is None else point.share
-        force = times(share, normal.force(depth, rate, normal_memory))
+        force = times(point.part, normal.force(depth, rate, normal_memory))
         rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, normal_memory))
         traction: Slip = tuple(jnp.zeros_like(s) for s in slip)
         if self.friction is not None:
             friction = self.friction.at(point.local)
             traction = friction.traction(slip, force, rest)
             changes = while_touching(friction.law, touched, friction.memory_rate(slip, force, rest))
-            rates = (*rates, *carry(changes, rest, point.turning))
+            rates = (*rates, *point.carry(changes, rest))
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
-        return PointAction(depth, rate, point.slip, force, traction, rates, times(share, normal.energy(depth)))
+        return PointAction(depth, rate, point.slip, force, traction, rates, times(point.part, normal.energy(depth)))
 
     def event_functions(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
-        """Functions of the contact points whose signs define the regime of every law, arrays for several points.
-        `before`: the points at the start of the step.
-        """
+        """Functions of the points `now` (and `before`, at the step's start) whose signs define the laws' regimes."""
         return self._map(self._event_functions_at)(now, self._by_point(memory), before)
 
     def _event_functions_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
@@ -247,15 +223,14 @@ class PreparedClearance(Module):
         depth, rate = point.penetration, point.penetration_rate
         out, presses = normal.event_functions(depth, rate, normal_memory)
         if self.friction is not None:
-            share = 1.0 if point.share is None else point.share
-            friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, normal_memory))
+            force = times(point.part, normal.force(depth, rate, normal_memory))
+            friction = self.friction.at(point.local)
             out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
     def latch(self, memory: Memory, now: Relative, rate: Relative) -> Memory:
-        """The memory at the start of a step: rewritten by the laws where contact has just begun or ended.
-
-        **Arguments:** the relative motion `now`, and its time derivative (`rate`).
+        """The memory at the start of a step, rewritten by the laws where contact has just begun or ended: from the
+        relative motion `now` and its time derivative (`rate`).
         """
         # Structural zeros of the place stay absent.
         numbers, constants = eqx.partition(now, eqx.is_array)
@@ -282,21 +257,19 @@ class PreparedClearance(Module):
         return (*normal_memory, *rest, jnp.where(touching, 1.0, 0.0))
 
     def seat(self, force: Pair) -> tuple[Pair, Flag]:
-        """Where the pin rests under a force that the sleeve exerts on it [N], normal to the axis, in the sleeve's axes:
-        pressed against the wall so deep that the joint, without friction, gives this force; and whether the force
-        presses it at all.
+        """Where the pin rests under a force of the sleeve across its axis [N], in its axes: so deep that the joint,
+        without friction, gives this force; and whether the force presses it at all.
         """
         size, x, y = safe_unit(*(jnp.asarray(component, float) for component in force))
         wall: Vector = (-x, -y, 0.0)
-        free, still = self.joint.travel(wall), tuple(jnp.zeros(()) for _ in self.remembers)
-        smooth = self.without_friction()
+        free, smooth = self.joint.travel(wall), self.without_friction()
 
         def borne(depth):
             at = Relative(self.joint.press(wall, depth), 0.0, ZERO, ZERO)
-            return -jnp.asarray(dot(smooth.act(at, still).force, wall), float)
+            return -jnp.asarray(dot(smooth.act(at, smooth.blank).force, wall), float)
 
         loaded = size > 0
-        depth = depth_of(borne, jnp.where(loaded, size, 1.0), free)
+        depth = newton_in_logarithms(borne, jnp.where(loaded, size, 1.0), free)
         return self.joint.press(wall, depth)[:2], loaded & (depth > TOUCHING * free)
 
     def depths(self, at: Relative) -> tuple[Array, Array]:
@@ -308,8 +281,7 @@ class PreparedClearance(Module):
         """Elastic energy [J]."""
 
         def energy(point: ContactPoint):
-            share = 1.0 if point.share is None else point.share
-            return times(share, self.normal.at(point.local).energy(point.penetration))
+            return times(point.part, self.normal.at(point.local).energy(point.penetration))
 
         return jnp.sum(self._map(energy)(self.joint.points(at))) + self._filling_energy(at)
 
@@ -326,9 +298,7 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     def memory_growth(self) -> tuple[float, ...]:
-        """By memory variable: 1 if its error is also measured relative to its size. The memory of a normal law grows
-        with the contact; a bristle does not.
-        """
+        """By memory variable: 1 if its error counts relative to its size too: a normal law's grows with contact."""
         growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
         return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
@@ -336,7 +306,7 @@ class PreparedClearance(Module):
     def _map(self, function: Callable) -> Callable:
         if self.joint.count == 1:
             return function
-        return lambda points, *rest: jax.vmap(function)(_bare(points), *rest)
+        return lambda points, *rest: jax.vmap(function)(getattr(points, "law_view", points), *rest)
 
     def _sum(self, terms: Any) -> Any:
         """By term: the sum over the points; absent terms stay absent."""
@@ -346,9 +316,9 @@ class PreparedClearance(Module):
 
     def _by_point(self, memory: Memory) -> tuple[Array, ...]:
         """The memory by variable; for several points as arrays."""
-        count, width = self.joint.count, len(memory) // self.joint.count
-        if count == 1:
+        if self.joint.count == 1:
             return tuple(memory)
+        width = len(memory) // self.joint.count
         return tuple(jnp.stack(memory[i::width]) for i in range(width))
 
     def _by_variable(self, memory: tuple[Array, ...]) -> Memory:
@@ -365,12 +335,10 @@ class PreparedClearance(Module):
 
 def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
     """`function(joint, ...)` for each of `several` prepared joints and their arguments. Alike joints with several
-    points share one copy in the program. Joints with one point have their own: their program is small, and a third axis
-    would cost more in a batch.
+    points share one copy in the program; a single point's is small, and a third axis would cost more in a batch.
     """
-    alone = [joint.joint.count == 1 for joint, *_ in several]
-    beside = iter(side_by_side(function, [args for args, single in zip(several, alone, strict=True) if not single]))
-    return [share(function(*args)) if single else next(beside) for args, single in zip(several, alone, strict=True)]
+    beside = iter(side_by_side(function, [args for args in several if args[0].joint.count > 1]))
+    return [next(beside) if args[0].joint.count > 1 else share(function(*args)) for args in several]
 
 
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:
@@ -380,14 +348,3 @@ def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory
     would be an error of first order, and steps would shrink until they end at the touch.
     """
     return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)
-
-
-def _only(among: Sequence[bool], vector: Vector) -> Vector:
-    """A vector's components along some of the axes; the others are absent."""
-    x, y, z = (component if there else 0.0 for there, component in zip(among, vector, strict=True))
-    return x, y, z
-
-
-def _bare(points: Any) -> Any:
-    """The contact points as laws see them."""
-    return points.law_view if isinstance(points, ContactPoint) else points

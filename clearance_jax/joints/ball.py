@@ -28,10 +28,8 @@ class SphericalClearance(AbstractClearance):
     `friction` laws; `element`: what acts without touch; `ball_material`, `socket_material`: for laws that need them.
     """
 
-    radial_clearance: Scalar = physical(
-        "m", above=0.0, help="socket radius minus ball radius", example='"0.1 mm"', instead=GRIPS
-    )
-    ball_radius: Scalar = physical("m", above=0.0, help="radius of the ball", example='"10 mm"')
+    radial_clearance: Scalar = physical("m", "socket radius minus ball radius", '"0.1 mm"', above=0.0, instead=GRIPS)
+    ball_radius: Scalar = physical("m", "radius of the ball", '"10 mm"', above=0.0)
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None
     element: AbstractElement | None = None

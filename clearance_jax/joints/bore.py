@@ -26,6 +26,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.roots import bisect, newton
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.parameters import Parametrised, physical
@@ -60,9 +61,7 @@ class Depth(NamedTuple):
 
 
 class Bore(NamedTuple):
-    """The shape of a bore: radial clearance without wear, and worn depths, by sector [m]. (For few sectors see
-    `finer`.)
-    """
+    """A bore: radial clearance without wear, and worn depths by sector [m] (few sectors: see `finer`)."""
 
     clearance: Scalar
     depth: Float[Array, " sectors"]
@@ -100,21 +99,18 @@ class Bore(NamedTuple):
 
     def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
         """The distance from the middle, along a direction, at which a pin has a penetration."""
-        still = jax.tree.map(jax.lax.stop_gradient, (self, x, y, depth))
-        far = still[0]._far(*still[1:])
-        # Two more iterations give the first and the second derivative.
-        return self._newton(x, y, depth, self._newton(x, y, depth, far))
+        return self._distance(x, y, depth, 2)  # for two derivatives
 
-    def _newton(self, x: Scalar, y: Scalar, depth: Scalar, far: Scalar) -> Scalar:
-        """A Newton step of `distance`, whose slope has no derivative."""
-        now = self.depth_at(far * x, far * y)
-        return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
+    def _distance(self, x: Scalar, y: Scalar, depth: Scalar, last: int) -> Scalar:
+        """`distance` by Newton, from the place that the deepest sector alone would give."""
 
-    def _far(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
-        """`distance` without derivatives: Newton from the place that the deepest sector alone would give."""
+        def step(far, bore, x, y, depth):
+            now = bore.depth_at(far * x, far * y)
+            return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
+
         ahead = x * self._cosines + y * self._sines
         start = jnp.min(jnp.where(ahead > 0, (self.clearance + self.depth + depth) / ahead, jnp.inf))
-        return jax.lax.fori_loop(0, ITERATIONS, lambda _, far: self._newton(x, y, depth, far), start)
+        return newton(step, start, ITERATIONS, self, x, y, depth, last=last)
 
     def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
         """The place of a pin that a force presses so deep along a direction, that of the wall's gradient there."""
@@ -128,16 +124,11 @@ class Bore(NamedTuple):
 
         def at(angle):
             x, y = jnp.cos(angle), jnp.sin(angle)
-            far = still._far(x, y, deep)
+            far = still._distance(x, y, deep, 0)
             return far * x, far * y
 
-        def halve(_, bracket):
-            low, high = bracket
-            angle = 0.5 * (low + high)
-            before = miss(still, wall, deep, *at(angle))[1] < 0
-            return jnp.where(before, angle, low), jnp.where(before, high, angle)
-
-        low, high = jax.lax.fori_loop(0, HALVINGS, halve, (middle - 0.5 * np.pi, middle + 0.5 * np.pi))
+        ends = middle - 0.5 * np.pi, middle + 0.5 * np.pi
+        low, high = bisect(lambda angle: miss(still, wall, deep, *at(angle))[1] < 0, *ends, HALVINGS)
         x, y = at(0.5 * (low + high))
         (a, b), (c, d) = jax.jacfwd(lambda p: miss(still, wall, deep, p[0], p[1]))(jnp.stack([x, y]))
         inverse = 1 / (a * d - b * c)
@@ -157,9 +148,7 @@ def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections f
 
 
 def spline(values: Float[Array, "*sections sectors"], places: np.ndarray) -> Float[Array, "*sections sectors places"]:
-    """The periodic cubic spline through values at the middles of sectors, at places from 0 to 1 between each middle and
-    the next.
-    """
+    """The periodic cubic spline through values of sectors, at places from 0 to 1 between their middles."""
     count = values.shape[-1]
     waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)[(None,) * (values.ndim - 1)]
     bent = jnp.fft.irfft(jnp.fft.rfft(values) * (2 * jnp.cos(waves) - 2) * 6 / (4 + 2 * jnp.cos(waves)), count)

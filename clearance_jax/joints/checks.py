@@ -24,9 +24,7 @@ class ImplausibleWarning(UserWarning):
 
 
 def above_pin(radial: Any, pin: Any) -> str:
-    """A text about a radial clearance that is as large as its pin's radius [m] or larger; empty if it is smaller or one
-    of them is traced. (Contact in the plane is right at any size, so it is not refused.)
-    """
+    """A text about a radial clearance as large as its pin's radius [m] or larger; empty if not, or traced."""
     if isinstance(radial, Tracer) or isinstance(pin, Tracer):
         return ""
     try:
@@ -86,9 +84,7 @@ def check_known(name: str, size: Any, why: str) -> None:
 
 
 def check_start(joint: str, place: tuple[Any, ...], slides: Sequence[Vector]) -> None:
-    """Raise for an `eccentricity` (its components) along an axis without play. Absent, zero and traced components
-    pass.
-    """
+    """Raise for components of an `eccentricity` without play; absent, zero and traced ones pass."""
     for k, (letter, part) in enumerate(zip("xyz", place, strict=True)):
         absent = part is None or isinstance(part, Tracer) or not np.any(np.asarray(part))
         if not absent and not any(slide[k] for slide in slides):

@@ -1,6 +1,5 @@
 """Data of a contact: relative motion, play coordinates, contact points, actions, depth, and what pictures show."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -81,17 +80,28 @@ class ContactPoint(NamedTuple):
     sweep: Scalar | None = None
 
     @property
+    def part(self) -> Scalar | float:
+        """Its part of the joint's normal force."""
+        return 1.0 if self.share is None else self.share
+
+    @property
     def rubbing(self) -> Slip:
         """The slip at which friction dissipates."""
         return self.slip if self.sweep is None else (self.slip[0] + self.sweep, *self.slip[1:])
 
     def rubbing_around(self, lever: Array, spin: Term) -> "ContactPoint":
-        """The same with friction on a lever further from the pin's axis, about which the pin spins [rad/s]. Faces of a
-        sleeve are normal to the axis, and keep their friction.
-        """
+        """The same with friction further from the axis by a lever; the pin spins about it [rad/s]. Not of faces."""
         x, y, _ = self.normal
         lever = jnp.where(plus(times(x, x), times(y, y)) > 0.5, lever, 0.0)
         return self._replace(lever=lever, sweep=lever * spin)
+
+    def carry(self, rates: Memory, memory: Memory) -> Memory:
+        """The rates of vectors, by component, that turn with the plane of contact if that has a `turning`."""
+        if self.turning is None:
+            return rates
+        vectors = [(memory[i], memory[i + 1], memory[i + 2]) for i in range(0, len(memory), 3)]
+        turned = [term for vector in vectors for term in cross(self.turning, vector)]
+        return tuple(rate + term for rate, term in zip(rates, turned, strict=True))
 
     @property
     def law_view(self) -> "ContactPoint":
@@ -140,17 +150,6 @@ class Action(NamedTuple):
         return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)
 
 
-def carry(rates: Memory, memory: Memory, turning: Vector | None) -> Memory:
-    """The rates of vectors, component by component, that turn with a plane [rad/s]; unchanged if `turning` is
-    `None`.
-    """
-    if turning is None:
-        return rates
-    vectors = [(memory[i], memory[i + 1], memory[i + 2]) for i in range(0, len(memory), 3)]
-    turned = [term for vector in vectors for term in cross(turning, vector)]
-    return tuple(rate + term for rate, term in zip(rates, turned, strict=True))
-
-
 class JointOutline(NamedTuple):
     """The numbers of a joint that its pictures need, in the axes of its sleeve [m]. Datasets keep them.
 
@@ -179,26 +178,3 @@ class JointOutline(NamedTuple):
     height: Any = None
     width: Any = None
     ball: bool = False
-
-
-# Newton iterations for a depth; the longest of them, in powers of e.
-SEARCH, STRIDE = 16, 5.0
-
-
-def depth_of(borne: Callable[[Scalar], Scalar], force: Scalar, start: Scalar) -> Scalar:
-    """The penetration at which a joint bears a force > 0, by Newton's method in logarithms, in which every power law is
-    a straight line.
-
-    It can be differentiated twice, although the slope is hidden from differentiation: at the solution each iteration
-    makes the derivatives of the next order right.
-    """
-
-    def newton(_, logarithm):
-        depth = jnp.exp(logarithm)
-        now, stiffness = borne(depth), jax.lax.stop_gradient(jax.grad(borne)(jax.lax.stop_gradient(depth)))
-        presses = (now > 0) & (stiffness > 0)
-        now, stiffness = jnp.where(presses, now, force), jnp.where(presses, stiffness, 1.0)
-        step = jnp.log(now / force) * jax.lax.stop_gradient(now / (stiffness * depth))
-        return logarithm - jnp.where(presses, jnp.clip(step, -STRIDE, STRIDE), -1.0)
-
-    return jnp.exp(jax.lax.fori_loop(0, SEARCH, newton, jnp.log(start)))

@@ -4,6 +4,7 @@ Without them a sleeve rings: a pin's modes along its wall have hardly any dampin
 """
 
 import abc
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
@@ -15,9 +16,10 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.bore import Bore, finer
 from clearance_jax.joints.checks import check_sizes
+from clearance_jax.joints.contact import PlayCoordinate, Relative
 from clearance_jax.laws import Geometry
 from clearance_jax.parameters import Parametrised, physical
-from clearance_jax.spatial import Term, Vector, add, dot, plus, scale, times
+from clearance_jax.spatial import ZERO, Term, Vector, Z, add, cross, dot, minus, plus, scale, times
 
 
 class Offset(NamedTuple):
@@ -34,6 +36,28 @@ class Offset(NamedTuple):
     cosine: Term
     spin: Vector
     roll: Term = 0.0
+
+    @classmethod
+    def of(cls, play: Sequence[PlayCoordinate], at: Relative) -> "Offset":
+        """The part of a relative motion along the coordinates of a `play`."""
+        slides, turns = (
+            tuple(any(axis[i] for axis in axes) for i in range(3))
+            for axes in zip(*((c.slides or ZERO, c.turns or ZERO) for c in play), strict=True)
+        )
+        sine, cosine = ZERO, 1.0
+        if at.rows is not None and turns[2]:
+            (_, a, b), (c, _, d), (e, f, _) = at.rows
+            sine = scale(0.5, (minus(f, d), minus(b, e), minus(c, a)))
+            cosine = 0.5 * (at.rows[0][0] + at.rows[1][1] + at.rows[2][2] - 1)
+        elif at.rows is not None:  # a turn of the pin about its axis is no tilt
+            sine, cosine = cross(Z, at.axis), at.axis[2]
+
+        def only(among, vector: Vector) -> Vector:
+            x, y, z = (component if there else 0.0 for there, component in zip(among, vector, strict=True))
+            return x, y, z
+
+        across = only(slides, at.place), only(slides, at.velocity)
+        return cls(*across, only(turns, sine), cosine, only(turns, at.spin), at.spin[2])
 
 
 class AbstractElement(Parametrised):
@@ -82,8 +106,8 @@ class ShortBearing(AbstractElement):
     """
 
     has_static_force: ClassVar[bool] = False
-    viscosity: Scalar = physical("Pa*s", above=0.0, help="viscosity of the oil", example='"0.1 Pa*s"')
-    roughness: Scalar = physical("m", above=0.0, help="least height of the film", example='"0.5 um"')
+    viscosity: Scalar = physical("Pa*s", "viscosity of the oil", '"0.1 Pa*s"', above=0.0)
+    roughness: Scalar = physical("m", "least height of the film", '"0.5 um"', above=0.0)
 
     def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
         """Force and torque of the film on the pin."""
@@ -151,9 +175,7 @@ class ShortBearing(AbstractElement):
 
 
 def _between(depth: Array) -> tuple[Array, Array]:
-    """The depths at the middles of equal parts of the sectors, linear from a sector's middle to the next; and their
-    slope over the angle.
-    """
+    """Depths at the middles of equal parts of the sectors, by lines between sectors; and slopes by angle."""
     parts, rise = -(-PLACES // depth.shape[0]), jnp.roll(depth, -1) - depth
     at = ((np.arange(parts) + 0.5) / parts)[None]
     slope = jnp.repeat(rise * (depth.shape[0] / (2 * np.pi)), parts)
@@ -168,9 +190,7 @@ def _mean_positive(values: Array) -> Array:
 
 
 def _loads(e: Scalar, closing: Scalar, around: Scalar) -> tuple[Scalar, Scalar]:
-    """Integrals of the positive half of (a cos t + b sin t) / (1 - e cos t)^3, times cos t and sin t, with a
-    = `closing` and b = `around`.
-    """
+    """Integrals of max(0, a cos t + b sin t) / (1 - e cos t)^3, times cos t and sin t; a = `closing`, b = `around`."""
     size, a, b = safe_unit(closing, around)
     a = jnp.where(size > 0, a, 1.0)
     root = jnp.sqrt(1 - e * e)
@@ -208,9 +228,9 @@ class PlayDamper(AbstractElement):
     the joint has no play are not damped: a pin turns freely about its axis.
     """
 
-    radial: Scalar = physical("N*s/m", least=0.0, help="damping of the play across", example='"2 kN*s/m"')
-    axial: Scalar = physical("N*s/m", least=0.0, default=0.0, help="damping of axial play", example='"1 kN*s/m"')
-    tilt: Scalar = physical("N*m*s/rad", least=0.0, default=0.0, help="damping of tilt", example='"0.5 N*m*s/rad"')
+    radial: Scalar = physical("N*s/m", "damping of the play across", '"2 kN*s/m"', least=0.0)
+    axial: Scalar = physical("N*s/m", "damping of axial play", '"1 kN*s/m"', least=0.0, default=0.0)
+    tilt: Scalar = physical("N*m*s/rad", "damping of tilt", '"0.5 N*m*s/rad"', least=0.0, default=0.0)
 
     @classmethod
     def film(cls, viscosity: Any, pin_radius: Any, length: Any, radial_clearance: Any) -> "PlayDamper":
@@ -250,25 +270,19 @@ class PreloadedBearing(AbstractElement):
     - `damping_time` [s]: damping over stiffness; for rolling bearings 0.25e-5 to 2.5e-5 s (Krämer 1993).
     """
 
-    radial_stiffness: Scalar = physical("N/m", above=0.0, help="stiffness across", example='"200 N/um"')
-    axial_stiffness: Scalar = physical(
-        "N/m", least=0.0, default=0.0, help="stiffness of axial play", example='"300 N/um"'
-    )
-    tilt_stiffness: Scalar = physical(
-        "N*m/rad", least=0.0, default=0.0, help="stiffness against tilt", example='"200 kN*m/rad"'
-    )
+    radial_stiffness: Scalar = physical("N/m", "stiffness across", '"200 N/um"', above=0.0)
+    axial_stiffness: Scalar = physical("N/m", "stiffness of axial play", '"300 N/um"', least=0.0, default=0.0)
+    tilt_stiffness: Scalar = physical("N*m/rad", "stiffness against tilt", '"200 kN*m/rad"', least=0.0, default=0.0)
     radial_preload: Scalar | None = physical(
-        "N", above=0.0, default=None, help="force at which the play opens", example='"800 N"', absent="it never opens"
+        "N", "force at which the play opens", '"800 N"', "it never opens", above=0.0, default=None
     )
     axial_preload: Scalar | None = physical(
-        "N", above=0.0, default=None, help="axial force at which it opens", example='"1 kN"', absent="it never opens"
+        "N", "axial force at which it opens", '"1 kN"', "it never opens", above=0.0, default=None
     )
     tilt_preload: Scalar | None = physical(
-        "N*m", above=0.0, default=None, help="moment at which it opens", example='"40 N*m"', absent="it never opens"
+        "N*m", "moment at which it opens", '"40 N*m"', "it never opens", above=0.0, default=None
     )
-    damping_time: Scalar = physical(
-        "s", least=0.0, default=ROLLING_DAMPING, help="damping over stiffness", example='"10 us"'
-    )
+    damping_time: Scalar = physical("s", "damping over stiffness", '"10 us"', least=0.0, default=ROLLING_DAMPING)
     stiff: ClassVar[bool] = True
 
     def _springs(self, offset: Offset) -> tuple[tuple[Scalar, Scalar | None, Vector], ...]:

@@ -173,13 +173,9 @@ def fits_within(
             f"Argument `greatest_radial_clearance` must be at least `least`, and `least` at least 0 (both in metres), "
             f"but they are {upper:g} and {lower:g}. Give the larger one first; interference fits are not listed."
         ).about("greatest_radial_clearance", upper, lower)
-    fits = [candidate for candidate in (fit(diameter, name) for name in COMMON) if _is_within(candidate, lower, upper)]
-    return tuple(sorted(fits, key=lambda candidate: candidate.radial_clearance[1], reverse=True))
-
-
-def _is_within(candidate: Fit, lower: float, upper: float) -> bool:
-    least, greatest = candidate.radial_clearance
-    return lower <= least and greatest <= upper
+    common = (fit(diameter, name) for name in COMMON)
+    fits = [f for f in common if lower <= f.radial_clearance[0] and f.radial_clearance[1] <= upper]
+    return tuple(sorted(fits, key=lambda f: f.radial_clearance[1], reverse=True))
 
 
 def _millimetres(diameter: SupportsFloat) -> float:

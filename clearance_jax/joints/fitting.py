@@ -28,9 +28,7 @@ REFERENCE_TEMPERATURE = 293.15
 
 
 class Tolerance(Module):
-    """The range of a radial clearance as it is made: `least` and `greatest` [m]. A value below zero is an
-    interference.
-    """
+    """The range of a radial clearance as made: `least` and `greatest` [m], below zero an interference."""
 
     least: Scalar = physical("m")
     greatest: Scalar = physical("m")
@@ -58,24 +56,22 @@ class PressFit(Module):
     """
 
     fit: str = describe("fit of the bush in its housing", '"H7/p6"', static=True)
-    diameter: Scalar = physical("m", above=0.0, help="outer diameter of the bush", example='"26 mm"')
+    diameter: Scalar = physical("m", "outer diameter of the bush", '"26 mm"', above=0.0)
     housing_diameter: Scalar | None = physical(
-        "m", above=0.0, default=None, help="outer diameter of the housing", example='"60 mm"', absent="large"
+        "m", "outer diameter of the housing", '"60 mm"', "large", above=0.0, default=None
     )
-    bush_modulus: Scalar = physical(
-        "Pa", above=0.0, default=BRONZE.modulus, help="Young's modulus of the bush", example='"103 GPa"'
-    )
+    bush_modulus: Scalar = physical("Pa", "Young's modulus of the bush", '"103 GPa"', above=0.0, default=BRONZE.modulus)
     bush_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=BRONZE.poisson_ratio, help="Poisson's ratio of the bush", example="0.34"
+        "", "Poisson's ratio of the bush", "0.34", least=0.0, below=0.5, default=BRONZE.poisson_ratio
     )
     housing_modulus: Scalar = physical(
-        "Pa", above=0.0, default=STEEL.modulus, help="Young's modulus of the housing", example='"207 GPa"'
+        "Pa", "Young's modulus of the housing", '"207 GPa"', above=0.0, default=STEEL.modulus
     )
     housing_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=STEEL.poisson_ratio, help="Poisson's ratio of the housing", example="0.29"
+        "", "Poisson's ratio of the housing", "0.29", least=0.0, below=0.5, default=STEEL.poisson_ratio
     )
     housing_expansion: Scalar = physical(
-        "1/K", default=STEEL.expansion, help="linear thermal expansion of the housing", example='"11.5e-6 1/K"'
+        "1/K", "linear thermal expansion of the housing", '"11.5e-6 1/K"', default=STEEL.expansion
     )
 
     def part(self, bore: Any) -> Scalar:
@@ -97,9 +93,7 @@ class PressFit(Module):
         return 2 * a * b / (self.bush_modulus * (b**2 - a**2) * (housing + bush))
 
     def closes(self, bore: Any, warming: Any, expansion: Any) -> tuple[Scalar, Scalar, Scalar]:
-        """By how much a `bore` [m] of a bush with that `expansion` [1/K] closes at its diameter [m], `warming` [K]
-        above 20 degC: at least, with mean sizes, and at most.
-        """
+        """By how much a `bore` [m] closes at its diameter [m] at least, with mean sizes, and at most."""
         seat, part = fit_of(self.diameter, self.fit), self.part(bore)
         loosest, tightest = (seat.hole[1], seat.shaft[0]), (seat.hole[0], seat.shaft[1])
         mean = sum(seat.hole) / 2, sum(seat.shaft) / 2
@@ -129,13 +123,13 @@ class Fitting(Module):
         static=True,
     )
     temperature: Scalar = physical(
-        "K", above=0.0, default=REFERENCE_TEMPERATURE, help="temperature at which the fit runs", example='"80 degC"'
+        "K", "temperature at which the fit runs", '"80 degC"', above=0.0, default=REFERENCE_TEMPERATURE
     )
     pin_expansion: Scalar = physical(
-        "1/K", default=STEEL.expansion, help="linear thermal expansion of the pin", example='"11.5e-6 1/K"'
+        "1/K", "linear thermal expansion of the pin", '"11.5e-6 1/K"', default=STEEL.expansion
     )
     sleeve_expansion: Scalar = physical(
-        "1/K", default=BRONZE.expansion, help="linear thermal expansion of the sleeve", example='"18e-6 1/K"'
+        "1/K", "linear thermal expansion of the sleeve", '"18e-6 1/K"', default=BRONZE.expansion
     )
     press: PressFit | None = None
 

@@ -39,26 +39,19 @@ class GuideClearance(AbstractClearance):
     - `block_material`, `guide_material`: for laws that need them.
     """
 
-    side_clearance: Scalar = physical(
-        "m", above=0.0, help="play of the block to either side", example='"0.1 mm"', instead=GRIPS
-    )
-    length: Scalar = physical("m", above=0.0, help="length of the block", example='"60 mm"')
-    height: Scalar = physical("m", above=0.0, help="height of the block", example='"30 mm"')
+    side_clearance: Scalar = physical("m", "play of the block to either side", '"0.1 mm"', above=0.0, instead=GRIPS)
+    length: Scalar = physical("m", "length of the block", '"60 mm"', above=0.0)
+    height: Scalar = physical("m", "height of the block", '"30 mm"', above=0.0)
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None
     width: Scalar | None = physical(
-        "m", above=0.0, default=None, help="width of the block", example='"30 mm"', absent="held, as in the plane"
+        "m", "width of the block", '"30 mm"', "held, as in the plane", above=0.0, default=None
     )
     element: AbstractElement | None = None
     block_material: Material | None = None
     guide_material: Material | None = None
     guide_length: Scalar | None = physical(
-        "m",
-        above=0.0,
-        default=None,
-        help="length of the guide, which holds the whole block",
-        example='"200 mm"',
-        absent="long",
+        "m", "length of the guide, which holds the whole block", '"200 mm"', "long", above=0.0, default=None
     )
     kind: ClassVar[str] = "guide"
     tangents: ClassVar[int] = 2

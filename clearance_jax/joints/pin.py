@@ -8,7 +8,7 @@ sleeve see `joints.bore`.
 import abc
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -30,9 +30,7 @@ from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
 class Sections(NamedTuple):
-    """The sections of a sleeve in which its pin bears: the `geometry` of the whole, and by section its height along the
-    sleeve's axis and its length [m], `heights` and `lengths` (sections,).
-    """
+    """The sections in which a pin bears: the whole `geometry`; by section height along the axis and length [m]."""
 
     geometry: Geometry
     heights: Float[Array, " sections"]
@@ -43,12 +41,14 @@ class AbstractPin(AbstractClearance):
     """A pin in a sleeve, which may be worn."""
 
     radial_clearance: eqx.AbstractVar[Scalar]
+    length: eqx.AbstractVar[Scalar | None]
     pin_radius: eqx.AbstractVar[Scalar]
     pin_material: eqx.AbstractVar[Material | None]
     sleeve_material: eqx.AbstractVar[Material | None]
     tolerance: eqx.AbstractVar[Tolerance | None]
     depth: eqx.AbstractVar[Array | None]
     """By how much the sleeve is worn off [m]; `None`: it is round, which costs nothing more."""
+    contact: eqx.AbstractClassVar[Literal["point", "line"]]
 
     @property
     def sleeve_radius(self) -> Scalar:
@@ -59,6 +59,15 @@ class AbstractPin(AbstractClearance):
     def profile(self) -> Any:
         """The total wear of the sleeve [m], of the shape of `depth`; `None`: it is round."""
         return self.depth
+
+    def geometry(self):
+        sizes = self.pin_radius, self.sleeve_radius, self.radial_clearance, self.length
+        return Geometry(*sizes, self.pin_material, self.sleeve_material, self.contact, self.profile)
+
+    def across(self) -> tuple[PlayCoordinate, ...]:
+        """The eccentricity of the pin: two slides along the sleeve's axes."""
+        radial = self.radial_clearance
+        return PlayCoordinate(".play_x", radial, slides=X), PlayCoordinate(".play_y", radial, slides=Y)
 
     def ready(self):
         """The same joint with its refined profile."""
@@ -119,13 +128,9 @@ class RevoluteClearance(AbstractPin):
     """
 
     radial_clearance: Scalar = physical(
-        "m",
-        above=0.0,
-        help="sleeve radius minus pin radius; its presence makes the play",
-        example='"0.1 mm"',
-        instead=GRIPS,
+        "m", "sleeve radius minus pin radius; its presence makes the play", '"0.1 mm"', above=0.0, instead=GRIPS
     )
-    pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
+    pin_radius: Scalar = physical("m", "radius of the pin", '"10 mm"', above=0.0)
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None
     element: AbstractElement | None = None
@@ -137,6 +142,7 @@ class RevoluteClearance(AbstractPin):
     modes: Modes | None = None
     kind: ClassVar[str] = "pin"
     tangents: ClassVar[int] = 1
+    contact: ClassVar[Literal["point", "line"]] = "point"
 
     def __check_init__(self):
         if self.depth is None:
@@ -157,20 +163,7 @@ class RevoluteClearance(AbstractPin):
         return self.depth + self.modes.amounts @ self.modes.shapes
 
     def play(self):
-        """The eccentricity of the pin: two slides along the sleeve's axes."""
-        radial = self.radial_clearance
-        return PlayCoordinate(".play_x", radial, slides=X), PlayCoordinate(".play_y", radial, slides=Y)
-
-    def geometry(self):
-        return Geometry(
-            self.pin_radius,
-            self.sleeve_radius,
-            self.radial_clearance,
-            self.length,
-            self.pin_material,
-            self.sleeve_material,
-            depth=self.profile,
-        )
+        return self.across()
 
     def points(self, at):
         x, y = (jnp.asarray(c, float) for c in at.place[:2])

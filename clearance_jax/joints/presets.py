@@ -26,9 +26,7 @@ PUNCH = 0.95
 
 
 def round_contact(radial_clearance: Any) -> HuntCrossley:
-    """Hunt and Crossley's law of a steel pin in a bronze bush (or ball in a socket), with Hertz's stiffness for a
-    `radial_clearance` [m].
-    """
+    """Hunt and Crossley's law of steel in bronze, with Hertz's stiffness for a `radial_clearance` [m]."""
     steel, bronze = STEEL, BRONZE
     stiffness = InternalHertz(
         steel.modulus, bronze.modulus, steel.poisson_ratio, bronze.poisson_ratio, reference_clearance=radial_clearance
@@ -218,9 +216,7 @@ def clearance_of_kind(
 
 
 class PlayNumbers(TypedDict, total=False):
-    """The numbers of a design that make a clearance. Each kind of joint takes some of them (`pin_clearance`,
-    `shaft`, `socket`, `guide_clearance`, `clearance_of_kind`).
-    """
+    """The numbers of a design that make a clearance; each kind of joint takes some of them (see its preset)."""
 
     kind: str | type[AbstractClearance]
     radial_clearance: Any
@@ -237,9 +233,7 @@ class PlayNumbers(TypedDict, total=False):
 
 
 class Preset(NamedTuple):
-    """How to make a clearance from a designer's numbers: `make` takes the numbers `fields`, which the joint has too,
-    and further `words`.
-    """
+    """How to `make` a clearance from a designer's numbers: `fields` that the joint has too, and more `words`."""
 
     make: Callable[..., AbstractClearance]
     fields: tuple[str, ...]

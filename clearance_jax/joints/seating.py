@@ -39,10 +39,13 @@ ACROSS = 2.0
 Values = Float[Array, " play"]
 
 
+def size_of(play: Sequence[PlayCoordinate]) -> Values:
+    """The magnitudes of play coordinates [m or rad]."""
+    return as_array([c.scale for c in play])
+
+
 class PinPose(NamedTuple):
-    """A pin's pose in its sleeve's axes: place [m], rotation, and by play coordinate the velocity or spin of the pin
-    per unit of its rate.
-    """
+    """A pin's pose in its sleeve's axes: place [m], rotation, and the pin's velocity or spin by each rate of play."""
 
     place: Vector
     rotation: Rotation
@@ -70,18 +73,15 @@ def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> 
 
 
 class SeatLoad(NamedTuple):
-    """Force and moment that the sleeve must exert on the pin, in the sleeve's axes: `force` [N], and `moment` about the
-    pin's centre [N m].
-    """
+    """Force [N] and moment about the pin's centre [N m] that the sleeve must exert, in its axes."""
 
     force: Vector
     moment: Vector
 
     def along(self, play: Sequence[PlayCoordinate], axes: tuple[Vector, ...]) -> Values:
         """Its part along each play coordinate [N or N m]."""
-        return as_array(
-            [dot(self.force if c.turns is None else self.moment, a) for c, a in zip(play, axes, strict=True)]
-        )
+        kinds = (self.force if c.turns is None else self.moment for c in play)
+        return as_array([dot(kind, axis) for kind, axis in zip(kinds, axes, strict=True)])
 
     def plus(self, other: "SeatLoad") -> "SeatLoad":
         """The sum of both."""
@@ -111,18 +111,14 @@ class Turned(NamedTuple):
 
 
 class FreeMotion(NamedTuple):
-    """The motion of a pin in its joint's free directions, in the sleeve's axes: `velocity` of its centre along a slide
-    [m/s], and `spin` [rad/s].
-    """
+    """The motion of a pin in its free directions, in the sleeve's axes: sliding [m/s], and `spin` [rad/s]."""
 
     velocity: Vector
     spin: Vector
 
 
 def relative_at(play: Sequence[PlayCoordinate], values: Values, free: FreeMotion | None = None) -> Relative:
-    """The relative motion of a pin at constant `values` (play,) of its `play` [m or rad]; `free`: its other motion
-    (`None`: at rest).
-    """
+    """The relative motion of a pin at `values` (play,) of its `play` [m or rad]; `free`: its other motion."""
     at, zero = pose_at(play, values), jnp.zeros(())
     rows = None if all(c.turns is None for c in play) else at.rotation.rows
     free = FreeMotion((zero, zero, zero), (zero, zero, zero)) if free is None else free
@@ -146,9 +142,7 @@ class Seat(NamedTuple):
 
 
 class Near(NamedTuple):
-    """A start near the end of a search, `place` [m or rad], if it is `known`. Such a search bears the load to a
-    millionth or better; Newton steps of all joints follow.
-    """
+    """A start near the end of a search, `place` [m or rad], if it is `known`; Newton steps of all joints follow."""
 
     place: Values
     known: Flag
@@ -157,17 +151,15 @@ class Near(NamedTuple):
 def seat(
     clearance: PreparedClearance, load: SeatLoad, start: Values, near: Near | None = None, turned: Turned | None = None
 ) -> Seat:
-    """The play at which the joint, without friction, exerts a given load on its pin.
-
-    It can be differentiated twice by the numbers of the joint and the load: the last two Newton steps carry the
-    derivatives.
+    """The play at which the joint, without friction, exerts a given load on its pin; twice differentiable by the
+    numbers of the joint and the load, by the last two Newton steps.
 
     **Arguments:** `clearance`: the joint; `load`; `start` (play,): where the search begins [m or rad]. A coordinate
     that nothing resists stays there. `turned`: how the load changes as the pin moves (`None`: it does not).
     """
     smooth = clearance.without_friction()
     still, begun, slope = jax.lax.stop_gradient(((smooth, load), start, turned))
-    size = as_array([c.scale for c in still[0].joint.play()])
+    size = size_of(still[0].joint.play())
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=slope)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
@@ -204,8 +196,7 @@ class Seating(NamedTuple):
         """The residual of equilibrium: `factor` times the load, less what the joint bears."""
         play, values = self.clearance.joint.play(), self.size * x
         axes = pose_at(play, values).axes
-        memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
-        action = self.clearance.act(relative_at(play, values, self.free), memory)
+        action = self.clearance.act(relative_at(play, values, self.free), self.clearance.blank)
         borne = SeatLoad(action.force, action.torque).along(play, axes)
         load = self.load if self.turned is None else self.load.plus(self.turned.load(values, self.size))
         return self.size * (jnp.where(self.counts, factor * load.along(play, axes), 0.0) - borne)
@@ -217,9 +208,7 @@ class Seating(NamedTuple):
 
     @property
     def most(self) -> Values:
-        """The size of the load along each coordinate, at the middle or where the load was computed. A pin tilted there
-        has parts of the load that vanish at the middle by symmetry.
-        """
+        """The same, at the middle or where the load was computed: parts of a tilted pin's vanish at the middle."""
         if self.turned is None:
             return self.asked
         return jnp.maximum(self.asked, jnp.where(self.counts, self._along(self.load, self.turned.at), 0.0))
@@ -235,9 +224,7 @@ class Seating(NamedTuple):
         return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
-        """What the joint bears with the pin pressed along its first slide by a part of its play: beyond the play, or
-        from the middle if an element there holds the pin.
-        """
+        """What it bears at a `depth` [play] beyond its wall along its first slide (or a stiff element's middle)."""
         element = self.clearance.joint.element
         free = 0 if element is not None and element.stiff else 1
         return jnp.abs(self.residual((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
@@ -301,9 +288,7 @@ class Seating(NamedTuple):
         return self._held(slope, stiff)[0]
 
     def _held(self, slope: Array, stiffness: Array) -> tuple[Array, Array]:
-        """The inverse of a slope in the directions that contacts hold more firmly than springs, by their stiffness; and
-        the projection on the rest.
-        """
+        """The inverse of a slope along what contacts hold more firmly than springs, and the projection on the rest."""
         stiff, ways = small_eigh(0.5 * (stiffness + stiffness.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]
@@ -312,27 +297,18 @@ class Seating(NamedTuple):
 
 
 def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
-    """The stiffness of a joint without friction and load, for play in units of its size [J], without derivatives.
-
-    **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad].
+    """The stiffness of a joint without friction and load at a place (play,), for play in units of its size [J];
+    constant.
     """
-    play = clearance.joint.play()
-    size = as_array([c.scale for c in play])
-    nowhere = SeatLoad(ZERO, ZERO)
-    smooth = clearance.without_friction()
+    smooth, size = clearance.without_friction(), size_of(clearance.joint.play())
     joint, at, size = jax.lax.stop_gradient((smooth, place, size))
-    return value_and_jacobian(Seating(joint, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
+    free = Seating(joint, SeatLoad(ZERO, ZERO), size, jnp.zeros(len(size), bool), at)
+    return value_and_jacobian(free.residual, at / size)[1]
 
 
 def held_stiffness(clearance: PreparedClearance, place: Values, load: SeatLoad) -> Array:
-    """The stiffness of a joint without friction where its pin bears a load, for play in units of its size [J], without
-    derivatives; zero along what contacts hold less firmly than the springs of a search.
-
-    **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad]; `load`: what it
-    bears.
-    """
-    size = as_array([c.scale for c in clearance.joint.play()])
-    smooth = clearance.without_friction()
+    """`stiffness_at` where the pin bears a `load`; zero along what contacts hold less firmly than springs."""
+    smooth, size = clearance.without_friction(), size_of(clearance.joint.play())
     still = jax.lax.stop_gradient((smooth, load, size))
     pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])
     pin = pin._replace(counts=pin.more_than_round_off())

@@ -30,7 +30,7 @@ from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate, Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
-from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
+from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Material
 from clearance_jax.parameters import Demand, describe, physical
 from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plus, scale, subtract, times
 
@@ -71,21 +71,13 @@ class SleeveClearance(AbstractPin):
       the sleeve's x, the others evenly around it. `None`: the sleeve is round, and the program has nothing for wear.
     """
 
-    radial_clearance: Scalar = physical(
-        "m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"', instead=GRIPS
-    )
-    pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
-    length: Scalar = physical("m", above=0.0, help="length of the contact along the sleeve", example='"40 mm"')
+    radial_clearance: Scalar = physical("m", "sleeve radius minus pin radius", '"0.1 mm"', above=0.0, instead=GRIPS)
+    pin_radius: Scalar = physical("m", "radius of the pin", '"10 mm"', above=0.0)
+    length: Scalar = physical("m", "length of the contact along the sleeve", '"40 mm"', above=0.0)
     normal: AbstractNormalLaw
     friction: AbstractFrictionLaw | None = None
     axial_clearance: Scalar | None = physical(
-        "m",
-        above=0.0,
-        default=None,
-        help="axial play to either side",
-        example='"0.1 mm"',
-        absent="held axially",
-        instead=GRIPS,
+        "m", "axial play to either side", '"0.1 mm"', "held axially", above=0.0, default=None, instead=GRIPS
     )
     element: AbstractElement | None = None
     stations: int = describe("points along the sleeve, both edges among them", "8", static=True, default=8)
@@ -96,12 +88,7 @@ class SleeveClearance(AbstractPin):
         default="through",
     )
     collar_radius: Scalar | None = physical(
-        "m",
-        above=0.0,
-        default=None,
-        help="radius at which the faces bear",
-        example='"15 mm"',
-        absent="one and a half pin radii",
+        "m", "radius at which the faces bear", '"15 mm"', "one and a half pin radii", above=0.0, default=None
     )
     ring: int = describe("points of a face", "8", static=True, default=8)
     pin_material: Material | None = None
@@ -110,6 +97,7 @@ class SleeveClearance(AbstractPin):
     depth: Float[Array, "*batch stations sectors"] | None = physical("m", least=0.0, default=None)
     kind: ClassVar[str] = "sleeve"
     tangents: ClassVar[int] = 2
+    contact: ClassVar[Literal["point", "line"]] = "line"
 
     def __check_init__(self):
         if not 2 <= self.stations <= MOST:
@@ -130,12 +118,11 @@ class SleeveClearance(AbstractPin):
     def demands(self):
         radius, clearance = self.pin_radius, self.radial_clearance
         yield Demand("pin_radius", radius > clearance, lambda: f"must be greater than the clearance {clearance:g} m")
-        # At the largest tilt the pin's section, an ellipse, reaches r (2c/L)^2 / 2 further than the round one at
-        # stations.
+        # At the largest tilt the pin's section, an ellipse, reaches r (2c/L)^2 / 2 further than the round one.
         square = 2 * radius * clearance / OVAL
         why = "a shorter sleeve lets its pin tilt so far that its section is not round"
-        holds = self.length**2 > square
-        yield Demand("length", holds, lambda: f"must be greater than {np.sqrt(square):.3g} m: {why}")
+        fits = self.length**2 > square
+        yield Demand("length", fits, lambda: f"must be greater than {np.sqrt(square):.3g} m: {why}")
         yield from depth_demand(self)
         if self.collar_radius is not None:
             bore = radius + clearance
@@ -152,27 +139,11 @@ class SleeveClearance(AbstractPin):
 
     def play(self):
         """Slides along the sleeve's axes, and tilts about the two across."""
-        slides = [
-            PlayCoordinate(".play_x", self.radial_clearance, slides=X),
-            PlayCoordinate(".play_y", self.radial_clearance, slides=Y),
-        ]
+        slides = self.across()
         if self.axial_clearance is not None:
-            slides.append(PlayCoordinate(".play_z", self.axial_clearance, slides=Z))
-        tilt = self.largest_tilt
-        tilts = ((".tilt_x", X), (".tilt_y", Y))
+            slides = (*slides, PlayCoordinate(".play_z", self.axial_clearance, slides=Z))
+        tilt, tilts = self.largest_tilt, ((".tilt_x", X), (".tilt_y", Y))
         return (*slides, *(PlayCoordinate(name, tilt, turns=axis, swings=True) for name, axis in tilts))
-
-    def geometry(self):
-        return Geometry(
-            self.pin_radius,
-            self.sleeve_radius,
-            self.radial_clearance,
-            self.length,
-            self.pin_material,
-            self.sleeve_material,
-            "line",
-            self.depth,
-        )
 
     def points(self, at):
         places, weights = lobatto(self.stations)
@@ -254,10 +225,9 @@ class SleeveClearance(AbstractPin):
     def _faces(self, at: Relative, angles: np.ndarray) -> "Meeting":
         """Where a ring of the collar comes nearest to one of the faces; none comes near both."""
         assert self.axial_clearance is not None
-        radius = self._face_radius
         # The collar is square to the pin's axis: its height over a place of the face.
+        radius, slope = self._face_radius, self._slope(at)
         arm = subtract((radius * np.cos(angles), radius * np.sin(angles), 0.0), (*at.place[:2], 0.0))
-        slope = self._slope(at)
         fall = with_barriers(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))
         height = with_barriers(jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape))
         side = jnp.where(height < 0, -1.0, 1.0)
@@ -272,25 +242,22 @@ class SleeveClearance(AbstractPin):
     def _slope(self, at: Relative) -> Vector:
         """The pin's axis per unit of height along the sleeve."""
         x, y, z = at.axis
-        return (
-            (0.0, 0.0, 1.0)
-            if is_zero(x) and is_zero(y)
-            else (*with_barriers((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
-        )
+        if is_zero(x) and is_zero(y):
+            return Z
+        return *with_barriers((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0
 
     def _contact_points(self, at: Relative, where: "Meeting", tangents, share: np.ndarray) -> ContactPoint:
         velocity = at.velocity_at(where.arm)
-        everywhere = where.depth.shape
-        rate, *slip = (
-            with_barriers(jnp.broadcast_to(jnp.asarray(dot(along, velocity), float), everywhere))
-            for along in (where.normal, *tangents)
-        )
+
+        def along(direction):
+            part = jnp.asarray(dot(direction, velocity), float)
+            return with_barriers(jnp.broadcast_to(part, where.depth.shape))
+
+        rate, *slip = (along(direction) for direction in (where.normal, *tangents))
         return ContactPoint(where.depth, rate, tuple(slip), where.normal, tangents, where.arm, None, jnp.asarray(share))
 
     def pattern(self, points):
-        """0 nowhere, 1 at one edge, 2 along a line from edge to edge, 3 at two edges on opposite sides; and 4 more
-        where a face bears.
-        """
+        """0 nowhere, 1 one edge, 2 a line from edge to edge, 3 edges on opposite sides; 4 more where a face bears."""
         touching = points.penetration > 0
         along, last = touching[: self.stations], self.stations - 1
         x, y = (jnp.asarray(term) for term in points.normal[:2])

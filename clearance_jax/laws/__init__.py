@@ -1,55 +1,93 @@
-"""Contact laws, each for one contact point."""
+"""Contact laws, each for one contact point. Adding one: its class, a line in a table here, one in the tests' list."""
 
 from clearance_jax.laws._base import AbstractNormalLaw, AbstractStiffness, SmoothedOnset, Touch
 from clearance_jax.laws._friction import AbstractFrictionLaw, Kink, SmoothedFriction
-from clearance_jax.laws.friction import (
-    FRICTION_LAWS,
+from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic, LuGre, SmoothedBristles
+from clearance_jax.laws.friction.velocity import (
     AdamsFriction,
     Ambrosio,
     BengisuAkay,
     BrownMcPhee,
     CubicCoulomb,
-    Dahl,
-    ElastoPlastic,
-    LuGre,
-    SmoothedBristles,
     Stribeck,
     TanhCoulomb,
     Threlfall,
 )
 from clearance_jax.laws.geometry import Geometry, Material
-from clearance_jax.laws.normal import (
-    NORMAL_LAWS,
-    AdamsImpact,
-    Anagnostopoulos,
-    Hertz,
-    HuntCrossley,
-    LinearKelvinVoigt,
+from clearance_jax.laws.normal.constant_restitution import Anagnostopoulos, Tsuji
+from clearance_jax.laws.normal.line import (
     LineContact,
-    RestitutionLaw,
-    StandardLinearSolid,
-    Tsuji,
     Winkler,
     bai_zhao,
     dubowsky_freudenstein,
     esdu,
+    goldsmith,
+    johnson,
+    liu,
+    pereira,
+    radzimovsky,
+)
+from clearance_jax.laws.normal.power_laws import AdamsImpact, Hertz, HuntCrossley, LinearKelvinVoigt
+from clearance_jax.laws.normal.restitution import (
+    RestitutionLaw,
     exact_restitution,
     flores,
     gharib_hurmuzlu,
-    goldsmith,
     gonthier,
     herbert_mcwhannell,
     hu_guo,
     hunt_crossley,
-    johnson,
     lankarani_nikravesh,
     lee_wang,
-    liu,
-    pereira,
-    radzimovsky,
     zhiying_qishao,
 )
+from clearance_jax.laws.normal.viscoelastic import StandardLinearSolid
 from clearance_jax.laws.stiffness import InternalHertz
+
+NORMAL_LAWS = {
+    "kelvin-voigt": LinearKelvinVoigt,
+    "hertz": Hertz,
+    "adams-impact": AdamsImpact,
+    "hunt-crossley": HuntCrossley,
+    "exact-restitution": exact_restitution,
+    "lankarani-nikravesh": lankarani_nikravesh,
+    "flores": flores,
+    "hunt-crossley-1975": hunt_crossley,
+    "herbert-mcwhannell": herbert_mcwhannell,
+    "lee-wang": lee_wang,
+    "gonthier": gonthier,
+    "zhiying-qishao": zhiying_qishao,
+    "hu-guo": hu_guo,
+    "gharib-hurmuzlu": gharib_hurmuzlu,
+    "tsuji": Tsuji,
+    "anagnostopoulos": Anagnostopoulos,
+    "johnson": johnson,
+    "radzimovsky": radzimovsky,
+    "esdu-78035": esdu,
+    "liu": liu,
+    "bai-zhao": bai_zhao,
+    "pereira": pereira,
+    "goldsmith": goldsmith,
+    "dubowsky-freudenstein": dubowsky_freudenstein,
+    "winkler": Winkler,
+    "standard-linear-solid": StandardLinearSolid,
+}
+"""Normal laws by the name a scene file gives them."""
+
+FRICTION_LAWS = {
+    "cubic": CubicCoulomb,
+    "tanh": TanhCoulomb,
+    "brown-mcphee": BrownMcPhee,
+    "lugre": LuGre,
+    "adams": AdamsFriction,
+    "threlfall": Threlfall,
+    "ambrosio": Ambrosio,
+    "bengisu-akay": BengisuAkay,
+    "stribeck": Stribeck,
+    "dahl": Dahl,
+    "elasto-plastic": ElastoPlastic,
+}
+"""Friction laws by the name a scene file gives them."""
 
 __all__ = [
     "FRICTION_LAWS",

@@ -215,10 +215,6 @@ class PreparedNormal(Module):
         force = positive_part(force) if self.law.clips else force
         return force if self.law.acts_apart else jnp.where(penetration > 0, force, 0.0)
 
-    def energy(self, penetration: Scalar) -> Scalar:
-        """The elastic energy [J]."""
-        return self.law.energy(self.constants, penetration)
-
     def event_functions(
         self, penetration: Scalar, penetration_rate: Scalar, memory: Memory
     ) -> tuple[tuple[Scalar, ...], Flag]:
@@ -233,6 +229,10 @@ class PreparedNormal(Module):
             active, presses = active & (force > 0), presses & (force > 0)
         pieces = self.law.event_functions(self.constants, penetration, penetration_rate, memory)
         return (*out, *(jnp.where(active, piece, 1.0) for piece in pieces)), presses
+
+    def energy(self, penetration: Scalar) -> Scalar:
+        """The elastic energy [J]."""
+        return self.law.energy(self.constants, penetration)
 
     def memory_rate(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Memory:
         """Time derivative of the memory."""
@@ -250,54 +250,36 @@ class PreparedNormal(Module):
 # Laws made of another ------------------------------------------------------------------------------------------------
 
 
+class _OfLaw:
+    """An attribute of a modified law that is its `law`'s."""
+
+    def __set_name__(self, owner: type, name: str):
+        self.name = name
+
+    def __get__(self, modified: Any, owner: Any = None) -> Any:
+        return self if modified is None else getattr(modified.law, self.name)
+
+
+OfLaw: Any = _OfLaw
+
+
 class AbstractModifiedLaw(AbstractNormalLaw):
     """A normal law that changes the force and the energy of another one, its `law`; everything else is that law's."""
 
     law: eqx.AbstractVar[AbstractNormalLaw]
-
-    @property
-    def clips(self):
-        return self.law.clips
-
-    @property
-    def acts_apart(self):  # type: ignore[override]
-        return self.law.acts_apart
-
-    @property
-    def has_static_force(self):  # type: ignore[override]
-        return self.law.has_static_force
-
-    @property
-    def remembers(self):  # type: ignore[override]
-        return self.law.remembers
-
-    @property
-    def validity_reason(self):
-        return self.law.validity_reason
-
-    def constants(self, geometry):
-        return self.law.constants(geometry)
-
-    def localise(self, constants, local):
-        return self.law.localise(constants, local)
-
-    def validity(self, constants):
-        return self.law.validity(constants)
-
-    def friction_lever(self, constants, penetration):
-        return self.law.friction_lever(constants, penetration)
-
-    def event_functions(self, constants, penetration, penetration_rate, memory):
-        return self.law.event_functions(constants, penetration, penetration_rate, memory)
-
-    def memory_rate(self, constants, penetration, penetration_rate, memory):
-        return self.law.memory_rate(constants, penetration, penetration_rate, memory)
-
-    def latch(self, constants, memory, touch):
-        return self.law.latch(constants, memory, touch)
-
-    def memory_scale(self, constants):
-        return self.law.memory_scale(constants)
+    clips: ClassVar = OfLaw()
+    acts_apart: ClassVar = OfLaw()
+    has_static_force: ClassVar = OfLaw()
+    remembers: ClassVar = OfLaw()
+    validity_reason: ClassVar = OfLaw()
+    constants: ClassVar = OfLaw()
+    localise: ClassVar = OfLaw()
+    validity: ClassVar = OfLaw()
+    friction_lever: ClassVar = OfLaw()
+    event_functions: ClassVar = OfLaw()
+    memory_rate: ClassVar = OfLaw()
+    latch: ClassVar = OfLaw()
+    memory_scale: ClassVar = OfLaw()
 
 
 # A smooth onset ------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from clearance_jax._basis.numerics import corner, safe_sqrt
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax.errors import ClearanceError
-from clearance_jax.laws._base import AbstractLaw, Bristles, Memory, Slip, Smoothness, Touch
+from clearance_jax.laws._base import AbstractLaw, Bristles, Memory, OfLaw, Slip, Smoothness, Touch
 from clearance_jax.laws.geometry import Geometry, Local
 from clearance_jax.parameters import Demand, flatten, physical
 
@@ -95,9 +95,7 @@ class AbstractFrictionLaw(AbstractLaw):
 
 
 class PreparedFriction(Module):
-    """A friction law with the constants of one joint: the form that a step evaluates. Its memory is flat, component by
-    component.
-    """
+    """A friction law with a joint's constants, as a step evaluates it. Its memory is flat, by component."""
 
     law: AbstractFrictionLaw
     constants: Any
@@ -172,35 +170,15 @@ class AbstractModifiedFriction(AbstractFrictionLaw):
     """A friction law that changes the traction of another one, its `law`; everything else is that law's."""
 
     law: eqx.AbstractVar[AbstractFrictionLaw]
-
-    @property
-    def bristles(self):  # type: ignore[override]
-        return self.law.bristles
-
-    @property
-    def acts_apart(self):  # type: ignore[override]
-        return self.law.acts_apart
-
-    def units(self):
-        return self.law.units()
-
-    def constants(self, geometry):
-        return self.law.constants(geometry)
-
-    def localise(self, constants, local):
-        return self.law.localise(constants, local)
-
-    def event_functions(self, constants, slip, normal_force, memory):
-        return self.law.event_functions(constants, slip, normal_force, memory)
-
-    def memory_rate(self, constants, slip, normal_force, memory):
-        return self.law.memory_rate(constants, slip, normal_force, memory)
-
-    def latch(self, constants, memory, touch):
-        return self.law.latch(constants, memory, touch)
-
-    def memory_scale(self, constants):
-        return self.law.memory_scale(constants)
+    bristles: ClassVar = OfLaw()
+    acts_apart: ClassVar = OfLaw()
+    units: ClassVar = OfLaw()
+    constants: ClassVar = OfLaw()
+    localise: ClassVar = OfLaw()
+    event_functions: ClassVar = OfLaw()
+    memory_rate: ClassVar = OfLaw()
+    latch: ClassVar = OfLaw()
+    memory_scale: ClassVar = OfLaw()
 
 
 class SmoothedFriction(AbstractModifiedFriction):

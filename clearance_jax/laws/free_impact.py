@@ -33,9 +33,8 @@ def needed(given: Any, name: str, law: Any) -> Any:
 
 @jax.jit
 def free_impact(ready: Any, memory: tuple[Scalar, ...], speed: Scalar, mass: Scalar) -> Scalar:
-    """The speed after a free impact over that before it; NaN if the mass does not come off.
-
-    **Arguments:** `ready`: the prepared law; its `memory` at first touch; `speed` [m/s]; `mass` [kg].
+    """The speed after a free impact over that before it (NaN: the mass does not come off), of a prepared law (`ready`)
+    and its `memory` at first touch; `speed` [m/s], `mass` [kg].
     """
 
     # The state: penetration and its rate, both over the speed; memory.
@@ -67,10 +66,7 @@ def free_impact(ready: Any, memory: tuple[Scalar, ...], speed: Scalar, mass: Sca
 
 
 def damping_for(delivered: Callable[[float], Any], restitution: Any, guess: Any) -> float:
-    """The damping of an impact with a `restitution`, which falls with the damping, by bisection around a first guess.
-
-    **Raises:** `ClearanceError` if there is none.
-    """
+    """The damping for a `restitution`, which falls with it, by bisection. **Raises** `ClearanceError` without one."""
     wanted = float(restitution)
 
     def above(decade: float) -> bool:

@@ -12,8 +12,8 @@ from clearance_jax.parameters import physical
 class Material(Module):
     """An elastic material: Young's `modulus` E [Pa], `poisson_ratio` nu."""
 
-    modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus", example='"206 GPa"')
-    poisson_ratio: Scalar = physical("", least=0.0, below=0.5, default=0.3, help="Poisson's ratio", example="0.28")
+    modulus: Scalar = physical("Pa", "Young's modulus", '"206 GPa"', above=0.0)
+    poisson_ratio: Scalar = physical("", "Poisson's ratio", "0.28", least=0.0, below=0.5, default=0.3)
 
     @property
     def compliance(self) -> Scalar:

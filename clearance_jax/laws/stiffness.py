@@ -24,21 +24,17 @@ class InternalHertz(AbstractStiffness):
       contact becomes conformal) as c goes to 0.
     """
 
-    pin_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the pin", example='"207 GPa"')
-    sleeve_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the sleeve", example='"100 GPa"')
-    pin_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the pin", example="0.29"
-    )
-    sleeve_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the sleeve", example="0.34"
-    )
+    pin_modulus: Scalar = physical("Pa", "Young's modulus of the pin", '"207 GPa"', above=0.0)
+    sleeve_modulus: Scalar = physical("Pa", "Young's modulus of the sleeve", '"100 GPa"', above=0.0)
+    pin_poisson: Scalar = physical("", "Poisson's ratio of the pin", "0.29", least=0.0, below=0.5, default=0.3)
+    sleeve_poisson: Scalar = physical("", "Poisson's ratio of the sleeve", "0.34", least=0.0, below=0.5, default=0.3)
     reference_clearance: Scalar | None = physical(
         "m",
+        "the clearance for which the stiffness is computed",
+        '"0.1 mm"',
+        "the joint's own: the stiffness changes with it",
         above=0.0,
         default=None,
-        help="the clearance for which the stiffness is computed",
-        example='"0.1 mm"',
-        absent="the joint's own: the stiffness changes with it",
     )
 
     def value(self, geometry: Geometry) -> Scalar:
@@ -56,7 +52,7 @@ class Stiffened(AbstractModifiedLaw):
     """`factor` times the force and the energy of a `law`."""
 
     law: AbstractNormalLaw
-    factor: Scalar = physical("", above=0.0, help="by how much it is stiffer", example="1e6")
+    factor: Scalar = physical("", "by how much it is stiffer", "1e6", above=0.0)
 
     @property
     def smoothness(self) -> Smoothness:  # type: ignore[override]

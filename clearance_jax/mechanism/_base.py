@@ -59,9 +59,7 @@ class ClearanceJoint(NamedTuple):
 
 
 class AbstractMechanism(Parametrised):
-    """Bodies, the tree of joints, loops and what acts on them (see `Mechanism`), with everything that follows from
-    structure.
-    """
+    """Bodies, the tree of joints, loops and what acts on them (see `Mechanism`), and what follows from structure."""
 
     bodies: eqx.AbstractVar[tuple[Body, ...]]
     joints: eqx.AbstractVar[tuple[AbstractJoint, ...]]
@@ -162,9 +160,7 @@ class AbstractMechanism(Parametrised):
         return self.hold_pins({})._with_joints(without_misalignment)
 
     def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
-        """The ideal mechanism with pins held in their sleeves; `play`: by joint, the values of its play coordinates [m
-        or rad] (default: in the middle).
-        """
+        """The ideal mechanism with pins held at values of their `play` by joint [m or rad] (default: in the middle)."""
         return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
 
     @abc.abstractmethod
@@ -173,9 +169,7 @@ class AbstractMechanism(Parametrised):
 
 
 def drive_breaks(mechanism: AbstractMechanism) -> Array:
-    """Times at which a drive, an actuator, a controller's reference or a load has a break, or a payload comes or goes
-    [s]; those of controllers' models included.
-    """
+    """Times [s] at which a drive, an actuator, a target or a load breaks or a payload is handed over; of models too."""
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
     laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
     laws += [actuator for motion in motions for actuator in motion.actuators]

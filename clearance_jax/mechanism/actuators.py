@@ -102,7 +102,7 @@ class AbstractActuator(Module):
 class ConstantEffort(AbstractActuator):
     """A constant torque [N m] (or force [N] on a sliding joint)."""
 
-    effort: Scalar = physical("effort", help="torque (force on a sliding joint)", example='"-12 N*m"')
+    effort: Scalar = physical("effort", "torque (force on a sliding joint)", '"-12 N*m"')
 
     def __call__(self, time, position, velocity):
         return self.effort + 0 * position
@@ -122,12 +122,8 @@ class Servo(AbstractActuator):
     """
 
     target: AbstractMotionLaw
-    stiffness: Scalar = physical(
-        "effort/coordinate", least=0.0, help="gain k of the position error", example='"50 N*m/rad"'
-    )
-    damping: Scalar = physical(
-        "effort*s/coordinate", least=0.0, help="gain b of the speed error", example='"5 N*m*s/rad"'
-    )
+    stiffness: Scalar = physical("effort/coordinate", "gain k of the position error", '"50 N*m/rad"', least=0.0)
+    damping: Scalar = physical("effort*s/coordinate", "gain b of the speed error", '"5 N*m*s/rad"', least=0.0)
     encoder: tuple[str, ...] = names_key("coordinates whose sum it measures", "its own")
     period: float | None = period_key()
 
@@ -159,13 +155,9 @@ class JointSpring(AbstractActuator):
     actuators, and what the damper takes as a damping loss.
     """
 
-    stiffness: Scalar = physical("effort/coordinate", least=0.0, help="stiffness k", example='"50 N*m/rad"')
-    damping: Scalar = physical(
-        "effort*s/coordinate", least=0.0, default=0.0, help="damping b", example='"0.1 N*m*s/rad"'
-    )
-    rest: Scalar = physical(
-        "coordinate", default=0.0, help="coordinate q0 at which the spring is relaxed", example='"10 deg"'
-    )
+    stiffness: Scalar = physical("effort/coordinate", "stiffness k", '"50 N*m/rad"', least=0.0)
+    damping: Scalar = physical("effort*s/coordinate", "damping b", '"0.1 N*m*s/rad"', least=0.0, default=0.0)
+    rest: Scalar = physical("coordinate", "coordinate q0 at which the spring is relaxed", '"10 deg"', default=0.0)
 
     def __call__(self, time, position, velocity):
         return -self.stiffness * (position - self.rest) - self.damping * velocity
@@ -192,9 +184,9 @@ class JointFriction(AbstractActuator):
       of Coulomb's law. A smaller value needs shorter steps.
     """
 
-    effort: Scalar = physical("effort", least=0.0, help="friction f", example='"2 N*m"')
+    effort: Scalar = physical("effort", "friction f", '"2 N*m"', least=0.0)
     transition_speed: Scalar = physical(
-        "coordinate/s", above=0.0, default=0.01, help="speed v at which it turns round", example='"0.01 rad/s"'
+        "coordinate/s", "speed v at which it turns round", '"0.01 rad/s"', above=0.0, default=0.01
     )
 
     def __call__(self, time, position, velocity):

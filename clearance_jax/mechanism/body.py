@@ -35,31 +35,23 @@ class Body(Module):
     """
 
     name: str = eqx.field(static=True)
-    mass: Scalar | None = physical(
-        "kg", above=0.0, default=None, help="mass", example='"0.14 kg"', absent="a massless link"
-    )
+    mass: Scalar | None = physical("kg", "mass", '"0.14 kg"', "a massless link", above=0.0, default=None)
     inertia: Scalar | Inertia | None = physical(
         "kg*m^2",
+        "moment of inertia about the centre of mass",
+        '"2.5e-4 kg*m^2"',
+        "a point mass",
         above=0.0,
         default=None,
-        help="moment of inertia about the centre of mass",
-        example='"2.5e-4 kg*m^2"',
-        absent="a point mass",
         converter=as_inertia,
     )
     center_of_mass: Position = describe(
         "centre of mass in the body's frame", '["60 mm", "0 mm"]', "the frame's origin", default=ORIGIN
     )
     picked_up: Scalar | None = physical(
-        "s",
-        default=None,
-        help="when a payload, on a fixed joint, is picked up",
-        example='"0.5 s"',
-        absent="it is there from the start",
+        "s", "when a payload, on a fixed joint, is picked up", '"0.5 s"', "it is there from the start", default=None
     )
-    put_down: Scalar | None = physical(
-        "s", default=None, help="when it is put down", example='"1.5 s"', absent="it stays"
-    )
+    put_down: Scalar | None = physical("s", "when it is put down", '"1.5 s"', "it stays", default=None)
 
     @property
     def is_always_there(self) -> bool:
@@ -106,19 +98,15 @@ class Point(Module):
 
 
 class Spring(Module):
-    """A spring and a damper between two points of two bodies. Its tension is k (l - l0) + b l', with the distance l of
-    the points.
-    """
+    """A spring and a damper between points of two bodies at the distance l: their tension is k (l - l0) + b l'."""
 
     name: str = eqx.field(static=True)
     """The spring's name."""
     body_a: str = describe("the body at its one end, or `ground`", '"ground"', static=True)
     body_b: str = describe("the body at its other end", '"slider"', static=True)
-    stiffness: Scalar = physical("N/m", least=0.0, help="stiffness k", example='"4530 N/m"')
-    damping: Scalar = physical("N*s/m", least=0.0, default=0.0, help="damping b", example='"2 N*s/m"')
-    free_length: Scalar = physical(
-        "m", least=0.0, default=0.0, help="length l0 at which it is relaxed", example='"77.85 mm"'
-    )
+    stiffness: Scalar = physical("N/m", "stiffness k", '"4530 N/m"', least=0.0)
+    damping: Scalar = physical("N*s/m", "damping b", '"2 N*s/m"', least=0.0, default=0.0)
+    free_length: Scalar = physical("m", "length l0 at which it is relaxed", '"77.85 mm"', least=0.0, default=0.0)
     at_a: Position = describe("its end in the frame of `body_a`", '["14 mm", "72 mm"]', "the origin", default=ORIGIN)
     at_b: Position = describe("its end in the frame of `body_b`", '["20 mm", "-18 mm"]', "the origin", default=ORIGIN)
 
@@ -154,25 +142,25 @@ class Motion(Module):
     drive: AbstractMotionLaw | None = lead(default=None)
     position: Scalar = physical(
         "coordinate",
+        "initial value of a free coordinate (a first guess where a loop must close)",
+        '"30 deg"',
         default=0.0,
-        help="initial value of a free coordinate (a first guess where a loop must close)",
-        example='"30 deg"',
     )
     velocity: Scalar = physical(
         "coordinate/s",
+        "initial rate of a free coordinate (a first guess where a loop must close)",
+        '"10 rad/s"',
         default=0.0,
-        help="initial rate of a free coordinate (a first guess where a loop must close)",
-        example='"10 rad/s"',
     )
     actuators: tuple[AbstractActuator, ...] = flatten("actuator", default=())
     limits: Limits | None = eqx.field(static=True, default=None)
     rotor_inertia: Scalar | None = physical(
         "effort*s^2/coordinate",
+        "inertia of a free coordinate's motor, seen through its gears",
+        '"1.5 kg*m^2"',
+        "none",
         above=0.0,
         default=None,
-        help="inertia of a free coordinate's motor, seen through its gears",
-        example='"1.5 kg*m^2"',
-        absent="none",
     )
 
     def __check_init__(self):
@@ -196,9 +184,7 @@ class Motion(Module):
 
 
 class Motor(Motion):
-    """The motion of the motor of an elastic drive, a coordinate of its joint beside the joint's own (see
-    `with_compliance`).
-    """
+    """The motion of an elastic drive's motor, a coordinate of its joint beside its own (see `with_compliance`)."""
 
     name: str = eqx.field(static=True, kw_only=True)
     """The coordinate's name."""

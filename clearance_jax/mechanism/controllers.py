@@ -49,9 +49,7 @@ class AbstractController(Module):
         """The wanted accelerations for measured positions and velocities, in the order of the references."""
 
     def prepare(self, model: Any) -> "AbstractController":
-        """The controller with everything computed that depends only on its numbers (once a solve); `model`: its
-        prepared model.
-        """
+        """The controller with what follows from its numbers computed (once a solve); `model`: its prepared model."""
         references = tuple(dataclasses.replace(r, target=r.target.prepare()) for r in self.references)
         return dataclasses.replace(self, references=references, model=model)
 
@@ -76,10 +74,8 @@ class ComputedTorque(AbstractController):
 
     name: str = eqx.field(static=True)
     references: tuple[Reference, ...] = eqx.field(converter=tuple)
-    frequency: Scalar = physical(
-        "rad/s", above=0.0, help="natural frequency w of the errors' decay", example='"50 rad/s"'
-    )
-    damping: Scalar = physical("", least=0.0, default=1.0, help="damping ratio d of the errors' decay", example="0.7")
+    frequency: Scalar = physical("rad/s", "natural frequency w of the errors' decay", '"50 rad/s"', above=0.0)
+    damping: Scalar = physical("", "damping ratio d of the errors' decay", "0.7", least=0.0, default=1.0)
     model: Any = apart(default=None)
     period: float | None = period_key()
 

@@ -13,9 +13,7 @@ UNROLLED, PLAYED, FRAMED = 16, 24, 40
 
 
 class EquationForm(NamedTuple):
-    """What decides the form: free velocities, conditions of ideal closures (in space), all coordinates, whether there
-    is play, and whether the mechanism stays in its plane.
-    """
+    """What decides the form: free velocities, conditions in space, all coordinates, play, and whether it is plane."""
 
     free: int
     conditions: int
@@ -35,9 +33,7 @@ class EquationForm(NamedTuple):
         return many and not self.is_plane
 
     def once(self, program: Callable) -> Callable:
-        """A program of the mechanism that computes each number once. (A table is products of arrays, in which nothing
-        is computed twice; barriers would only separate them.)
-        """
+        """A program that computes each number once (in the products of arrays of a table nothing is computed twice)."""
         return program if self.is_table else compute_once(program)
 
     def __str__(self) -> str:

@@ -36,15 +36,15 @@ class Compliance(Parametrised):
       the gear ratio.
     """
 
-    stiffness: Scalar = physical("effort/coordinate", above=0.0, help="stiffness", example='"50 kN*m/rad"')
-    damping: Scalar = physical("effort*s/coordinate", least=0.0, default=0.0, help="damping", example='"20 N*m*s/rad"')
+    stiffness: Scalar = physical("effort/coordinate", "stiffness", '"50 kN*m/rad"', above=0.0)
+    damping: Scalar = physical("effort*s/coordinate", "damping", '"20 N*m*s/rad"', least=0.0, default=0.0)
     rotor_inertia: Scalar | None = physical(
         "effort*s^2/coordinate",
+        "inertia of the motor's rotor, seen through the gears",
+        '"1.5 kg*m^2"',
+        "a drive that is followed exactly",
         above=0.0,
         default=None,
-        help="inertia of the motor's rotor, seen through the gears",
-        example='"1.5 kg*m^2"',
-        absent="a drive that is followed exactly",
     )
 
 

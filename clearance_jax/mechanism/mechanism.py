@@ -24,7 +24,7 @@ from clearance_jax.mechanism.structure import (
     check_tree,
 )
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
-from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play, without_drives
+from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play
 
 NO_GRAVITY = Gravity()
 
@@ -132,7 +132,7 @@ class Mechanism(AbstractMechanism):
         **Raises:** `ClearanceError` for an unknown coordinate, and for one whose drive gives way: free its motor.
         """
         check_freed((*self.joints, *self.loops), names)
-        return self._with_joints(lambda joint: without_drives(joint, names))
+        return self._with_joints(lambda joint: with_drives(joint, dict.fromkeys(names)))
 
     def _with_joints(self, change) -> "Mechanism":
         joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))

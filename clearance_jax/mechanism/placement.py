@@ -47,9 +47,7 @@ ORIGIN = Position()
 
 
 class Gravity(Components):
-    """The acceleration of free fall [m/s^2]. A component that you leave out is zero, and absent from the compiled
-    program.
-    """
+    """The acceleration of free fall [m/s^2]. A component that you leave out is zero, and absent from the program."""
 
     x: Scalar | None = physical("m/s^2", default=None)
     y: Scalar | None = physical("m/s^2", default=None)
@@ -205,9 +203,7 @@ PRINTED = 1e-3
 
 
 def check_inertia(tensor: np.ndarray, what: str) -> None:
-    """Raise `ClearanceError` for a tensor (3, 3) that no body has: a negative principal moment, or one larger than the
-    sum of the other two (beyond the rounding of a file).
-    """
+    """Raise for a tensor that no body has: a negative principal moment, or one above the sum of the other two."""
     if not np.all(np.isfinite(tensor)):
         raise ClearanceError(f"{what} must be finite.")
     least, middle, most = np.linalg.eigvalsh(tensor)
@@ -223,9 +219,7 @@ def check_inertia(tensor: np.ndarray, what: str) -> None:
 
 
 def as_inertia(value: Any) -> Any:
-    """A body's inertia: one number (about z), an `Inertia`, or a list of its three or six numbers (xx, yy, zz, xy, xz,
-    yz).
-    """
+    """A body's inertia: one number (about z), an `Inertia`, or a list of its numbers (xx, yy, zz[, xy, xz, yz])."""
     if isinstance(value, (list, tuple)):
         if len(value) not in (3, 6):
             raise ClearanceError(f"An inertia must be one number, three or six, but it has {len(value)}.")

@@ -14,13 +14,11 @@ from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.spatial import Term, add, dot, plus, quaternion_rate, scale
+from clearance_jax.spatial import Term, add, as_array, dot, plus, quaternion_rate, scale
 
 
 class State(NamedTuple):
-    """A state by its parts: positions, velocities, and by name the memory of each clearance joint and the efforts that
-    each sampled actuator or controller holds.
-    """
+    """A state by its parts: positions, velocities; by name the memory of a joint, the efforts that something holds."""
 
     q: Rows
     v: Rows
@@ -58,9 +56,7 @@ def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ..
 
 
 class Layout(NamedTuple):
-    """Places in a state (static): names of the positions, of the velocities, of the memory of each clearance joint, and
-    of the efforts that each sampled actuator or controller holds.
-    """
+    """Places in a state (static): names of positions, velocities, memory of each joint, and held efforts."""
 
     positions: tuple[str, ...]
     velocities: tuple[str, ...]
@@ -163,6 +159,12 @@ def position_rates(mechanism: AbstractMechanism, q: Rows, v: Rows) -> Rows:
         speeds = v[part.v]
         rates += quaternion_rate(q[part.q], (speeds[0], speeds[1], speeds[2])) if part.coordinate.is_ball else speeds
     return tuple(jnp.asarray(rate, float) for rate in rates)
+
+
+def place_rates(mechanism: AbstractMechanism, y: Array) -> Array:
+    """Rates of the positions in a state `[q, v, ...]`."""
+    plan = layout(mechanism)
+    return as_array(position_rates(mechanism, tuple(y[plan.q]), tuple(y[plan.v])))
 
 
 def move(mechanism: AbstractMechanism, q: Rows, change: Sequence[Term]) -> tuple[Term, ...]:

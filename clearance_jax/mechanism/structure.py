@@ -47,9 +47,7 @@ def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: S
 
 
 def check_loose(loops: Sequence[AbstractJoint]) -> None:
-    """Raise for a loop joint in space with clearance that would have to hold a direction without contact. In the tree a
-    direction that is neither play nor motion is held, because it is no coordinate; in a loop nothing holds it.
-    """
+    """Raise for a loop joint with clearance in space that has neither play nor motion in some direction."""
     for loop in loops:
         if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
             continue
@@ -65,9 +63,7 @@ def check_loose(loops: Sequence[AbstractJoint]) -> None:
 
 
 def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
-    """Raise if play takes bodies out of the plane that have only one moment of inertia; the message names the number of
-    the play that does it.
-    """
+    """Raise, naming the play, if play takes bodies with only one moment of inertia out of the plane."""
     tilted: dict[str, AbstractJoint] = {}  # what a body hangs on, by the body
     for joint in joints:
         above = joint if _tilting(joint) is not None else tilted.get(joint.parent)

@@ -45,14 +45,11 @@ def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -
     return dataclasses.replace(joint, **changed) if changed else joint
 
 
-def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw]) -> AbstractJoint:
-    """The joint with drives for its named coordinates."""
+def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw | None]) -> AbstractJoint:
+    """The joint with drives for its named coordinates (`None`: free), without their actuators; limits, say, stay."""
 
-    def change(coordinate: Coordinate) -> Motion:
-        if coordinate.name not in drives:
-            return coordinate.motion
-        # The rest of the motion (limits, for example) stays; actuators would have no effect.
-        return dataclasses.replace(coordinate.motion, drive=drives[coordinate.name], actuators=())
+    def change(c: Coordinate) -> Motion:
+        return dataclasses.replace(c.motion, drive=drives[c.name], actuators=()) if c.name in drives else c.motion
 
     return with_motions(joint, change)
 
@@ -60,20 +57,8 @@ def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw]) -
 def without_sampling(joint: AbstractJoint) -> AbstractJoint:
     """The joint whose sampled actuators act continuously."""
 
-    def change(coordinate: Coordinate) -> Motion:
-        actuators = tuple(actuator.without_sampling() for actuator in coordinate.motion.actuators)
-        return dataclasses.replace(coordinate.motion, actuators=actuators)
-
-    return with_motions(joint, change)
-
-
-def without_drives(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
-    """The joint with its named coordinates free, without drives and actuators."""
-
-    def change(coordinate: Coordinate) -> Motion:
-        if coordinate.name not in names:
-            return coordinate.motion
-        return dataclasses.replace(coordinate.motion, drive=None, actuators=())
+    def change(c: Coordinate) -> Motion:
+        return dataclasses.replace(c.motion, actuators=tuple(a.without_sampling() for a in c.motion.actuators))
 
     return with_motions(joint, change)
 
@@ -96,9 +81,7 @@ def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) 
 
 
 def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: str) -> None:
-    """Raise for an unknown coordinate, or one whose drive gives way; `to`: the intended use; `instead`: the advice for
-    its motor.
-    """
+    """Raise for an unknown coordinate, or one whose drive gives way: `instead` advises to use its motor."""
     if name not in known:
         raise unknown_name(f"There is no coordinate `{name}` to {to}.", str(name), known)
     if gives_way(known[name].motion):
@@ -107,11 +90,8 @@ def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: 
 
 def _field(joint: AbstractJoint, coordinate: Coordinate) -> str | None:
     """The joint's field that holds the motion of its coordinate."""
-    for field in dataclasses.fields(joint):
-        value = getattr(joint, field.name)
-        if isinstance(value, Motion) and value is coordinate.motion:
-            return field.name
-    return None
+    motion = coordinate.motion if isinstance(coordinate.motion, Motion) else joint
+    return next((field.name for field in dataclasses.fields(joint) if getattr(joint, field.name) is motion), None)
 
 
 PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUIDE, Spherical: BALL, Cylindrical: SHAFT}
@@ -119,10 +99,8 @@ PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUID
 
 
 def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) -> AbstractPlayed:
-    """The joint with a whole `clearance`, with one made of a designer's `numbers`, or with some of its own replaced.
-
-    **Raises:** `ClearanceError` for a joint of a kind that has no play, for numbers that are not of its kind, and for
-    what is missing or contradicts itself.
+    """The joint with a whole `clearance`, one made of a designer's `numbers`, or some of its own replaced. **Raises**
+    `ClearanceError` for a joint without play, numbers of another kind, and what is missing or contradicts itself.
     """
     if not isinstance(joint, AbstractPlayed):
         raise no_play_reason(joint)

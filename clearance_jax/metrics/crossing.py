@@ -7,15 +7,14 @@ import jax
 import jax.numpy as jnp
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, quote, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
-from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import signal_at, since_field
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.solve.steps.band import EntryFinder
-from clearance_jax.solve.steps.observers import without_derivatives
 
 DIRECTIONS = RISING, FALLING = "rising", "falling"
 
@@ -103,7 +102,14 @@ class SettlingTime(AbstractMetric):
     since: Scalar | None = since_field()
 
     def request(self, mechanism, t1, options):
-        since = _end_of_move(mechanism) if self.since is None else self.since
+        since = self.since
+        if since is None:
+            breaks = drive_breaks(mechanism)
+            if not breaks.shape[0]:
+                raise ClearanceError(
+                    "A settling time begins where the move ends, which no drive here says: give `since`."
+                )
+            since = jnp.max(breaks)
         fixed, end, others, band = without_derivatives((mechanism, t1, options, self.band))
         return Request((EntryFinder(self.signal.bind(fixed, end, others), band, end - others.t0),), since=since)
 
@@ -116,11 +122,3 @@ class SettlingTime(AbstractMetric):
         passed = jax.lax.stop_gradient(picked.time[0]) - moved - reply.begin
         passed = jnp.where(record.entered & (passed > 0), passed, 0.0)
         return jnp.where(record.inside, passed, jnp.inf)
-
-
-def _end_of_move(mechanism: Mechanism) -> Scalar:
-    """The last time at which anything about a mechanism's motion changes its course [s]."""
-    breaks = drive_breaks(mechanism)
-    if not breaks.shape[0]:
-        raise ClearanceError("A settling time begins where the move ends, which no drive here says: give `since`.")
-    return jnp.max(breaks)

@@ -19,9 +19,8 @@ def function_name(function: Any) -> str:
 
 
 def arguments(function: Callable) -> int:
-    """How many arguments a custom metric takes: 1, `f(solution)`, or 2, `f(mechanism, solution)`.
-
-    **Raises:** `ClearanceError` where it takes others.
+    """How many arguments a metric takes: 1, `f(solution)`, or 2, `f(mechanism, solution)`; else **raises**
+    `ClearanceError`.
     """
     try:
         every = inspect.signature(function).parameters.values()

@@ -28,7 +28,8 @@ def freedom(ideal: Mechanism) -> int:
     if ideal.may_repeat and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(ideal)):
         with jax.ensure_compile_time_eval():
             return mobility(ideal).freedom
-    left = free - sum(_condition_count(loop) for loop in loops) if ideal.may_repeat else free - 2 * len(loops)
+    counts = (loop.joint_constraint().count if ideal.may_repeat else 2 for loop in loops)
+    left = free - sum(counts)
     if left >= 0:
         return left
     if ideal.may_repeat:
@@ -41,12 +42,6 @@ def freedom(ideal: Mechanism) -> int:
         "Without its clearances this mechanism is over-constrained: its loops demand more than its joints can "
         "give. For an error against the ideal mechanism free more coordinates."
     )
-
-
-def _condition_count(loop) -> int:
-    """The number of conditions of a loop's joint in space."""
-    hold = loop.joint_constraint()
-    return (3 if hold.along is None else len(hold.along)) + len(hold.square)
 
 
 def ideal_state(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:

@@ -117,9 +117,8 @@ def crossings(attained: Any, commanded: Any) -> Float[Array, "cycles places axes
     points = paths[:, None, :-1] + share * (paths[:, None, 1:] - paths[:, None, :-1])
     apart = jnp.sum((points - command[None, :, None]) ** 2, axis=-1)
     # Where no part of a path crosses the plane, its nearest end stands for it.
-    best = jnp.argmin(
-        jnp.where(crosses, apart, jnp.where(jnp.any(crosses, -1, keepdims=True), jnp.inf, apart)), axis=-1
-    )
+    some = jnp.any(crosses, -1, keepdims=True)
+    best = jnp.argmin(jnp.where(crosses, apart, jnp.where(some, jnp.inf, apart)), axis=-1)
     return jnp.take_along_axis(points, best[..., None, None], axis=2)[:, :, 0]
 
 

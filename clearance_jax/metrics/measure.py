@@ -276,13 +276,10 @@ def measure_settings(
     times = [_times(request, begins[name]) for name, request in requests.items()]
     together = [samples for samples in times if samples is not None]
     energy_balance = options.energy_balance or any(request.energy_balance for request in requests.values())
-    solution = run(
-        mechanism,
-        t1,
-        options._replace(save_at=jnp.concatenate(together) if together else None, energy_balance=energy_balance),
-        observers=tuple(o for request in requests.values() for o in request.observers),
-        integrands=tuple(f for request in requests.values() for f in request.integrands),
-    )
+    settings = options._replace(save_at=jnp.concatenate(together) if together else None, energy_balance=energy_balance)
+    observers = tuple(o for request in requests.values() for o in request.observers)
+    integrands = tuple(f for request in requests.values() for f in request.integrands)
+    solution = run(mechanism, t1, settings, observers=observers, integrands=integrands)
     sizes = _sizes(mechanism, requests, energy_balance)
     out, seen, summed, samples = {}, 0, solution.final.shape[-1] - sum(map(sum, sizes.values())), 0
     for (name, request), asked in zip(requests.items(), times, strict=True):
@@ -335,9 +332,7 @@ def _sizes(mechanism: Mechanism, requests: dict[str, Request], energy_balance: b
     if not any(request.integrands for request in requests.values()):
         return {name: [] for name in requests}
     ready = mechanism.prepare()
-    return {
-        name: widths(Problem(ready, request.integrands, None, energy_balance)) for name, request in requests.items()
-    }
+    return {name: widths(Problem(ready, r.integrands, None, energy_balance)) for name, r in requests.items()}
 
 
 def _integrals(gained: Array, start: int, sizes: list[int]) -> tuple[Array, ...]:

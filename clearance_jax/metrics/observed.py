@@ -58,9 +58,7 @@ class Work(NamedTuple):
 
 
 class JointWork(AbstractMetric):
-    """`Work` of a clearance joint, integrated along with the motion by the solver. The losses of all joints and dampers
-    add up to `EnergyLost`.
-    """
+    """`Work` of a joint with clearance, integrated along. All joints' and dampers' losses add up to `EnergyLost`."""
 
     joint: str = eqx.field(static=True)
 
@@ -122,9 +120,7 @@ class FirstFall(AbstractMetric):
 
 
 class _Fall(NamedTuple):
-    """The time when it is `over` [s] (infinity: not yet), whether the pin has `landed`, and how often its rate has
-    changed sign since.
-    """
+    """When it is `over` [s] (infinity: not yet), whether the pin has `landed`, and its turns of the rate since."""
 
     over: Array
     landed: Array

@@ -9,6 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.roots import bisect
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -27,9 +28,7 @@ OF_PLAY, OF_LENGTH = 1e-3, 1e-8
 
 
 class SampledPath(Module):
-    """A path by samples at equal time intervals: `places` [m], and `moves`, velocities times the interval [m]; `known`:
-    whether these are dense enough.
-    """
+    """A path by equally spaced samples: `places` [m], `moves` (velocity times interval) [m]; `known`: dense?"""
 
     places: Float[Array, "samples 3"]
     moves: Float[Array, "samples 3"]
@@ -41,22 +40,17 @@ class SampledPath(Module):
         return hermite(self.places[k], self.moves[k], self.places[k + 1], self.moves[k + 1], x - k)
 
     def nearest(self, point: Float[Array, " 3"]) -> Scalar:
-        """The parameter (in intervals) of the place nearest to a point: on the part of the curve at the nearest chord,
-        where the plane across the curve goes through the point. Bisection works also where the velocity is zero.
-        """
+        """The parameter (in intervals) of the place nearest to a point, on the curve's part at the nearest chord."""
         ways, off = jnp.diff(self.places, axis=0), point[None] - self.places[:-1]
         squares = jnp.sum(ways * ways, axis=1)
         along = jnp.clip(jnp.sum(off * ways, axis=1) / jnp.where(squares > 0, squares, 1.0), 0.0, 1.0)
         k = jnp.argmin(jnp.sum((off - along[:, None] * ways) ** 2, axis=1))
 
-        def halve(_, ends):
-            low, high = ends
-            middle = (low + high) / 2
-            place, rate = jax.jvp(self.at, (middle,), (jnp.ones_like(middle),))
-            ahead = rate @ (point - place) > 0
-            return jnp.where(ahead, middle, low), jnp.where(ahead, high, middle)
+        def is_before(x):
+            place, rate = jax.jvp(self.at, (x,), (jnp.ones_like(x),))
+            return rate @ (point - place) > 0
 
-        return jax.lax.fori_loop(0, HALVINGS, halve, (1.0 * k, k + 1.0))[0]
+        return bisect(is_before, 1.0 * k, k + 1.0, HALVINGS)[0]
 
     def distance(self, point: Float[Array, " 3"]) -> Scalar:
         """The distance of a point from the path [m]; NaN if the path is not `known`. At the foot of the perpendicular,
@@ -137,9 +131,7 @@ class PathDeviation(AbstractSignal):
 
 
 def _error(places: Array, moves: Array) -> Scalar:
-    """An estimate of the largest error of the cubics between samples [m]: the error across the path of those between
-    every second sample, over 2^4.
-    """
+    """The largest error of the cubics between samples [m], across the path: that of every second sample, over 2^4."""
     middles = hermite(places[:-2:2], 2 * moves[:-2:2], places[2::2], 2 * moves[2::2], 0.5)
     off, way = places[1::2] - middles, moves[1::2]
     squares = jnp.sum(way * way, axis=1)

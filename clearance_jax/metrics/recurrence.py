@@ -203,9 +203,7 @@ class LyapunovExponent(AbstractMetric):
 
 
 def uncertainty(grown: Array, period: Any) -> Array:
-    """The uncertainty of the mean growth rate [1/s], from the logarithms of the growth in every period, shape (count,
-    ...).
-    """
+    """The uncertainty of the mean rate [1/s], from logarithms of the growth in each period, shape (count, ...)."""
     count = len(grown)
     blocks = math.isqrt(count)
     length = count // blocks
@@ -229,9 +227,7 @@ def _constant_jvp(primals, tangents):
 
 @eqx.filter_jit
 def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array, options: Any) -> Array:
-    """Logarithms of how the largest axes of a small ball of states grow in every period from a state at `begin` on,
-    shape (count, exponents).
-    """
+    """Logarithms of how the largest axes of a ball of states grow in every period, shape (count, exponents)."""
     size, settings = layout(mechanism).size, options._replace(energy_balance=False).as_options()
     y = y[:size]
     problem = Problem(mechanism.prepare())
@@ -241,9 +237,8 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
     def advance(y, t0):
         if mechanism.closures():
             y = project(t0, y, problem.mechanism, 2)
-        solution = flow(
-            Inputs(mechanism, t0, t0 + metric.period, None, options.rtol, options.atol, y), options=settings
-        )
+        inputs = Inputs(mechanism, t0, t0 + metric.period, None, options.rtol, options.atol, y)
+        solution = flow(inputs, options=settings)
         # A factor: the slopes of a selected NaN would be zeros.
         end = solution.final[:size] * jnp.where(solution.succeeded, 1.0, jnp.nan)
         return end, end

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.field import BALANCE_TERMS, energies, read_balance
 from clearance_jax.errors import ClearanceError
@@ -24,7 +25,7 @@ from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
 from clearance_jax.metrics.signals import AbstractSignal, clearance_index
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
-from clearance_jax.solve.steps.observers import PeakFinder, Picked, TouchCounter, without_derivatives
+from clearance_jax.solve.steps.observers import PeakFinder, Picked, TouchCounter
 
 
 def since_field(**field):

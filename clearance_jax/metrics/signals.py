@@ -14,7 +14,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.kinematics import Frames, frames, relative_motions
+from clearance_jax.dynamics.kinematics import frames, relative_motions
 from clearance_jax.dynamics.quantities import evaluate, quantities
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, unknown_name
@@ -22,6 +22,7 @@ from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.tree.frame import Frame
 from clearance_jax.metrics.functions import in_words
 from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
@@ -52,9 +53,7 @@ class AbstractSignal(Module):
         """The signal of one state; `reference` is the ideal mechanism's state."""
 
     def scale(self, mechanism: PreparedMechanism) -> Scalar:
-        """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
-        if any, are the laws' events, at which steps end anyway.
-        """
+        """Magnitude by which its integral is controlled; infinite (default): its kinks are events, which end steps."""
         return jnp.asarray(jnp.inf)
 
     def of(self, times: Array, y: Array, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
@@ -84,9 +83,7 @@ class AbstractSignal(Module):
         return Integrand(signal, power)
 
     def prepare(self, mechanism: Mechanism, t1: Any, options: Settings) -> "AbstractSignal":
-        """The signal with what it needs of the whole ideal motion, which is not computed at every step; by default it
-        needs nothing.
-        """
+        """The signal with what it needs of the whole ideal motion, by default nothing; not computed at every step."""
         del mechanism, t1, options
         return self
 
@@ -136,10 +133,8 @@ class Tabulated(Module):
 
     def __call__(self, time, y, mechanism):
         i = jnp.clip(jnp.searchsorted(self.times, time) - 1, 0, self.times.shape[0] - 2)
-        h = self.times[i + 1] - self.times[i]
-        reference = hermite(
-            self.y[i], h * self.slope[i], self.y[i + 1], h * self.slope[i + 1], (time - self.times[i]) / h
-        )
+        h, y, slope = self.times[i + 1] - self.times[i], self.y, self.slope
+        reference = hermite(y[i], h * slope[i], y[i + 1], h * slope[i + 1], (time - self.times[i]) / h)
         return self.signal.value(time, y, mechanism, reference)
 
 
@@ -183,20 +178,22 @@ def named_point(mechanism: AbstractMechanism, name: str):
     return mechanism.points[index_of("point", name, [point.name for point in mechanism.points])]
 
 
-def _frames(mechanism: PreparedMechanism, time, y) -> Frames:
-    return frames(mechanism, time, layout(mechanism).split(y))
+def frame_of(body: str, mechanism: PreparedMechanism, time, y) -> Frame:
+    """The frame of a body in a state."""
+    return frames(mechanism, time, layout(mechanism).split(y))[body]
 
 
 def point_at(name: str, mechanism: PreparedMechanism, time, y) -> Vector:
     """The place of a named point in a state [m]."""
     point = named_point(mechanism, name)
-    return _frames(mechanism, time, y)[point.body].point(point.at.vector)
+    return frame_of(point.body, mechanism, time, y).point(point.at.vector)
 
 
 def motion_of(name: str, mechanism: PreparedMechanism, time, y) -> tuple[Array, Array]:
     """Place [m] and velocity [m/s] of a named point in a state, shape (3,)."""
-    frame = _frames(mechanism, time, y)[named_point(mechanism, name).body]
-    place = frame.point(named_point(mechanism, name).at.vector)
+    point = named_point(mechanism, name)
+    frame = frame_of(point.body, mechanism, time, y)
+    place = frame.point(point.at.vector)
     return as_array(place), as_array(frame.velocity_at(place))
 
 
@@ -233,8 +230,8 @@ class OrientationError(AbstractSignal):
 
     def value(self, time, y, mechanism, reference):
         index_of("body", self.body, [body.name for body in mechanism.bodies])
-        here = _frames(mechanism, time, y)[self.body].rotation
-        ideal = _frames(mechanism.ideal(), time, reference)[self.body].rotation
+        here = frame_of(self.body, mechanism, time, y).rotation
+        ideal = frame_of(self.body, mechanism.ideal(), time, reference).rotation
         if here.is_plane and ideal.is_plane and self.axis is None:
             return jnp.abs(jnp.asarray(minus(here.angle, ideal.angle), float))
         off = rotation_between(ideal, here)

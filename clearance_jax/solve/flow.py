@@ -34,9 +34,7 @@ from clearance_jax.solve.steps.tolerances import Tolerances, floors, tolerances
 
 
 class Inputs(NamedTuple):
-    """Inputs of a solve: `simulate`'s numbers, with sample times in increasing order; `integrands`: functions of (time,
-    state, mechanism), of any shape, to be integrated along with the motion.
-    """
+    """Inputs of a solve; `integrands`: functions of (time, state, mechanism), of any shape, to be integrated along."""
 
     mechanism: Mechanism
     t0: Array
@@ -110,14 +108,6 @@ def states_of(solution: Solution) -> list[Array]:
     return [solution.initial, solution.final, solution.y, *(pick.y for pick in solution.found)]
 
 
-def with_states(solution: Solution, states: list[Array]) -> Solution:
-    """The same solution with other states, in the order of `states_of`."""
-    start, final, y, *picks = states
-    rest = iter(picks)
-    picked = tuple(None if pick is None else pick._replace(y=next(rest)) for pick in solution.picked)
-    return dataclasses.replace(solution, initial=start, final=final, y=y, picked=picked)
-
-
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
     """The tangents plus the effect of moving the end or the sample times: the rate of the motion there."""
     problem = Problem(inputs.mechanism.prepare(), inputs.integrands, energy_balance=options.energy_balance)
@@ -145,7 +135,10 @@ def variations(inputs: Inputs, which: Which, options: Options) -> tuple[Solution
     """The solution, and the derivatives of its states by each varied number (leading axis)."""
     stacked = _stack(inputs, which, options=options)
     stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
-    value = with_states(stacked, [stack[0] for stack in stacks])
+    start, final, y, *picks = (stack[0] for stack in stacks)
+    rest = iter(picks)
+    picked = tuple(None if pick is None else pick._replace(y=next(rest)) for pick in stacked.picked)
+    value = dataclasses.replace(stacked, initial=start, final=final, y=y, picked=picked)
     return value, [stack[1:] for stack in stacks]
 
 
@@ -175,9 +168,8 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 
 
 def task_of(inputs: Inputs, options: Options, directions: Any = None) -> SolveTask:
-    """The task of a solve; with directions (a tree like `inputs.varied`) its states are stacks.
-
-    A motion that cannot begin (see `refusal_of`) ends where it begins, with a code of its own.
+    """The task of a solve; with directions (a tree like `inputs.varied`) its states are stacks. A motion that cannot
+    begin (see `refusal_of`) ends where it begins, with a code of its own.
     """
     t0, t1, save_at = inputs.t0, inputs.t1, inputs.save_at
     problem, start, allowed, errors = problem_of(inputs, options, directions)
@@ -205,22 +197,9 @@ def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Options) -> S
     )
     code = why_stopped(out.code, problem.mechanism, out.end_time, motion(problem, final))
     code = jnp.where(task.refused > 0, task.refused, code)
-    return Solution(
-        time,
-        y,
-        start,
-        final,
-        code,
-        out.accepted,
-        out.rejected,
-        residual,
-        out.end_time,
-        records,
-        picked,
-        task.seated,
-        sampled=out.samples is not None,
-        energy_balance=options.energy_balance,
-    )
+    ended = code, out.accepted, out.rejected, residual, out.end_time
+    asked = {"sampled": out.samples is not None, "energy_balance": options.energy_balance}
+    return Solution(time, y, start, final, *ended, records, picked, task.seated, **asked)
 
 
 def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
@@ -231,14 +210,12 @@ def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = 
 
 
 def _directions(inputs: Inputs, which: Which) -> Any:
-    """A direction for each number that varies."""
-    return None if which is None else basis(_varying_numbers(inputs, which))
-
-
-def _varying_numbers(inputs: Inputs, which: tuple[bool, ...]) -> Any:
-    """The numbers that vary; `None` for the others."""
+    """A direction for each number that varies; `None` for the others."""
+    if which is None:
+        return None
     leaves, tree = jax.tree.flatten(inputs.varied, is_leaf=lambda x: x is None)
-    return jax.tree.unflatten(tree, [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)])
+    numbers = [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)]
+    return basis(jax.tree.unflatten(tree, numbers))
 
 
 def _breaks_move(task: SolveTask) -> bool:

@@ -43,10 +43,7 @@ def _deepest(solution: Solution, name: str) -> Array:
 
 
 def sunk(mechanism: Mechanism, deepest: Mapping[str, float]) -> str:
-    """Names the pins that sink in by more than their play and a part of their radius; empty if there are none.
-
-    **Arguments:** `deepest`: by clearance joint the deepest penetration [m].
-    """
+    """Names the pins that sink in by more than their play and a part of their radius; `deepest`: by joint [m]."""
     deep_pins = []
     for joint in mechanism.clearance_joints():
         geometry, depth = joint.clearance.geometry(), deepest[joint.name]

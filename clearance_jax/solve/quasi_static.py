@@ -16,6 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Code, Flag, Scalar
 from clearance_jax._compile.kept import kept_jit
 from clearance_jax._compile.solo import solo_jit
@@ -23,15 +24,13 @@ from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.pose import StaticPose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.start import are_within, has_left, leaves_walls
+from clearance_jax.solve.start import are_within, has_left, is_possible, leaves_walls
 from clearance_jax.solve.steps.interpolate import hermite
 from clearance_jax.solve.steps.observers import AbstractObserver, Picked
-from clearance_jax.solve.steps.tolerances import largest_length
 from clearance_jax.solve.validity import NOT_VALID, Validity, validity_of
 
 # Intervals of the grid; Simpson's rule wants an even number.
@@ -44,9 +43,7 @@ POSED, CLOSED = 1e-4, 1e-8
 
 
 class PoseTask(NamedTuple):
-    """Inputs of a quasi-static motion, varied numbers first; the sample times outside the grid (`between`), and the
-    index of each sample among the grid's times and those (`places`).
-    """
+    """Inputs of a quasi-static motion, varied numbers first; sample times off the grid; each sample's index in all."""
 
     mechanism: Mechanism
     integrands: tuple
@@ -76,10 +73,7 @@ class Poses(NamedTuple):
 def quasi_static(
     mechanism: Mechanism, t1: Any, settings: Settings, observers: tuple = (), integrands: tuple = ()
 ) -> Solution:
-    """The quasi-static motion from `t0` to `t1`, as a solution without energy balance.
-
-    **Raises:** `ClearanceError` for what no pose can give (see `check_poses`).
-    """
+    """The quasi-static motion from `t0` to `t1`, without energy balance. **Raises** as `check_poses`."""
     check_poses(mechanism, settings)
     asked = PoseTask(mechanism, integrands, settings.t0, t1, settings.save_at, *_beside_grid(settings, t1))
     return _motion(asked, observers=observers, seats=settings.fidelity != STATIC)
@@ -115,8 +109,11 @@ def _motion_jvp(primals, tangents, *, observers, seats):
 
 @solo_jit
 def _differentiated(asked: PoseTask, rates: PoseTask, posed: Poses, seats: bool):
+    def middle(time, mechanism, pose):
+        return middle_pose(time, mechanism, pose.ideal).y
+
     def motion(asked):
-        return _solution(asked, posed, _states(asked, posed, with_derivatives if seats else _middle))
+        return _solution(asked, posed, _states(asked, posed, with_derivatives if seats else middle))
 
     return eqx.filter_jvp(motion, (asked,), (rates,))
 
@@ -127,13 +124,8 @@ def _valued(asked: PoseTask, observers: tuple[AbstractObserver, ...], seats: boo
     return _solution(asked, posed, _states(asked, posed)), posed
 
 
-def _middle(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
-    return middle_pose(time, mechanism, pose.ideal).y
-
-
 def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
-    numbers, rest = eqx.partition(asked, eqx.is_array)
-    asked = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+    asked = without_derivatives(asked)
     ready = asked.mechanism.prepare()
     grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
     count = grid.shape[0]
@@ -157,14 +149,11 @@ def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
 
 def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
     """Whether pins rest under their loads, and loops are closed."""
-    closed = jnp.all(errors.loops <= CLOSED * largest_length(mechanism))
-    return closed & jnp.all(errors.unborne <= POSED) & jnp.all(errors.moved <= POSED)
+    return is_possible(errors, mechanism, CLOSED, POSED)
 
 
 class Read(NamedTuple):
-    """The states that are read from poses: at the start and the end, at sample times, and picked ones; and the
-    quadratures at the end and at sample times.
-    """
+    """States read from poses: at both ends, at sample times, and picked; and quadratures at the end and samples."""
 
     first: Array
     last: Array
@@ -193,22 +182,17 @@ def _states(asked: PoseTask, posed: Poses, state: Callable[..., Array] | None = 
     samples = read(times, posed.at_times) if times.size else posed.at_times.y
     if not asked.integrands:
         return Read(ends[0], ends[1], samples, picks, jnp.zeros(0), jnp.zeros((times.shape[0], 0)))
-    values = _integrands(asked, ready, grid, read(grid, posed.on_grid))
+
+    def integrands(time, y):
+        return jnp.concatenate([jnp.ravel(f(time, y, ready)) for f in asked.integrands])
+
+    values = jax.vmap(integrands)(grid, read(grid, posed.on_grid))
     sums = _cumulative(values, (asked.t1 - asked.t0) / INTERVALS)
     return Read(ends[0], ends[1], samples, picks, sums[-1], _between(grid, sums, values, times))
 
 
-def _integrands(asked: PoseTask, ready: Any, grid: Array, y: Array) -> Float[Array, "times quadratures"]:
-    def flat(time, y):
-        return jnp.concatenate([jnp.ravel(f(time, y, ready)) for f in asked.integrands])
-
-    return jax.vmap(flat)(grid, y)
-
-
 def _cumulative(values: Float[Array, "times k"], h: Scalar) -> Float[Array, "times k"]:
-    """The integrals from the first of equally spaced times to each, by the cubic through four values around each
-    interval.
-    """
+    """Integrals from the first of equally spaced times to each, by the cubic through four values about an interval."""
     inner = (13 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 24
     first = (9 * values[0] + 19 * values[1] - 5 * values[2] + values[3]) / 24
     last = (9 * values[-1] + 19 * values[-2] - 5 * values[-3] + values[-4]) / 24

@@ -36,9 +36,7 @@ time for the same error. The page found the same limit in the plane and in space
 
 
 def kind_of(model: Any) -> str:
-    """The kind of a mechanism, or of a model's mechanism, for the choice of a solver: without play, or with play in the
-    plane or in space.
-    """
+    """The kind of a mechanism (or a model's), for the choice of a solver: without play, in the plane, or in space."""
     mechanism = model if isinstance(model, Mechanism) else model.mechanism
     if not mechanism.clearance_joints():
         return SMOOTH
@@ -46,9 +44,8 @@ def kind_of(model: Any) -> str:
 
 
 def choose_solver(model: Any, rtol: Any) -> str:
-    """The name of the solver for a mechanism, or a model that has one, at a relative tolerance.
-
-    **Raises:** `ClearanceError` for an `rtol` that is not known while the program is made.
+    """The name of the solver for a mechanism, or a model that has one, at a relative tolerance. **Raises**
+    `ClearanceError` for an `rtol` that is traced.
     """
     if isinstance(rtol, Tracer):
         raise ClearanceError(
@@ -162,20 +159,13 @@ def settings_of(
     if asked.derivatives not in DERIVATIVES:
         text = f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}."
         raise ClearanceError(text).about("derivatives", asked.derivatives, DERIVATIVES)
-    if asked.start not in STARTS:
-        raise wrong_value("`start`", " or ".join(STARTS), asked.start)
-    if asked.fidelity not in FIDELITIES:
-        raise wrong_value("`fidelity`", " or ".join(FIDELITIES), asked.fidelity)
+    for name, word, words in (("start", asked.start, STARTS), ("fidelity", asked.fidelity, FIDELITIES)):
+        if word not in words:
+            raise wrong_value(f"`{name}`", " or ".join(words), word)
     solver = choose_solver(mechanism, asked.rtol) if _is_auto(asked.solver) else asked.solver
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
-    return asked._replace(
-        solver=solver,
-        t0=t0,
-        rtol=rtol,
-        atol=atol,
-        y0=_initial(mechanism, asked.y0),
-        save_at=_times(asked.save_at, t0, t1),
-    )
+    y0, save_at = _initial(mechanism, asked.y0), _times(asked.save_at, t0, t1)
+    return asked._replace(solver=solver, t0=t0, rtol=rtol, atol=atol, y0=y0, save_at=save_at)
 
 
 def with_solver(model: Any, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -57,38 +57,37 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     """
     books = options.get("fidelity", DYNAMICS) == DYNAMICS
     if options.get("fidelity") == STATIC:
-        message = "A static bound is of metrics, each by places of the pins of its own: it is no motion. Ask `measure`."
-        raise ClearanceError(message).about("fidelity", "static")
-    solution = _run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=books), throw)
+        raise ClearanceError(
+            "A static bound is of metrics, each by places of the pins of its own: it is no motion. Ask `measure`."
+        ).about("fidelity", "static")
+    solution = run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=books), throw=throw)
     warn_of_energy(solution)
     warn_of_validity(solution)
     return solution
 
 
 def run(
-    mechanism: Mechanism, t1: Any, settings: Settings, *, observers: tuple = (), integrands: tuple = ()
+    mechanism: Mechanism,
+    t1: Any,
+    settings: Settings,
+    *,
+    throw: bool = True,
+    observers: tuple = (),
+    integrands: tuple = (),
 ) -> Solution:
     """`simulate` for metrics: with `observers` and `integrands`, and settings that have been read."""
-    return _run(mechanism, t1, settings, True, observers, integrands)
-
-
-def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrands=()) -> Solution:
     settings, places = _in_order(settings)
-    if settings.fidelity == DYNAMICS:
-        solution = _moved(mechanism, as_leaf(t1), settings, throw, observers, integrands)
-    else:
-        solution = _posed(mechanism, as_leaf(t1), settings, throw, observers, integrands)
+    solve = _moved if settings.fidelity == DYNAMICS else _posed
+    solution = solve(mechanism, as_leaf(t1), settings, throw, observers, integrands)
     if places is not None:
         solution = dataclasses.replace(solution, time=solution.time[places], y=solution.y[places])
     if isinstance(solution.final, Tracer):
-        solution = _without_failed(solution)
+        solution = dataclasses.replace(only_reached(solution, solution), end_time=solution.end_time)
     return solution.of(mechanism)
 
 
 def _in_order(settings: Settings) -> tuple[Settings, Array | np.ndarray | None]:
-    """The settings with increasing sample times, and the index of each given time among them (`None`: they were in
-    order).
-    """
+    """The settings with increasing sample times, and the index of each given time (`None`: they were in order)."""
     times = settings.save_at
     if times is None:
         return settings, None
@@ -102,15 +101,9 @@ def _in_order(settings: Settings) -> tuple[Settings, Array | np.ndarray | None]:
     return settings._replace(save_at=jnp.asarray(known[order])), np.argsort(order)
 
 
-def _without_failed(solution: Solution) -> Solution:
-    """The solution, where everything but the end time is NaN if the motion did not reach its end."""
-    # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
-    marked = only_reached(solution, solution)
-    return dataclasses.replace(marked, end_time=solution.end_time)
-
-
 def only_reached(solution: Solution, tree: Any) -> Any:
     """A tree whose numbers, and their derivatives, are NaN where the motion did not reach its end."""
+    # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
     factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
     return jax.tree.map(lambda x: factor * x if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x, tree)
 
@@ -165,9 +158,8 @@ def doubt(solution: Solution) -> str:
     if int(solution.code) != int(Result.REACHED_END) or not residual > DOUBTFUL:
         return ""
     return (
-        "The energy balance does not close: "
-        f"{residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). "
-        "Do not trust this motion: lower `rtol`."
+        f"The energy balance does not close: {residual:.1e} of the energy exchanged is missing (more than "
+        f"{DOUBTFUL:g}). Do not trust this motion: lower `rtol`."
     )
 
 

@@ -1,6 +1,4 @@
-"""Whether a motion can begin and go on: checks of its start, in words for one motion and in codes for a batch, where
-nothing can be raised.
-"""
+"""Whether a motion can begin and go on: in words for one motion, in codes for a batch, which cannot raise."""
 
 from typing import Any
 
@@ -27,10 +25,10 @@ CLOSED = 1e-10
 AT_REST = 1e-3
 
 
-def is_possible(errors: StartErrors, mechanism: Mechanism) -> Flag:
-    """Whether all loops are closed, and all pins settled."""
-    closed = jnp.all(errors.loops <= CLOSED * largest_length(mechanism))
-    return closed & jnp.all(errors.unborne <= AT_REST) & jnp.all(errors.moved <= AT_REST)
+def is_possible(errors: StartErrors, mechanism: Mechanism, closed: float = CLOSED, at_rest: float = AT_REST) -> Flag:
+    """Whether all loops are closed (by a part of the largest length), and all pins rest (by parts of load and play)."""
+    loops = jnp.all(errors.loops <= closed * largest_length(mechanism))
+    return loops & jnp.all(errors.unborne <= at_rest) & jnp.all(errors.moved <= at_rest)
 
 
 def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
@@ -50,9 +48,7 @@ def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
 
 
 def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
-    """Which joints of a settled start begin at relative rest and why, in words; empty if there are none or the start is
-    not settled.
-    """
+    """Which joints of a settled start begin at relative rest, and why, in words; empty if there are none."""
     joints = [joint.name for joint in mechanism.clearance_joints()]
     rest = np.asarray(0.0 if seated is None else seated.rest)
     if seated is None or not np.any(rest):
@@ -104,9 +100,7 @@ def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
 def refusal_of(
     mechanism: Mechanism, span: tuple[Scalar, Scalar], start: Array, errors: StartErrors, save_at: Array | None
 ) -> Code:
-    """The code of a motion over a `span` (t0, t1) that cannot begin: impossible numbers, a `start` with too large
-    `errors`, or sample times outside the span; 0 if it can.
-    """
+    """The code of a motion over a `span` (t0, t1) that cannot begin, by its numbers, errors or samples; 0 if it can."""
     t0, t1 = span
     possible = jnp.all(jnp.isfinite(start)) & jnp.isfinite(t1) & (t1 > t0)
     possible &= bounds_hold(mechanism) & is_possible(errors, mechanism)

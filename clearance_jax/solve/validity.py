@@ -23,7 +23,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.pose import StaticPose
 from clearance_jax.dynamics.quantities import evaluate
-from clearance_jax.dynamics.settled import size_of
+from clearance_jax.joints.seating import size_of
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.units import format_quantity
 
@@ -109,7 +109,7 @@ def validity_of(
         error = here - jax.vmap(lambda time, y: evaluate("position", time, y, without))(times, ideal)
     else:
         names, unit = tuple(joint.name for joint in joints), ""
-        sizes = [size_of(joint) for joint in joints]
+        sizes = [size_of(joint.joint.play()) for joint in joints]
         parts = [play / size for play, size in zip(poses.play, sizes, strict=True)]
         widest = max(part.shape[1] for part in parts)
         error = jnp.stack([jnp.pad(part, ((0, 0), (0, widest - part.shape[1]))) for part in parts], axis=1)

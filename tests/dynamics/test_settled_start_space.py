@@ -14,11 +14,11 @@ from clearance_jax import laws
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.dynamics.reactions import joint_reactions
-from clearance_jax.dynamics.seated import seated_frequency
+from clearance_jax.dynamics.seated import play_mobility, play_moves
 from clearance_jax.dynamics.settled import settle_start
 from clearance_jax.joints.seating import SeatLoad, pose_at, relative_at, seat
 from clearance_jax.joints.sleeve import lobatto
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import layout, move
 from clearance_jax.solve.first_state import initial_state
 
 RADIAL, AXIAL, RADIUS, LENGTH, STIFFNESS = 1e-4, 5e-5, 0.01, 0.04, 1e12
@@ -308,6 +308,27 @@ def test_blocks_and_balls_settle_too():
         y[:3] / np.linalg.norm(y[:3]), -np.array([-inward, 0, up]) / np.hypot(up, inward), atol=1e-3
     )
     np.testing.assert_allclose(y[plan.v][3:], [0, 2, 0], atol=1e-12)
+
+
+def seated_frequency(mechanism, time, y):
+    """The lowest frequency of a seated pose [Hz]: the root of the least eigenvalue of -A over 2 pi, where A is the
+    derivative of the play coordinates' accelerations by the play coordinates. It includes weight, springs and the
+    mechanism's own motion. 0 where the pose is not stable, or where nothing holds a coordinate.
+    """
+    plan = layout(mechanism)
+    state = plan.split(y)
+    ways, moves = play_moves(mechanism, time, y)
+
+    def accelerations(change):
+        q = jnp.stack([jnp.asarray(x, float) for x in move(mechanism, state.q, list(moves @ change))])
+        return ways @ slope(time, y.at[plan.q].set(q), mechanism)[plan.v]
+
+    stiff = -jax.jacfwd(accelerations)(jnp.zeros(len(ways)))
+    inverse = play_mobility(mechanism, time, y)
+    # -A M^-1 = M^-1 K M^-1 is symmetric, and so is what the Cholesky factors of M^-1 make of it.
+    lower = jnp.linalg.cholesky(inverse)
+    whole = jnp.linalg.solve(lower, jnp.linalg.solve(lower, stiff @ inverse).T)
+    return jnp.sqrt(jnp.maximum(jnp.linalg.eigvalsh(0.5 * (whole + whole.T))[0], 0.0)) / (2 * jnp.pi)
 
 
 @eqx.filter_jit

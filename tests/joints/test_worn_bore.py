@@ -15,7 +15,7 @@ from clearance_jax import laws
 from clearance_jax.design.judge.static import static_error
 from clearance_jax.joints import Relative
 from clearance_jax.joints.bore import Bore, finer
-from clearance_jax.joints.reach import farthest
+from clearance_jax.metrics.farthest import farthest
 
 C, PIN = 1e-4, 25e-3
 ANGLES = 2 * np.pi * np.arange(360) / 360

@@ -19,10 +19,10 @@ MATCHED = 120
 
 
 # The size of the house. These numbers only fall: the aims are 44 000 lines, modules of 350 and functions of 60 at most.
-FILES, ROOT_MODULES, LINES = 300, 8, 50_510
+FILES, ROOT_MODULES, LINES = 300, 8, 49_506
 IN_A_FOLDER = 20
-LONG_MODULES = {"joints/_base.py": 393, "parameters.py": 365}
-LONG_FUNCTIONS = {"run": 80, "simulate": 80, "settle_start": 63}
+LONG_MODULES = {"parameters.py": 365}
+LONG_FUNCTIONS = {"run": 80, "simulate": 80}
 
 
 def assigned(tree: ast.Module) -> list[str]:

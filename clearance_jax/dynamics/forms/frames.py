@@ -8,13 +8,28 @@ import abc
 from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.symmetric import AbstractFactors, AbstractRow
+from clearance_jax._basis.symmetric import AbstractFactors, Row
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import parts
 from clearance_jax.mechanism.tree.frame import Frame, JacobianColumn
-from clearance_jax.spatial import ZERO, Term, Vector, add, cross, dot, minus, subtract, times
+from clearance_jax.spatial import (
+    ZERO,
+    Term,
+    Vector,
+    absent,
+    add,
+    as_array,
+    cross,
+    dot,
+    is_zero,
+    minus,
+    subtract,
+    times,
+    total,
+)
 
 
 class Pair(NamedTuple):
@@ -47,26 +62,36 @@ class SpatialForce(NamedTuple):
         return SpatialForce(add(self.force, other.force), add(self.moment, other.moment))
 
 
-class AbstractMoves(abc.ABC):
-    """The velocity or spin that each free coordinate makes per unit of its rate."""
+class Moves:
+    """The velocity or spin by each free coordinate per unit of its rate: vectors, or an array (free, 3)."""
+
+    def __init__(self, every: list[Vector] | Array):
+        self.every = every
 
     @property
-    @abc.abstractmethod
     def array(self) -> Float[Array, "free 3"]:
         """All of them as one array."""
+        if isinstance(self.every, list):
+            return jnp.stack([jnp.zeros(3) if absent(move) else as_array(move) for move in self.every])
+        return self.every
 
     @property
-    @abc.abstractmethod
     def count(self) -> int:
         """The number of free velocities."""
+        return len(self.every)
 
-    @abc.abstractmethod
-    def along(self, direction: Vector) -> AbstractRow:
+    def along(self, direction: Vector) -> Row:
         """Their components along a direction."""
+        if isinstance(self.every, list):
+            return Row([dot(direction, move) for move in self.every])
+        return Row(self.every @ as_array(direction))
 
-    @abc.abstractmethod
     def square(self, weights) -> Term:
         """The sum of their squares, weighted."""
+        if isinstance(self.every, list):
+            squares = [dot(move, move) for move in self.every]
+            return total(times(weights[i], square) for i, square in enumerate(squares) if not is_zero(square))
+        return jnp.sum(self.every**2, axis=1) @ as_array(weights)
 
 
 class AbstractExtra(abc.ABC):
@@ -82,10 +107,8 @@ class AbstractExtra(abc.ABC):
 
 
 class Frames(abc.ABC):
-    """The frames of all bodies in one state, by name, with the mechanism's inertia, loads and energies there.
-
-    Coordinates are counted by free velocities. `acceleration` is that of each of them; where it is `None`, their
-    accelerations are left out, as in `Frame`.
+    """The frames of all bodies in one state, by name, with inertia, loads and energies there. `acceleration`: of each
+    free velocity; `None`: accelerations without that part, as in `Frame`.
     """
 
     mechanism: PreparedMechanism
@@ -97,13 +120,11 @@ class Frames(abc.ABC):
         """The frame of a body."""
 
     @abc.abstractmethod
-    def velocities(self, body: str, point: Vector, base: str | None = None, beside: Vector = ZERO) -> AbstractMoves:
-        """The velocity that each free coordinate gives to a body's point at `point`, less that of a base's point at
-        `beside`.
-        """
+    def velocities(self, body: str, point: Vector, base: str | None = None, beside: Vector = ZERO) -> Moves:
+        """The velocity by each free coordinate of a body's place `point`, less that of a base's place `beside`."""
 
     @abc.abstractmethod
-    def spins(self, body: str, base: str | None = None) -> AbstractMoves:
+    def spins(self, body: str, base: str | None = None) -> Moves:
         """The spin that each free coordinate gives to a body, less that of a base."""
 
     @abc.abstractmethod
@@ -124,9 +145,7 @@ class Frames(abc.ABC):
 
     @abc.abstractmethod
     def drive_forces(self, pairs: list[Pair], acceleration: list[Term]) -> list[tuple[Term, Term]]:
-        """Driving force and speed of every prescribed coordinate under wrenches between bodies, by d'Alembert's
-        principle on its own column.
-        """
+        """Driving force and speed of every prescribed coordinate, by d'Alembert's principle on its own column."""
 
     @abc.abstractmethod
     def kinetic_exchange(self, acceleration: list[Term]) -> Array:

@@ -13,7 +13,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.mechanism.tree.links import Links, Order, rodrigues
 from clearance_jax.mechanism.tree.moved import Moved, swing_rates
-from clearance_jax.spatial import Term, as_array, of_quaternion, put, swing, three
+from clearance_jax.spatial import Term, as_array, matrix, of_quaternion, put, swing, three
 
 
 class Motions(NamedTuple):
@@ -50,7 +50,7 @@ def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state:
             q, v, a = c.motion.drive(time)
         elif c.is_ball:
             w, x, y, z = state.q[part.q]
-            out.turned[i] = jnp.stack([as_array(row) for row in of_quaternion(w, x, y, z)])
+            out.turned[i] = matrix(of_quaternion(w, x, y, z))
             spin = as_array(state.v[part.v])
             q = v = a = 0.0
         else:
@@ -61,9 +61,7 @@ def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state:
 
 
 class Swept(NamedTuple):
-    """By link: the `rates` of its coordinate (zero for balls) and the `axes` that it slides along or turns about, in
-    the link's own axes; and the `motions` of all links, the ground behind them.
-    """
+    """By link: `rates` and own `axes` of its coordinate; and the `motions` of all links, the ground behind them."""
 
     rates: list[Term]
     axes: Array

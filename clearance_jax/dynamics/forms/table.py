@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.symmetric import ArrayRow, Dense
+from clearance_jax._basis.symmetric import Dense
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.forms.frames import AbstractExtra, AbstractMoves, Frames, SpatialForce, rotors
+from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames, Moves, SpatialForce, rotors
 from clearance_jax.dynamics.forms.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -23,9 +23,7 @@ from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtra
 
 
 class ColumnArrays(NamedTuple):
-    """The free columns of a table as arrays: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1
-    for the columns that move a body, else 0.
-    """
+    """Free columns: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1 if it moves a body."""
 
     spins: Float[Array, "columns 3"]
     slides: Float[Array, "columns 3"]
@@ -41,27 +39,6 @@ class ColumnArrays(NamedTuple):
     def spin(self) -> Float[Array, "columns 3"]:
         """Spin of a body by each column."""
         return jnp.asarray(self.moves)[:, None] * self.spins
-
-
-class ArrayMoves(AbstractMoves):
-    """Velocities or spins by the free coordinates, as one array."""
-
-    def __init__(self, whole: Float[Array, "free 3"]):
-        self.whole = whole
-
-    @property
-    def array(self):
-        return self.whole
-
-    @property
-    def count(self):
-        return self.whole.shape[0]
-
-    def along(self, direction):
-        return ArrayRow(self.whole @ as_array(direction))
-
-    def square(self, weights):
-        return jnp.sum(self.whole**2, axis=1) @ as_array(weights)
 
 
 class ArrayExtra(AbstractExtra):
@@ -123,11 +100,11 @@ class TabledFrames(Frames):
 
     def velocities(self, body, point, base=None, beside=ZERO):
         moves = self.columns(body).velocity_at(point)
-        return ArrayMoves(moves if base is None else moves - self.columns(base).velocity_at(beside))
+        return Moves(moves if base is None else moves - self.columns(base).velocity_at(beside))
 
     def spins(self, body, base=None):
         spin = self.columns(body).spin
-        return ArrayMoves(spin if base is None else spin - self.columns(base).spin)
+        return Moves(spin if base is None else spin - self.columns(base).spin)
 
     def extra(self, acceleration):
         return ArrayExtra(self, acceleration)
@@ -199,9 +176,7 @@ class TabledFrames(Frames):
         return lower + jnp.where(both > 0, 0.0, lower.T)
 
     def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
-        """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each;
-        `acceleration`: of the free coordinates.
-        """
+        """Weight minus inertia forces of the bodies and their moments about the origin, (bodies, 3) each."""
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
             more, more_spin = self.add_accelerations(as_array(acceleration))
@@ -212,9 +187,7 @@ class TabledFrames(Frames):
         return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
     def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
-        """What free accelerations add to the accelerations of the bodies' centres of mass and to their spin rates,
-        (bodies, 3).
-        """
+        """What free accelerations add to accelerations of the centres of mass and to spin rates, (bodies, 3)."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
         slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_slides[:n])
@@ -224,7 +197,8 @@ class TabledFrames(Frames):
         force, moment = self.deficits(acceleration)
         out = {}
         for joint in self.mechanism.joints:
-            hanging = self.subtree(joint.child)
+            beyond = self.mechanism.beyond(joint.child)
+            hanging = np.array([float(body.name in beyond) for body in self.mechanism.bodies])
             whole = SpatialForce(three(hanging @ force), three(hanging @ moment))
             out[joint.child] = whole.move(subtract(three(self.origin), self[joint.child].pivot))
         return out
@@ -268,8 +242,3 @@ class TabledFrames(Frames):
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate)
         sliding = self.links.mass @ jnp.sum(jnp.abs(self.speeds * at), axis=1)
         return sliding + jnp.sum(jnp.abs(self.spin * turning))
-
-    def subtree(self, body: str) -> np.ndarray:
-        """1 for a body and all that hangs on it, 0 for the others."""
-        beyond = self.mechanism.beyond(body)
-        return np.array([float(other.name in beyond) for other in self.mechanism.bodies])

@@ -17,10 +17,10 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._basis.module import Module
-from clearance_jax._basis.symmetric import TermRow, factor
+from clearance_jax._basis.symmetric import factor
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.barriers import with_barriers
-from clearance_jax.dynamics.forms.frames import AbstractExtra, AbstractMoves, Frames, Pair, SpatialForce, rotors
+from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames, Moves, Pair, SpatialForce, rotors
 from clearance_jax.dynamics.forms.inertia import Composite, composite_of, inertia_of
 from clearance_jax.dynamics.relative_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
@@ -35,7 +35,6 @@ from clearance_jax.spatial import (
     Vector,
     absent,
     add,
-    as_array,
     cross,
     dot,
     is_zero,
@@ -46,28 +45,6 @@ from clearance_jax.spatial import (
     times,
     total,
 )
-
-
-class TermMoves(AbstractMoves):
-    """Velocities or spins by the free coordinates, one by one; zero for those that do not move the body."""
-
-    def __init__(self, every: list[Vector]):
-        self.every = every
-
-    @property
-    def array(self):
-        return jnp.stack([jnp.zeros(3) if absent(move) else as_array(move) for move in self.every])
-
-    @property
-    def count(self):
-        return len(self.every)
-
-    def along(self, direction):
-        return TermRow([dot(direction, move) for move in self.every])
-
-    def square(self, weights):
-        squares = [dot(move, move) for move in self.every]
-        return total(times(weights[i], square) for i, square in enumerate(squares) if not is_zero(square))
 
 
 class TermExtra(AbstractExtra):
@@ -121,13 +98,13 @@ class WrittenOut(Module, Frames):
     def spins(self, body, base=None):
         return self._moves(body, base, lambda column: column.spin, lambda column: column.spin)
 
-    def _moves(self, body, base, of_body, of_base) -> TermMoves:
+    def _moves(self, body, base, of_body, of_base) -> Moves:
         moves = [ZERO] * self.count
         for column in self[body].free:
             moves[column.index] = of_body(column)
         for column in () if base is None else self[base].free:
             moves[column.index] = subtract(moves[column.index], of_base(column))
-        return TermMoves(moves)
+        return Moves(moves)
 
     def extra(self, acceleration):
         return TermExtra(self, acceleration)
@@ -137,10 +114,6 @@ class WrittenOut(Module, Frames):
         return {j.child: self[j.child].free[len(self[j.parent].free) :] for j in self.mechanism.joints}
 
     # Inertia --------------------------------------------------------------------------------------------------------
-
-    def composites(self) -> dict[str, Composite]:
-        """By body that a free coordinate moves: it and all that hangs on it, as one."""
-        return self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
 
     def _sums(self, alone: Callable, barriers: Callable, every: bool = False) -> dict[str, Any]:
         """By body that a free coordinate moves, or `every` body: what it is `alone`, with what hangs on it, as one."""
@@ -159,7 +132,9 @@ class WrittenOut(Module, Frames):
     def mass_matrix(self, firm=None):
         mechanism = self.mechanism
         matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
-        whole, columns = self.composites(), self.own_columns()
+        # By body that a free coordinate moves: it and all that hangs on it, as one.
+        whole = self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
+        columns = self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
         # A chain in space is deep: what one link does is made of what the others do.
         once = (lambda momentum: momentum) if mechanism.is_plane else with_barriers
@@ -207,7 +182,12 @@ class WrittenOut(Module, Frames):
             acceleration = frame.acceleration_at(centre)
             if extra is not None:
                 acceleration = add(acceleration, extra.at(body.name, centre))
-            force = self._weight_and_inertia(body.mass, acceleration)
+            # M (g - a); without gravity one change of sign serves all components.
+            gravity = self.mechanism.gravity.vector
+            if absent(gravity):
+                force = scale(minus(0.0, body.mass), acceleration)
+            else:
+                force = scale(body.mass, subtract(gravity, acceleration))
             moment = cross(subtract(centre, frame.pivot), force)
         if body.inertia is not None:
             inertia = inertia_of(body, frame)
@@ -216,13 +196,6 @@ class WrittenOut(Module, Frames):
             moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
         return SpatialForce(force, moment)
 
-    def _weight_and_inertia(self, mass: Term, acceleration: Vector) -> Vector:
-        """M (g - a). Without gravity one change of sign serves all components."""
-        gravity = self.mechanism.gravity.vector
-        if absent(gravity):
-            return scale(minus(0.0, mass), acceleration)
-        return scale(mass, subtract(gravity, acceleration))
-
     def load_without_rotors(self, pairs, acceleration):
         load: list[Term] = [0.0] * self.count
         wrenches = self._wrenches(None if acceleration is None else self.extra(acceleration))
@@ -230,25 +203,20 @@ class WrittenOut(Module, Frames):
             for column in columns:
                 load[column.index] = wrenches[name].on(column, self[name].pivot)
         for pair in pairs:
-            for index, term in self._pair_load(pair).items():
-                load[index] = plus(load[index], term)
+            # On the free columns that move only one of its bodies (the others cancel).
+            child, parent = ({column.index: column for column in self[body].free} for body in (pair.child, pair.parent))
+            for index in sorted(child.keys() ^ parent.keys()):
+                work = pair_work(pair, child[index] if index in child else parent[index])
+                load[index] = plus(load[index], work if index in child else minus(0.0, work))
         return load
 
-    def _pair_load(self, pair: Pair) -> dict[int, Term]:
-        """A wrench pair projected on the free columns that move only one of its bodies (the others cancel)."""
-        child = {column.index: column for column in self[pair.child].free}
-        parent = {column.index: column for column in self[pair.parent].free}
-        out: dict[int, Term] = {}
-        for index in sorted(child.keys() ^ parent.keys()):
-            column = child[index] if index in child else parent[index]
-            work = pair_work(pair, column)
-            out[index] = work if index in child else minus(0.0, work)
-        return out
-
     def drive_forces(self, pairs, acceleration):
-        owners = self._prescribed_owners()
-        wrenches = self.wrenches(acceleration)
-        forces: dict[str, list[Term]] = {}
+        # By body: names of the prescribed coordinates that move it, from the ground on.
+        owners: dict[str, tuple[str, ...]] = {GROUND: ()}
+        for joint in self.mechanism.joints:
+            names = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
+            owners[joint.child] = owners[joint.parent] + names
+        wrenches, forces = self.wrenches(acceleration), {}
         for joint in self.mechanism.joints:
             frame, known = self[joint.child], len(owners[joint.parent])
             columns = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
@@ -265,14 +233,6 @@ class WrittenOut(Module, Frames):
                     forces[key][0] = minus(forces[key][0], times(sign, pair_work(pair, column)))
         # In the order of the coordinates, whatever the order of the bodies.
         return [(forces[c.name][0], forces[c.name][1]) for c in self.mechanism.coordinates() if c.name in forces]
-
-    def _prescribed_owners(self) -> dict[str, tuple[str, ...]]:
-        """By body: names of the prescribed coordinates that move it, from the ground on."""
-        owners: dict[str, tuple[str, ...]] = {GROUND: ()}
-        for joint in self.mechanism.joints:
-            names = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
-            owners[joint.child] = owners[joint.parent] + names
-        return owners
 
     # Energies -------------------------------------------------------------------------------------------------------
 

@@ -108,9 +108,7 @@ class Chain(AbstractChain):
     mechanism: Mechanism
 
     def prepare(self) -> PreparedChain:
-        """The chain with its mechanism prepared. In space the mechanism is a table, however small it is: that program
-        compiles in seconds.
-        """
+        """The chain with its mechanism prepared; in space as a table, whose program compiles in seconds."""
         return PreparedChain(self.mechanism.prepare().as_table(), self.point, self.joints, self.sought)
 
 
@@ -191,38 +189,29 @@ def start_of(mechanism: Mechanism, chain: Chain, time: Scalar) -> Float[Array, "
 def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> PoseGap:
     """The residual of a chain at positions, where only drives move; without an `aim`, that of its closures."""
     mechanism, size = chain.mechanism, chain.size
-    plan = layout(mechanism)
-    state = State(tuple(q), (0.0,) * plan.free, {})
-    motion = frames(mechanism, time, state)
-    gaps: list[Term] = []
-    rows: list[Array] = []
-    drifts: list[Term] = []
+    motion = frames(mechanism, time, State(tuple(q), (0.0,) * layout(mechanism).free, {}))
+    # By row: gap, Jacobian, drift.
+    rows: list[tuple[Term, Array, Term]] = []
     if aim is not None:
         point, frame = chain.frame, motion[chain.frame.body]
         at = frame.point(point.at.vector)
-        linear = motion.velocities(chain.frame.body, at).array
+        linear, velocity = motion.velocities(chain.frame.body, at).array, frame.velocity_at(at)
         flat = mechanism.is_plane
-        for k in (0, 1) if flat else (0, 1, 2):
-            gaps.append((at[k] - aim.place[k]) / size)
-            rows.append(linear[:, k] / size)
-            drifts.append(frame.velocity_at(at)[k] / size)
+        along = (0, 1) if flat else (0, 1, 2)
+        rows += [((at[k] - aim.place[k]) / size, linear[:, k] / size, velocity[k] / size) for k in along]
         if aim.rotation is not None:
             angular = motion.spins(chain.frame.body).array
             turned = frame.rotation if point.orientation is None else frame.rotate(point.orientation.rotation).rotation
             wanted = tuple((row[0], row[1], row[2]) for row in aim.rotation)
             off = rotation_between(IDENTITY.compose(wanted), IDENTITY.compose(turned.rows))  # pyright: ignore
-            for k in (2,) if flat else (0, 1, 2):
-                gaps.append(off[k])
-                rows.append(angular[:, k])
-                drifts.append(frame.spin[k])
+            rows += [(off[k], angular[:, k], frame.spin[k]) for k in ((2,) if flat else (0, 1, 2))]
     closed = jnp.asarray(True)
     for loop in mechanism.closures():
         for now in conditions(loop, motion):
             unit = size if absent(now.torque) else 1.0
-            gaps.append(now.gap / unit)
-            rows.append(now.row.array / unit)
-            drifts.append(now.rate / unit)
+            rows.append((now.gap / unit, now.row.array / unit, now.rate / unit))
         for cosine in wrong_way(loop, motion):
             closed &= jnp.asarray(cosine) > 0
-    jacobian = jnp.stack(rows)[:, np.array(chain.sought)] * chain.units[None]
+    gaps, jacobian, drifts = zip(*rows, strict=True)
+    jacobian = jnp.stack(jacobian)[:, np.array(chain.sought)] * chain.units[None]
     return PoseGap(as_array(gaps), jacobian, as_array(drifts), closed)

@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.postures.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, look_at
+from clearance_jax.dynamics.postures.chain import Aim, Chain, PreparedChain, chain_of, look_at
 from clearance_jax.dynamics.postures.inverse import (
     Posture,
     begin_of,
@@ -106,39 +105,27 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
 
     _, (solution, values, speeds, accelerations, before) = jax.lax.scan(interval, start, (edges[:-1], edges[1:]))
 
+    driven = [chain.coordinates[i].name in chain.joints for i in chain.sought]
+    passive = tuple(i for i, joint in zip(chain.sought, driven, strict=True) if not joint)
+    followers = PreparedChain(chain.mechanism, chain.point, chain.joints, passive)
+
     def inside(begin, end, q, values, speeds, accelerations, part):
         time, h = begin + part * (end - begin), end - begin
-        at = _hermite(h, values, speeds, accelerations, part)
+        # The quintic between the knots.
+        v, a = h * speeds, h**2 * accelerations
+        higher = jnp.stack([v[0], a[0], v[1], a[1], values[1] - values[0]], axis=-1) @ HERMITE.T
+        powers = jnp.concatenate([jnp.stack([values[0], v[0], a[0] / 2], axis=-1), higher], axis=-1)
+        at = powers @ part ** jnp.arange(6)
         # The joints' motion is known; passive coordinates of loops follow.
-        q = change(chain, q, jnp.where(_sought_joints(chain), at - values[0], 0.0))
+        q = change(chain, q, jnp.where(np.array(driven), at - values[0], 0.0))
         aim = aim_at(path, time, time)
         if chain.mechanism.closures():
-            q = find(_passive(chain), None, time, q).q
+            q = find(followers, None, time, q).q
         return off(chain, aim, look_at(chain, aim, time, q).gap)
 
     args = edges[:-1], edges[1:], before, values, speeds, accelerations
     apart = jax.lax.map(lambda knots: jax.vmap(partial(inside, *knots))(jnp.asarray(INSIDE)), args)
     return PathBlock(solution, values, speeds, accelerations, *apart)
-
-
-def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part: Scalar) -> Array:
-    """The quintic between two knots, at a `part` of the interval."""
-    v, a = h * speeds, h**2 * accelerations
-    rise = values[1] - values[0]
-    higher = jnp.stack([v[0], a[0], v[1], a[1], rise], axis=-1) @ HERMITE.T
-    powers = jnp.concatenate([jnp.stack([values[0], v[0], a[0] / 2], axis=-1), higher], axis=-1)
-    return powers @ part ** jnp.arange(6)
-
-
-def _sought_joints(chain: AbstractChain) -> np.ndarray:
-    """Which of the sought coordinates are joints (the others are passive)."""
-    return np.array([chain.coordinates[i].name in chain.joints for i in chain.sought])
-
-
-def _passive(chain: PreparedChain) -> PreparedChain:
-    """The chain with its joints held; only passive coordinates are sought."""
-    sought = tuple(i for i, driven in zip(chain.sought, _sought_joints(chain), strict=True) if not driven)
-    return PreparedChain(chain.mechanism, chain.point, chain.joints, sought)
 
 
 def follow(
@@ -180,7 +167,7 @@ def follow(
     aim = aim_at(ready, first, jnp.asarray(edges[:2].mean()))
     begin = begin_of(mechanism, chain, start)
     solution = best(chain, aim, first, begin, start is None, tolerance / 10)
-    if not is_met(chain, aim, solution, tolerance / 10):
+    if not is_met(chain, solution, tolerance / 10):
         raise ClearanceError(why_unreached(chain, aim, solution, ", where the path begins"))
     knots, blocks = _refine(chain, ready, edges, solution.q, tolerance)
     _check_speeds(chain, knots, blocks)

@@ -19,7 +19,7 @@ from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.segments import Pose
 from clearance_jax.mechanism.state import parts
-from clearance_jax.spatial import as_array
+from clearance_jax.spatial import matrix
 
 # Starts that are tried if the default one fails and the user named none.
 STARTS = 32
@@ -77,19 +77,13 @@ def inverse_kinematics(
     chain = chain_of(mechanism, point, joints)
     _check_plane(chain, pose)
     begin = begin_of(mechanism, chain, start)
-    aim = Aim(pose.place, None if pose.orientation is None else rows_of(pose))
+    aim = Aim(pose.place, pose.orientation and matrix(pose.orientation.rotation.rows))
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
         return posture_of(chain, aim, search(chain, aim, jnp.zeros(()), begin))
     solution = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
-    if not is_met(chain, aim, solution, tolerance):
+    if not is_met(chain, solution, tolerance):
         raise ClearanceError(why_unreached(chain, aim, solution))
     return posture_of(chain, aim, solution)
-
-
-def rows_of(pose: Pose) -> Float[Array, "3 3"]:
-    """The rotation matrix of a pose with an orientation."""
-    assert pose.orientation is not None
-    return jnp.stack([as_array(row) for row in pose.orientation.rotation.rows])
 
 
 def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Posture | None) -> Array:
@@ -127,11 +121,11 @@ _searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: s
 def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> PostureSolution:
     """The solution from a start; if that fails and the search may begin `anywhere`, the best one of many starts."""
     solution = search(chain, aim, time, begin)
-    if is_met(chain, aim, solution, tolerance) or not anywhere:
+    if is_met(chain, solution, tolerance) or not anywhere:
         return solution
     every = _searches(chain, aim, time, other_starts(chain, begin))
     each = [jax.tree.map(lambda leaf, k=k: leaf[k], every) for k in range(STARTS)]
-    good = [posture for posture in each if is_met(chain, aim, posture, tolerance)]
+    good = [posture for posture in each if is_met(chain, posture, tolerance)]
     if not good:
         return min([solution, *each], key=lambda posture: float(posture.left))
     units = np.asarray(chain.units)
@@ -163,7 +157,7 @@ def off(chain: AbstractChain, aim: Aim, gap: Array) -> tuple[Array, Array]:
     return jnp.linalg.norm(gap[:places]) * chain.size, jnp.linalg.norm(angle)
 
 
-def is_met(chain: Chain, aim: Aim, solution: PostureSolution, tolerance: float) -> bool:
+def is_met(chain: Chain, solution: PostureSolution, tolerance: float) -> bool:
     """Whether a solution is within the tolerance."""
     size = float(chain.size)
     return bool(solution.closed) and float(jnp.linalg.norm(solution.gap)) * size <= tolerance
@@ -180,7 +174,7 @@ def _check_plane(chain: Chain, pose: Pose) -> None:
     """Raise for a pose out of the plane, of what moves in the plane."""
     if not chain.mechanism.is_plane or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(pose)):
         return
-    tilted = pose.orientation is not None and float(rows_of(pose)[2, 2]) < 1 - 1e-12
+    tilted = pose.orientation is not None and float(pose.orientation.rotation.rows[2][2]) < 1 - 1e-12
     if tilted or float(pose.place[2]) != 0:
         raise ClearanceError("The mechanism is in the plane: a pose of it must have no z, and no roll and pitch.")
 
@@ -230,15 +224,10 @@ def in_the_way(chain: Chain, aim: Aim, solution: PostureSolution) -> str:
     direction = beyond @ (beyond.T @ np.asarray(solution.gap))
     if np.linalg.norm(direction) < SINGULAR * float(solution.left):
         return "Give another `start`."
-    return "The posture is singular, stretched or folded: " + _without_reach(chain, aim, -direction)
-
-
-def _without_reach(chain: Chain, aim: Aim, direction: np.ndarray) -> str:
-    places = 2 if chain.mechanism.is_plane else 3
-    along, turning = direction[:places], direction[places:]
-    if np.linalg.norm(along) >= np.linalg.norm(turning) or aim.rotation is None:
-        unit, what = along / np.linalg.norm(along), "moves it along"
-    else:
-        unit = turning[:3] / max(np.linalg.norm(turning[:3]), 1e-300)
-        what = "turns it about"
-    return f"no joint {what} ({', '.join(f'{x + 0.0:.3f}' for x in unit)})."
+    along, turning = np.split(-direction, [2 if chain.mechanism.is_plane else 3])
+    unit, what = along, "moves it along"
+    if np.linalg.norm(along) < np.linalg.norm(turning) and aim.rotation is not None:
+        unit, what = turning[:3], "turns it about"
+    unit = unit / max(np.linalg.norm(unit), 1e-300) + 0.0
+    shown = ", ".join(f"{x:.3f}" for x in unit)
+    return f"The posture is singular, stretched or folded: no joint {what} ({shown})."

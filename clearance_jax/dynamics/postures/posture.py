@@ -34,9 +34,7 @@ HOLDS = 3
 
 
 class PostureSolution(NamedTuple):
-    """End of a search: positions, residual `gap` and its Jacobian there, which sought coordinates are `at_limit`, the
-    number of iterations; `closed` as in `PoseGap`.
-    """
+    """End of a search: positions, `gap` and Jacobian there, sought coordinates `at_limit`, iterations, `closed`."""
 
     q: Positions
     gap: Float[Array, " rows"]
@@ -132,19 +130,15 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
     return solution
 
 
-def implicit_newton_step(chain: PreparedChain, aim: Aim | None, time: Scalar, solution: PostureSolution) -> Positions:
-    """The positions of a solution, with the derivatives of the implicit function: those of one more Newton step."""
-    still = jax.lax.stop_gradient(solution)
-    jacobian = jnp.where(still.at_limit[None], 0.0, still.jacobian)
-    gap = look_at(chain, aim, time, still.q).gap
-    return change(chain, still.q, _damped_step(jacobian, gap - still.gap, jnp.zeros(())) * chain.units)
-
-
 def solve(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> PostureSolution:
-    """`find` with derivatives by the mechanism's numbers, the aim and the time (not by the start)."""
-    still = jax.lax.stop_gradient((chain, aim, time, start))
-    solution = find(*still)
-    return jax.lax.stop_gradient(solution)._replace(q=implicit_newton_step(chain, aim, time, solution))
+    """`find` with derivatives by the mechanism's numbers, the aim and the time (not by the start): those of the
+    implicit function, by one more Newton step.
+    """
+    solution = jax.lax.stop_gradient(find(*jax.lax.stop_gradient((chain, aim, time, start))))
+    jacobian = jnp.where(solution.at_limit[None], 0.0, solution.jacobian)
+    left = look_at(chain, aim, time, solution.q).gap - solution.gap
+    step = _damped_step(jacobian, left, jnp.zeros(())) * chain.units
+    return solution._replace(q=change(chain, solution.q, step))
 
 
 # Along a path ---------------------------------------------------------------------------------------------------------
@@ -159,9 +153,8 @@ def aim_at(path: PreparedPath, time: Scalar, beside: Scalar) -> Aim:
 def rates(
     chain: PreparedChain, path: PreparedPath, time: Scalar, beside: Scalar, q: Positions
 ) -> tuple[Sought, Sought]:
-    """First and second rates of the sought coordinates on a path: the smallest ones that follow it.
-
-    The second rates are the exact derivative of the first along the motion.
+    """First and second rates of the sought coordinates on a path: the smallest that follow it, and their exact
+    derivative.
     """
     plan = layout(chain.mechanism)
 

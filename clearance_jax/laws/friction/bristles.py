@@ -34,9 +34,7 @@ class AbstractBristles(AbstractFrictionLaw):
 
     @abc.abstractmethod
     def release(self, slip: Slip, bend: Slip, width: Scalar | None = None) -> Scalar:
-        """The rate r [1/s] for a slip [m/s] and a deflection [m]; its corner at zero slip is rounded over a `width`
-        [m/s].
-        """
+        """The rate r [1/s] for a slip [m/s] and a deflection [m]; its corner is rounded over a `width` [m/s]."""
 
     def bend_rates(self, slip: Slip, bend: Slip, width: Scalar | None = None) -> Slip:
         """The rate z' of the deflection [m/s]."""
@@ -129,7 +127,7 @@ class Dahl(AbstractBristles):
     **Arguments:** `coefficient` mu, `bristle_stiffness` s0 [1/m].
     """
 
-    coefficient: Scalar = physical("", above=0.0, help="coefficient of friction mu", example="0.1")
+    coefficient: Scalar = physical("", "coefficient of friction mu", "0.1", above=0.0)
     bristle_stiffness: Scalar = physical("1/m", above=0.0, **STIFFNESS)
 
     @property
@@ -155,7 +153,7 @@ class ElastoPlastic(AbstractLuGre):
     """
 
     breakaway_share: Scalar = physical(
-        "", above=0.0, below=1.0, default=0.5, help="share of the deflection that is elastic", example="0.7"
+        "", "share of the deflection that is elastic", "0.7", above=0.0, below=1.0, default=0.5
     )
 
     def release(self, slip, bend, width=None):

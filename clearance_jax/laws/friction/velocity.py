@@ -3,8 +3,10 @@
 Their formulas are those of the size v of the slip.
 """
 
+import abc
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._basis.numerics import step3
@@ -25,7 +27,28 @@ def _magnitude(v: Scalar) -> tuple[Scalar, Scalar]:
     return sign * v, sign
 
 
-class CubicCoulomb(AbstractFrictionLaw):
+class AbstractSlipLaw(AbstractFrictionLaw):
+    """A law of the slip alone."""
+
+    transition_speed: eqx.AbstractVar[Scalar]
+
+    @property
+    def edges(self) -> tuple[Scalar, ...]:
+        """Where pieces of the law and steep layers end [m/s]."""
+        return (self.transition_speed,)
+
+    @abc.abstractmethod
+    def profile(self, v: Scalar, normal_force: Scalar) -> Scalar:
+        """The traction [N] along a slip v [m/s], of any sign."""
+
+    def traction(self, constants, slip, normal_force, memory):
+        return along_slip(lambda v: self.profile(v, normal_force), slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return tuple(outside(slip, speed) for speed in self.edges)
+
+
+class CubicCoulomb(AbstractSlipLaw):
     """T = -mu N (3 x - x^3)/2 with x = min(1, v/v_c): Coulomb friction from v_c on. A pin creeps under load.
 
     Source: Qian et al. 2022, Eq. 8 (doi 10.3390/app122111041), whose first branch must read -mu.
@@ -34,42 +57,35 @@ class CubicCoulomb(AbstractFrictionLaw):
     """
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C1"
 
-    def traction(self, constants, slip, normal_force, memory):
-        def profile(v):
-            x = jnp.clip(v * (1.0 / self.transition_speed), -1.0, 1.0)
-            return -0.5 * self.coefficient * normal_force * x * (3 - x * x)
-
-        return along_slip(profile, slip)
+    def profile(self, v, normal_force):
+        x = jnp.clip(v * (1.0 / self.transition_speed), -1.0, 1.0)
+        return -0.5 * self.coefficient * normal_force * x * (3 - x * x)
 
     def kinks(self):
         mu, fast = self.coefficient, self.transition_speed
         return (Kink(fast, mu, 0.0, 3 * mu / fast**2),)
 
-    def event_functions(self, constants, slip, normal_force, memory):
-        return (outside(slip, self.transition_speed),)
 
-
-class TanhCoulomb(AbstractFrictionLaw):
+class TanhCoulomb(AbstractSlipLaw):
     """T = -mu N tanh(v/v_t). **Arguments:** `coefficient` mu, `transition_speed` v_t [m/s]."""
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C2"
 
-    def traction(self, constants, slip, normal_force, memory):
-        return along_slip(
-            lambda v: -self.coefficient * normal_force * jnp.tanh(v * (1.0 / self.transition_speed)), slip
-        )
+    def profile(self, v, normal_force):
+        return -self.coefficient * normal_force * jnp.tanh(v * (1.0 / self.transition_speed))
 
-    def event_functions(self, constants, slip, normal_force, memory):
+    @property
+    def edges(self):
         # A step across the whole layer may sample it so that its error estimate cancels by accident: an edge cuts it.
-        return (outside(slip, 2 * self.transition_speed),)
+        return (2 * self.transition_speed,)
 
 
-class AdamsFriction(AbstractFrictionLaw):
+class AdamsFriction(AbstractSlipLaw):
     """T = -N (mu_s STEP(v, -v_s, -1, v_s, 1) + (mu_d - mu_s) STEP(v, v_s, 0, v_d, 1)), the contact friction of MSC
     ADAMS: from -mu_s to mu_s for |v| < v_s, from mu_s to mu_d for |v| up to v_d, and mu_d beyond.
 
@@ -79,22 +95,19 @@ class AdamsFriction(AbstractFrictionLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    stiction_speed: Scalar = physical("m/s", above=0.0, help="slip v_s of the peak", example='"1 mm/s"')
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    stiction_speed: Scalar = physical("m/s", "slip v_s of the peak", '"1 mm/s"', above=0.0)
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C1"
 
     def demands(self):
         least = self.stiction_speed
         yield Demand("transition_speed", self.transition_speed > least, lambda: f"must be above {least:g} m/s")
 
-    def traction(self, constants, slip, normal_force, memory):
-        def profile(v):
-            speed, sign = _magnitude(v)
-            rise = self.static_coefficient * (2 * step3(0.5 + 0.5 * speed / self.stiction_speed) - 1)
-            fall = step3((speed - self.stiction_speed) / (self.transition_speed - self.stiction_speed))
-            return -normal_force * sign * (rise + (self.dynamic_coefficient - self.static_coefficient) * fall)
-
-        return along_slip(profile, slip)
+    def profile(self, v, normal_force):
+        speed, sign = _magnitude(v)
+        rise = self.static_coefficient * (2 * step3(0.5 + 0.5 * speed / self.stiction_speed) - 1)
+        fall = step3((speed - self.stiction_speed) / (self.transition_speed - self.stiction_speed))
+        return -normal_force * sign * (rise + (self.dynamic_coefficient - self.static_coefficient) * fall)
 
     def kinks(self):
         static, slow, fast = self.static_coefficient, self.stiction_speed, self.transition_speed
@@ -102,72 +115,63 @@ class AdamsFriction(AbstractFrictionLaw):
         most = jnp.maximum(static, self.dynamic_coefficient)
         return Kink(slow, most, 0.0, fall + 3 * static / slow**2), Kink(fast, most, 0.0, fall)
 
-    def event_functions(self, constants, slip, normal_force, memory):
-        return outside(slip, self.stiction_speed), outside(slip, self.transition_speed)
+    @property
+    def edges(self):
+        return self.stiction_speed, self.transition_speed
 
 
-class Threlfall(AbstractFrictionLaw):
+class Threlfall(AbstractSlipLaw):
     """T = -mu N (1 - exp(-3 min(1, v/v_r))): 0.95 mu N from v_r on (Threlfall 1978).
 
     **Arguments:** `coefficient` mu, `transition_speed` v_r [m/s].
     """
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 
-    def traction(self, constants, slip, normal_force, memory):
-        def profile(v):
-            speed, sign = _magnitude(v)
-            ratio = jnp.minimum(speed / self.transition_speed, 1.0)
-            return self.coefficient * normal_force * sign * jnp.expm1(-3 * ratio)
-
-        return along_slip(profile, slip)
+    def profile(self, v, normal_force):
+        speed, sign = _magnitude(v)
+        ratio = jnp.minimum(speed / self.transition_speed, 1.0)
+        return self.coefficient * normal_force * sign * jnp.expm1(-3 * ratio)
 
     def kinks(self):
         mu, fast = self.coefficient, self.transition_speed
         end = 3 * jnp.exp(-3.0) * mu
         return Kink(0.0, mu, 0.0, -9 * mu / fast**2), Kink(fast, mu, -end / fast, 3 * end / fast**2)
 
-    def event_functions(self, constants, slip, normal_force, memory):
-        return (outside(slip, self.transition_speed),)
 
-
-class Ambrosio(AbstractFrictionLaw):
+class Ambrosio(AbstractSlipLaw):
     """T = -mu c_d N with c_d = min(1, max(0, (v - v_0)/(v_1 - v_0))) (Ambrosio 2003). Below v_0 nothing holds a pin.
 
     **Arguments:** `coefficient` mu; `free_speed` v_0, `transition_speed` v_1 > v_0 [m/s].
     """
 
     coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
-    free_speed: Scalar = physical(
-        "m/s", above=0.0, help="slip v_0 below which there is no friction", example='"1 mm/s"'
-    )
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    free_speed: Scalar = physical("m/s", "slip v_0 below which there is no friction", '"1 mm/s"', above=0.0)
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 
     def demands(self):
         least = self.free_speed
         yield Demand("transition_speed", self.transition_speed > least, lambda: f"must be above {least:g} m/s")
 
-    def traction(self, constants, slip, normal_force, memory):
-        def profile(v):
-            speed, sign = _magnitude(v)
-            ramp = jnp.clip((speed - self.free_speed) / (self.transition_speed - self.free_speed), 0.0, 1.0)
-            return -self.coefficient * normal_force * sign * ramp
-
-        return along_slip(profile, slip)
+    def profile(self, v, normal_force):
+        speed, sign = _magnitude(v)
+        ramp = jnp.clip((speed - self.free_speed) / (self.transition_speed - self.free_speed), 0.0, 1.0)
+        return -self.coefficient * normal_force * sign * ramp
 
     def kinks(self):
         mu, slow, fast = self.coefficient, self.free_speed, self.transition_speed
         slope, none = mu / (fast - slow), jnp.zeros_like(mu)
         return Kink(slow, mu, slope, none), Kink(fast, mu, -slope, none)
 
-    def event_functions(self, constants, slip, normal_force, memory):
-        return outside(slip, self.free_speed), outside(slip, self.transition_speed)
+    @property
+    def edges(self):
+        return self.free_speed, self.transition_speed
 
 
-class BengisuAkay(AbstractFrictionLaw):
+class BengisuAkay(AbstractSlipLaw):
     """T = -N (mu_s x (2 - x) + (mu_s - mu_d) (exp(-y/v_1) - 1)) with x = min(1, v/v_0), y = max(0, v - v_0): a parabola
     up to v_0, and a fall to mu_d beyond (Bengisu and Akay 1994).
 
@@ -177,21 +181,16 @@ class BengisuAkay(AbstractFrictionLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
-    decay_speed: Scalar = physical(
-        "m/s", above=0.0, help="slip over which friction falls from its peak", example='"5 mm/s"'
-    )
+    transition_speed: Scalar = physical("m/s", "slip v_t of the peak", '"10 mm/s"', above=0.0)
+    decay_speed: Scalar = physical("m/s", "slip over which friction falls from its peak", '"5 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 
-    def traction(self, constants, slip, normal_force, memory):
-        def profile(v):
-            speed, sign = _magnitude(v)
-            ratio = jnp.minimum(speed / self.transition_speed, 1.0)
-            beyond = jnp.maximum(speed - self.transition_speed, 0.0)
-            fall = (self.static_coefficient - self.dynamic_coefficient) * jnp.expm1(-beyond / self.decay_speed)
-            return -normal_force * sign * (self.static_coefficient * ratio * (2 - ratio) + fall)
-
-        return along_slip(profile, slip)
+    def profile(self, v, normal_force):
+        speed, sign = _magnitude(v)
+        ratio = jnp.minimum(speed / self.transition_speed, 1.0)
+        beyond = jnp.maximum(speed - self.transition_speed, 0.0)
+        fall = (self.static_coefficient - self.dynamic_coefficient) * jnp.expm1(-beyond / self.decay_speed)
+        return -normal_force * sign * (self.static_coefficient * ratio * (2 - ratio) + fall)
 
     def kinks(self):
         static, fast, decay = self.static_coefficient, self.transition_speed, self.decay_speed
@@ -199,11 +198,8 @@ class BengisuAkay(AbstractFrictionLaw):
         most = jnp.maximum(static, self.dynamic_coefficient)
         return Kink(0.0, most, 0.0, -bend), Kink(fast, most, -fall / decay, fall / decay**2 + bend)
 
-    def event_functions(self, constants, slip, normal_force, memory):
-        return (outside(slip, self.transition_speed),)
 
-
-class Stribeck(AbstractFrictionLaw):
+class Stribeck(AbstractSlipLaw):
     """T = -N ((mu_d + (mu_s - mu_d) exp(-(v/v_s)^p)) tanh(v/v_t) + k v): the curve of Tustin, and of Bo and
     Pavelescu, whose jump at zero slip is made steep (Andersson et al. 2007, without k).
 
@@ -213,10 +209,10 @@ class Stribeck(AbstractFrictionLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    stribeck_speed: Scalar = physical("m/s", above=0.0, help="slip v_s between the two", example='"1 mm/s"')
-    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
-    shape: Scalar = physical("", least=1.0, default=2.0, help="exponent p of the fall from the peak", example="1")
-    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction s2", example='"0.1 s/m"')
+    stribeck_speed: Scalar = physical("m/s", "slip v_s between the two", '"1 mm/s"', above=0.0)
+    transition_speed: Scalar = physical("m/s", COMPLETE, '"10 mm/s"', above=0.0)
+    shape: Scalar = physical("", "exponent p of the fall from the peak", "1", least=1.0, default=2.0)
+    viscous: Scalar = physical("s/m", "viscous friction s2", '"0.1 s/m"', least=0.0, default=0.0)
 
     @property
     def smoothness(self) -> Smoothness:  # type: ignore[override]
@@ -225,28 +221,26 @@ class Stribeck(AbstractFrictionLaw):
         except TypeError:  # traced
             return "C1"
 
-    def traction(self, constants, slip, normal_force, memory):
-        def profile(v):
-            speed, _ = _magnitude(v)
-            moving = speed > 0
-            power = jnp.where(moving, (jnp.where(moving, speed, 1.0) / self.stribeck_speed) ** self.shape, 0.0)
-            fall = (self.static_coefficient - self.dynamic_coefficient) * jnp.exp(-power)
-            rise = jnp.tanh(v / self.transition_speed)
-            return -normal_force * ((self.dynamic_coefficient + fall) * rise + self.viscous * v)
-
-        return along_slip(profile, slip)
+    def profile(self, v, normal_force):
+        speed, _ = _magnitude(v)
+        moving = speed > 0
+        power = jnp.where(moving, (jnp.where(moving, speed, 1.0) / self.stribeck_speed) ** self.shape, 0.0)
+        fall = (self.static_coefficient - self.dynamic_coefficient) * jnp.exp(-power)
+        rise = jnp.tanh(v / self.transition_speed)
+        return -normal_force * ((self.dynamic_coefficient + fall) * rise + self.viscous * v)
 
     def kinks(self):
         # |v|^p has a corner in its second derivative for p = 1 alone.
         bend = 2 * (self.dynamic_coefficient - self.static_coefficient) / (self.stribeck_speed * self.transition_speed)
         return (Kink(0.0, self.static_coefficient, 0.0, jnp.where(self.shape == 1, bend, 0.0)),)
 
-    def event_functions(self, constants, slip, normal_force, memory):
+    @property
+    def edges(self):
         # As of `TanhCoulomb`.
-        return (outside(slip, 2 * self.transition_speed),)
+        return (2 * self.transition_speed,)
 
 
-class BrownMcPhee(AbstractFrictionLaw):
+class BrownMcPhee(AbstractSlipLaw):
     """T = -N (mu_d tanh(4 x) + (mu_s - mu_d) x / (x^2/4 + 3/4)^2), x = v/v_t (Brown and McPhee 2016,
     doi 10.1007/s11044-015-9471-9). Smooth, with a peak near mu_s at v_t.
 
@@ -255,17 +249,11 @@ class BrownMcPhee(AbstractFrictionLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", "slip v_t of the peak", '"10 mm/s"', above=0.0)
     smoothness: ClassVar[Smoothness] = "C2"
 
-    def traction(self, constants, slip, normal_force, memory):
-        def profile(v):
-            x = v * (1.0 / self.transition_speed)
-            bump = x / (0.25 * x * x + 0.75) ** 2
-            stribeck = (self.static_coefficient - self.dynamic_coefficient) * bump
-            return -normal_force * (self.dynamic_coefficient * jnp.tanh(4 * x) + stribeck)
-
-        return along_slip(profile, slip)
-
-    def event_functions(self, constants, slip, normal_force, memory):
-        return (outside(slip, self.transition_speed),)
+    def profile(self, v, normal_force):
+        x = v * (1.0 / self.transition_speed)
+        bump = x / (0.25 * x * x + 0.75) ** 2
+        stribeck = (self.static_coefficient - self.dynamic_coefficient) * bump
+        return -normal_force * (self.dynamic_coefficient * jnp.tanh(4 * x) + stribeck)

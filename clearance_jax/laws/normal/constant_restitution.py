@@ -91,9 +91,9 @@ class Tsuji(AbstractOscillator):
     below zero: it delivers 0.902, 0.718, 0.550, 0.397 for 0.9, 0.7, 0.5, 0.3 then.
     """
 
-    stiffness: Any = physical("N/m^1.5", above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
-    restitution: Scalar = physical("", above=0.0, below=1.0, help="coefficient of restitution e", example="0.7")
-    effective_mass: Scalar = physical("kg", above=0.0, help=MASS, example='"2 kg"')
+    stiffness: Any = physical("N/m^1.5", "stiffness K", '"2.487e6 N/mm^1.5"', above=0.0)
+    restitution: Scalar = physical("", "coefficient of restitution e", "0.7", above=0.0, below=1.0)
+    effective_mass: Scalar = physical("kg", MASS, '"2 kg"', above=0.0)
     clipped: bool = describe(CLIPPED, "true", static=True, default=False)
     smoothness: ClassVar[Smoothness] = "C0"
 
@@ -118,9 +118,9 @@ class Anagnostopoulos(AbstractOscillator):
     zero.
     """
 
-    stiffness: Any = physical("N/m", above=0.0, help="stiffness k", example='"1e7 N/m"')
-    restitution: Scalar = physical("", above=0.0, below=1.0, help="coefficient of restitution e", example="0.7")
-    effective_mass: Scalar = physical("kg", above=0.0, help=MASS, example='"2 kg"')
+    stiffness: Any = physical("N/m", "stiffness k", '"1e7 N/m"', above=0.0)
+    restitution: Scalar = physical("", "coefficient of restitution e", "0.7", above=0.0, below=1.0)
+    effective_mass: Scalar = physical("kg", MASS, '"2 kg"', above=0.0)
     clipped: bool = describe(CLIPPED, "true", static=True, default=False)
     smoothness: ClassVar[Smoothness] = "C-1"
     smooth_alternative: ClassVar[str] = "`exact_restitution` (class C1)"

@@ -42,18 +42,12 @@ class LineContact(AbstractImpactLaw):
     elastic); `minimum_impact_speed` [m/s]; `relation`: f, which tells the laws of this kind apart; `ratio`: a(e).
     """
 
-    pin_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the pin", example='"207 GPa"')
-    sleeve_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the sleeve", example='"100 GPa"')
-    pin_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the pin", example="0.29"
-    )
-    sleeve_poisson: Scalar = physical(
-        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the sleeve", example="0.34"
-    )
-    restitution: Scalar | None = physical(
-        "", above=0.0, below=1.0, default=None, help=RESTITUTION, example="0.7", absent="elastic"
-    )
-    minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
+    pin_modulus: Scalar = physical("Pa", "Young's modulus of the pin", '"207 GPa"', above=0.0)
+    sleeve_modulus: Scalar = physical("Pa", "Young's modulus of the sleeve", '"100 GPa"', above=0.0)
+    pin_poisson: Scalar = physical("", "Poisson's ratio of the pin", "0.29", least=0.0, below=0.5, default=0.3)
+    sleeve_poisson: Scalar = physical("", "Poisson's ratio of the sleeve", "0.34", least=0.0, below=0.5, default=0.3)
+    restitution: Scalar | None = physical("", RESTITUTION, "0.7", "elastic", above=0.0, below=1.0, default=None)
+    minimum_impact_speed: Scalar = physical("m/s", SLOWEST, '"1 mm/s"', above=0.0, default=1e-3)
     relation: Relation = eqx.field(static=True, default=relations.JOHNSON)
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     smoothness: ClassVar[Smoothness] = "C1"
@@ -90,8 +84,6 @@ class LineContact(AbstractImpactLaw):
 def johnson(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """Johnson's line contact, d = F'/(pi E*) (ln(4 pi E* c / F') - 1) (from Johnson 1985, Eq. 5.57), for d up to
     0.49 c; beyond, it goes on along its tangent.
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.JOHNSON, **options)
 
@@ -99,33 +91,23 @@ def johnson(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def radzimovsky(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """Radzimovsky's line contact, d = F'/(pi E*) (2/3 + ln(4 R_i/b) + ln(4 R_j/b)), with the full width of the
     contact b = 4 sqrt(F' R / (pi E*)), 1/R = 1/R_j - 1/R_i, for d up to 0.65 c.
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.RADZIMOVSKY, **options)
 
 
 def esdu(pin_modulus, sleeve_modulus, **options) -> LineContact:
-    """The line contact of ESDU 78035, d = F'/(pi E*) (ln(4 pi E* c / F') + 1).
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
-    """
+    """The line contact of ESDU 78035, d = F'/(pi E*) (ln(4 pi E* c / F') + 1)."""
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.ESDU, **options)
 
 
 def liu(pin_modulus, sleeve_modulus, **options) -> LineContact:
-    """The conformal contact of Liu et al. (2007), F' = (pi/2) E* d sqrt(d / (2 (c + d))).
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
-    """
+    """The conformal contact of Liu et al. (2007), F' = (pi/2) E* d sqrt(d / (2 (c + d)))."""
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.LIU, **options)
 
 
 def bai_zhao(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """The hybrid law of Bai and Zhao (2013) with n = 1: F' = K d, K = (pi/8) E* sqrt(2 d (3 c + 2 d)^2 / (c + d)^3),
     the slope of the law of Liu; a(e) = 3 (1 - e^2) exp(2 (1 - e)) / 4.
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     damped = {"ratio": ratios.zhiying_qishao_ratio} | options
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.BAI_ZHAO, **damped)
@@ -134,8 +116,6 @@ def bai_zhao(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def pereira(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """The fit of Pereira et al. (2015) to Johnson's line contact inside a sleeve, F' = (0.965 c + 0.0965) E*/c d^n in
     mm and N, n = Y c^-0.005, for radial clearances c from 0.005 to 10 mm; a(e) = 3 (1 - e^2)/4.
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     damped = {"ratio": ratios.lankarani_nikravesh_ratio} | options
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.PEREIRA, **damped)
@@ -144,8 +124,6 @@ def pereira(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def goldsmith(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """Goldsmith's line contact, d = F'/(pi E*) (ln(pi E* c / (F' R_i R_j)) + 1) in mm and N. For comparison only: its
     logarithm has a dimension, so that its force depends on the units.
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.GOLDSMITH, **options)
 
@@ -153,8 +131,6 @@ def goldsmith(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def dubowsky_freudenstein(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """The line contact of Dubowsky and Freudenstein, d = F'/(pi E*) (ln(pi E* L^2 c / (F' R_i R_j)) + 1). For
     comparison only: the length of a line has no such part in its approach.
-
-    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.DUBOWSKY_FREUDENSTEIN, **options)
 
@@ -168,11 +144,9 @@ class Winkler(AbstractImpactLaw):
     `cj.wear.foundation`); `restitution` e (`None`: elastic); `minimum_impact_speed` [m/s]; `ratio`: a(e).
     """
 
-    stiffness: Scalar = physical("Pa/m", above=0.0, help="stiffness k of a layer", example='"2e13 Pa/m"')
-    restitution: Scalar | None = physical(
-        "", above=0.0, below=1.0, default=None, help=RESTITUTION, example="0.7", absent="elastic"
-    )
-    minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
+    stiffness: Scalar = physical("Pa/m", "stiffness k of a layer", '"2e13 Pa/m"', above=0.0)
+    restitution: Scalar | None = physical("", RESTITUTION, "0.7", "elastic", above=0.0, below=1.0, default=None)
+    minimum_impact_speed: Scalar = physical("m/s", SLOWEST, '"1 mm/s"', above=0.0, default=1e-3)
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     smoothness: ClassVar[Smoothness] = "C1"
     has_radii: ClassVar[bool] = False

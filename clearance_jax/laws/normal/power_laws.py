@@ -65,8 +65,8 @@ class LinearKelvinVoigt(AbstractNormalLaw):
     before separation.
     """
 
-    stiffness: Any = physical("N/m", above=0.0, help="stiffness k", example='"1e7 N/m"')
-    damping: Scalar = physical("N*s/m", least=0.0, help="damping b", example='"500 N*s/m"')
+    stiffness: Any = physical("N/m", "stiffness k", '"1e7 N/m"', above=0.0)
+    damping: Scalar = physical("N*s/m", "damping b", '"500 N*s/m"', least=0.0)
     clipped: bool = describe("whether the force never pulls: max(0, k d + b d')", "false", static=True, default=True)
     smooth_alternative: ClassVar[str] = "`HuntCrossley` (class C1), or `damping` 0 that is not traced,"
 
@@ -128,7 +128,7 @@ class HuntCrossley(AbstractPowerLaw):
     """
 
     stiffness: Any = physical(STIFFNESS, **STIFF)
-    damping_factor: Scalar = physical("s/m", least=0.0, help="damping factor lambda", example='"20 s/m"')
+    damping_factor: Scalar = physical("s/m", "damping factor lambda", '"20 s/m"', least=0.0)
     exponent: Scalar | None = physical("", **EXPONENT)
     smoothness: ClassVar[Smoothness] = "C1"
 
@@ -154,9 +154,9 @@ class AdamsImpact(AbstractPowerLaw):
     """
 
     stiffness: Any = physical(STIFFNESS, **STIFF)
-    damping: Scalar = physical("N*s/m", least=0.0, help="damping c_max at full depth", example='"2000 N*s/m"')
+    damping: Scalar = physical("N*s/m", "damping c_max at full depth", '"2000 N*s/m"', least=0.0)
     full_damping_depth: Scalar = physical(
-        "m", above=0.0, help="penetration d_max from which on the damping is complete", example='"0.01 mm"'
+        "m", "penetration d_max from which on the damping is complete", '"0.01 mm"', above=0.0
     )
     exponent: Scalar | None = physical("", **EXPONENT)
     smoothness: ClassVar[Smoothness] = "C0"

@@ -11,6 +11,7 @@ same at every speed.
 import jax
 import jax.numpy as jnp
 
+from clearance_jax._basis.roots import newton
 from clearance_jax._basis.types import Scalar
 
 # A ratio below which the restitution that it delivers is a series.
@@ -65,8 +66,7 @@ def flores_ratio(restitution):
 def exact_ratio(restitution):
     """The root of a (1 + e) = ln((1 + a)/(1 - a e)): delivers e exactly for every n, K, mass and speed.
 
-    Derived from the phase-plane integral of the impact. Newton from a fit that is good to 0.002 in e; the last of the
-    iterations is the implicit derivative, the ones before it are hidden from differentiation.
+    Newton from a fit that is good to 0.002 in e.
     """
     e = restitution
     # Newton for w = ln(1 - a e): near a = 1/e (small e) the logarithm's pole is gone, and for e -> 1 the fit starts on
@@ -74,34 +74,31 @@ def exact_ratio(restitution):
     fit = (1 - e) / e * (1.5 - 0.5 * (1 - e) ** 2.85)
     start = jnp.where(e < 0.3, jnp.log1p(1 / e) - (1 + e) / e, jnp.log1p(-e * jnp.where(e < 0.3, 0.0, fit)))
 
-    def newton(w, e):
+    def step(w, e):
         a = -jnp.expm1(w) / e
         slope = 1 - jnp.exp(w) / e * ((1 + e) - 1 / (1 + a))
         return w - (w - jnp.log1p(a) + a * (1 + e)) / slope
 
-    fixed = jax.lax.stop_gradient(e)
-    w = jax.lax.fori_loop(0, 12, lambda _, w: newton(w, fixed), jax.lax.stop_gradient(start))
-    return -jnp.expm1(newton(jax.lax.stop_gradient(w), e)) / e
+    return -jnp.expm1(newton(step, start, 12, e)) / e
 
 
 def delivered_restitution(ratio: Scalar) -> Scalar:
     """The restitution e that a damping ratio a > 0 delivers: the root of a (1 + e) = ln((1 + a)/(1 - a e)).
 
-    Newton for w = ln(1 - a e), of a concave function: it comes to the root from the left. The last iteration is the
-    implicit derivative. A small ratio has a series: there the function loses its digits.
+    Newton for w = ln(1 - a e), of a concave function: it comes to the root from the left. A small ratio has a series:
+    there the function loses its digits.
     """
     small = ratio < SMALL
     series = 1 - ratio * (2 / 3 - ratio * (4 / 9 - ratio * (44 / 135 - ratio * (104 / 405))))
     ratio = jnp.where(small, 1.0, ratio)
 
-    def newton(w, a):
+    def step(w, a):
         # a (1 + e) - ln(1 + a) + w = 0 with a e = 1 - exp(w).
         return w - (a - jnp.expm1(w) - jnp.log1p(a) + w) / (1 - jnp.exp(w))
 
-    fixed = jax.lax.stop_gradient(ratio)
     # The root without the exponential lies left of it. A small ratio halves its way first.
-    w = jax.lax.fori_loop(0, 40, lambda _, w: newton(w, fixed), jnp.log1p(fixed) - fixed - 1)
-    return jnp.where(small, series, -jnp.expm1(newton(jax.lax.stop_gradient(w), ratio)) / ratio)
+    w = newton(step, jnp.log1p(ratio) - ratio - 1, 40, ratio)
+    return jnp.where(small, series, -jnp.expm1(w) / ratio)
 
 
 # About z = 1 the angle over its sine is a series.
@@ -132,20 +129,13 @@ def oscillator_restitution(ratio: Scalar, clipped: bool) -> Scalar:
 
 
 def oscillator_ratio(restitution: Scalar, clipped: bool) -> Scalar:
-    """The damping ratio z at which an impact has this `restitution`: its inverse.
-
-    Newton on a concave function comes to the root from the left; the last iteration is the implicit derivative.
-    """
+    """The damping ratio z at which an impact has this `restitution`: Newton on a concave function, from the left."""
     logarithm = -jnp.log(restitution)
     if not clipped:
         return logarithm / jnp.sqrt(jnp.pi**2 + logarithm**2)
 
-    def newton(z, target):
+    def step(z, target):
         value, slope = jax.value_and_grad(lambda x: 2 * x * _angle_over_sine(x))(z)
         return z - (value - target) / slope
 
-    fixed = jax.lax.stop_gradient(logarithm)
-    z = jax.lax.fori_loop(0, NEWTON, lambda _, z: newton(z, fixed), fixed / jnp.pi)
-    z = jax.lax.stop_gradient(z)
-    slope = jax.lax.stop_gradient(jax.grad(lambda x: 2 * x * _angle_over_sine(x))(z))
-    return z - (2 * z * _angle_over_sine(z) - logarithm) / slope
+    return newton(step, logarithm / jnp.pi, NEWTON, logarithm)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.numerics import positive_part, positive_power, power_three_halves, safe_sqrt
+from clearance_jax._basis.roots import newton
 from clearance_jax._basis.types import Scalar
 
 _NODES, _WEIGHTS = (0.5 * np.asarray(x) for x in np.polynomial.legendre.leggauss(20))
@@ -55,20 +56,6 @@ def _start(q):
     return jnp.where(q < 3, near, q + jnp.log(q + jnp.log(q)))
 
 
-def _logarithm(t: Scalar) -> Scalar:
-    """The w > 1 with w exp(-w) = t < 1/e, by Newton; its last iteration is the implicit derivative."""
-
-    def newton(w, q):
-        return w * (q - 1 + jnp.log(w)) / (w - 1)
-
-    q = -jnp.log(t)
-    fixed = jax.lax.stop_gradient(q)
-    w = _start(fixed)
-    for _ in range(NEWTON):
-        w = newton(w, fixed)
-    return newton(jax.lax.stop_gradient(w), q)
-
-
 def _logarithmic(constant: Callable[[ContactLine], Scalar]) -> Relation:
     """The relation of a constant C."""
 
@@ -78,7 +65,9 @@ def _logarithmic(constant: Callable[[ContactLine], Scalar]) -> Relation:
     def split(line, penetration):
         end = limit(line)
         inside = jnp.clip(penetration, 1e-30, end)
-        w = _logarithm(inside / (4 * line.clearance) * jnp.exp(-constant(line)))
+        # w > 1 with w exp(-w) = exp(-q) < 1/e.
+        q = -jnp.log(inside / (4 * line.clearance) * jnp.exp(-constant(line)))
+        w = newton(lambda w, q: w * (q - 1 + jnp.log(w)) / (w - 1), _start(q), NEWTON, q, unrolled=True)
         return inside, w, positive_part(penetration - end)
 
     def force(line, penetration):
@@ -121,9 +110,7 @@ DUBOWSKY_FREUDENSTEIN = _with_length(3)._replace(
 
 
 def work_of(force: Callable[[ContactLine, Scalar], Scalar]) -> Callable[[ContactLine, Scalar], Scalar]:
-    """The integral of a force that is smooth in the root of the penetration, by Gauss and Legendre's quadrature over
-    it.
-    """
+    """The integral of a force that is smooth in the penetration's root, by Gauss and Legendre over the root."""
 
     def work(line, penetration):
         depth = positive_part(penetration)
@@ -219,9 +206,7 @@ def foundation(line: ContactLine, penetration: Scalar) -> Scalar:
 
 
 def foundation_spread(line: ContactLine, penetration: Scalar) -> Scalar:
-    """The sum of a layer's pressures over that of their components along the force, 2 (sin t - t cos t) / (t - sin t
-    cos t): 1 for a narrow contact.
-    """
+    """Sum of a layer's pressures over their components along the force: 2 (sin t - t cos t) / (t - sin t cos t)."""
     angle = _half_angle(line, penetration)
     narrow = angle < NARROW
     square = jnp.where(narrow, angle * angle, 0.0)

@@ -33,16 +33,11 @@ class StandardLinearSolid(AbstractNormalLaw):
     `exponent` n (`None`: 1; 3/2 for a contact of spheres, where it holds while the contact grows).
     """
 
-    stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
-    relaxing_share: Scalar = physical("", above=0.0, below=1.0, help="share of the force that relaxes", example="0.4")
-    relaxation_time: Scalar = physical("s", above=0.0, help="time of the relaxation", example='"5 ms"')
+    stiffness: Any = physical(STIFFNESS, "stiffness K", '"2.487e6 N/mm^1.5"', above=0.0)
+    relaxing_share: Scalar = physical("", "share of the force that relaxes", "0.4", above=0.0, below=1.0)
+    relaxation_time: Scalar = physical("s", "time of the relaxation", '"5 ms"', above=0.0)
     exponent: Scalar | None = physical(
-        "",
-        least=1.0,
-        default=None,
-        help="exponent n of the penetration of a standard linear solid",
-        example="1.5",
-        absent="1",
+        "", "exponent n of the penetration of a standard linear solid", "1.5", "1", least=1.0, default=None
     )
     smoothness: ClassVar[Smoothness] = "C0"
     remembers: ClassVar[tuple[str, ...]] = ("flow",)

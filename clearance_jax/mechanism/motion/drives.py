@@ -48,7 +48,7 @@ THIRD = 1 / 3
 class Constant(AbstractDrive):
     """q = value: the coordinate is held."""
 
-    value: Scalar = physical("coordinate", help="value at which the coordinate is held", example='"30 deg"')
+    value: Scalar = physical("coordinate", "value at which the coordinate is held", '"30 deg"')
 
     def __call__(self, time):
         return self.value, 0.0, 0.0
@@ -87,37 +87,21 @@ class Trapezoid(AbstractDrive):
     begin: Values = begin_key()
     rise: Values = rise_key()
     speed: Scalar | None = physical(
-        "coordinate/s",
-        above=0.0,
-        default=None,
-        help="limit of the speed",
-        example='"180 deg/s"',
-        absent="moves by `duration`",
+        "coordinate/s", "limit of the speed", '"180 deg/s"', "moves by `duration`", above=0.0, default=None
     )
     acceleration: Scalar | None = physical(
-        "coordinate/s^2",
-        above=0.0,
-        default=None,
-        help="limit of the acceleration",
-        example='"720 deg/s^2"',
-        absent="moves by `duration`",
+        "coordinate/s^2", "limit of the acceleration", '"720 deg/s^2"', "moves by `duration`", above=0.0, default=None
     )
     duration: Values | None = physical(
         "s",
+        "how long each takes, instead of `speed` and `acceleration`",
+        '["0.5 s", "0.25 s"]',
+        "as fast as `speed` and `acceleration` allow",
         above=0.0,
         default=None,
-        help="how long each takes, instead of `speed` and `acceleration`",
-        example='["0.5 s", "0.25 s"]',
-        absent="as fast as `speed` and `acceleration` allow",
     )
     cruise: Scalar | None = physical(
-        "",
-        least=0.0,
-        below=1.0,
-        default=None,
-        help="part of the duration at constant speed",
-        example="0.5",
-        absent="a third",
+        "", "part of the duration at constant speed", "0.5", "a third", least=0.0, below=1.0, default=None
     )
     offset: Scalar = offset_key()
 
@@ -139,10 +123,19 @@ class Trapezoid(AbstractDrive):
     def ramps(self) -> Ramps:
         """The ramps of all moves."""
         if self.duration is not None:
-            return _ramps_of_duration(self.rise, self.duration, THIRD if self.cruise is None else self.cruise)
+            cruise = self.duration * (THIRD if self.cruise is None else self.cruise)
+            ramp = (self.duration - cruise) / 2
+            return Ramps(ramp, cruise, self.rise / (ramp + cruise))
         assert self.speed is not None
         assert self.acceleration is not None
-        return _ramps_of_limits(self.rise, self.speed, self.acceleration)
+        # A move by zero would be 0 / 0: it is computed as a move by one, and its times are set to zero.
+        still = self.rise == 0
+        size = jnp.where(still, 1.0, jnp.abs(self.rise))
+        reached = size * self.acceleration > self.speed**2
+        peak = jnp.where(reached, self.speed, jnp.sqrt(jnp.where(reached, 1.0, size * self.acceleration)))
+        ramp = peak / self.acceleration
+        cruise = jnp.where(reached & ~still, size / peak - ramp, 0.0)
+        return Ramps(jnp.where(still, 0.0, ramp), cruise, jnp.sign(self.rise) * peak)
 
     def begins(self, ramps: Ramps) -> Values:
         """When each move begins [s], after waiting for those before it."""
@@ -177,23 +170,6 @@ class Trapezoid(AbstractDrive):
         return self.prepare().times
 
 
-def _ramps_of_duration(rise: Values, duration: Values, part: Scalar | float) -> Ramps:
-    cruise = duration * part
-    ramp = (duration - cruise) / 2
-    return Ramps(ramp, cruise, rise / (ramp + cruise))
-
-
-def _ramps_of_limits(rise: Values, speed: Scalar, acceleration: Scalar) -> Ramps:
-    # A move by zero would be 0 / 0: it is computed as a move by one, and its times are set to zero.
-    still = rise == 0
-    size = jnp.where(still, 1.0, jnp.abs(rise))
-    reached = size * acceleration > speed**2
-    peak = jnp.where(reached, speed, jnp.sqrt(jnp.where(reached, 1.0, size * acceleration)))
-    ramp = peak / acceleration
-    cruise = jnp.where(reached & ~still, size / peak - ramp, 0.0)
-    return Ramps(jnp.where(still, 0.0, ramp), cruise, jnp.sign(rise) * peak)
-
-
 class Quintic(AbstractDrive):
     """Through via points: a polynomial of degree five between each two of them. q'' is continuous, and q''' may jump at
     the points.
@@ -210,30 +186,28 @@ class Quintic(AbstractDrive):
       point).
     """
 
-    times: Values = physical("s", help="times of the via points, increasing", example='["0 s", "1 s", "2 s"]')
-    values: Values = physical(
-        "coordinate", help="the coordinate at these times", example='["0 deg", "90 deg", "45 deg"]'
-    )
+    times: Values = physical("s", "times of the via points, increasing", '["0 s", "1 s", "2 s"]')
+    values: Values = physical("coordinate", "the coordinate at these times", '["0 deg", "90 deg", "45 deg"]')
     speeds: Values | None = physical(
         "coordinate/s",
+        "its rates at these times",
+        '["0 deg/s", "20 deg/s", "0 deg/s"]',
+        "those of least jerk, at rest at both ends",
         default=None,
-        help="its rates at these times",
-        example='["0 deg/s", "20 deg/s", "0 deg/s"]',
-        absent="those of least jerk, at rest at both ends",
     )
     accelerations: Values | None = physical(
         "coordinate/s^2",
+        "its second rates at these times, only with `speeds`",
+        '["0 deg/s^2", "-30 deg/s^2", "0 deg/s^2"]',
+        "those of least jerk, zero at both ends",
         default=None,
-        help="its second rates at these times, only with `speeds`",
-        example='["0 deg/s^2", "-30 deg/s^2", "0 deg/s^2"]',
-        absent="those of least jerk, zero at both ends",
     )
     jumps: Values | None = physical(
         "coordinate/s^2",
+        "by how much its second rate jumps at these times (`accelerations` are those just after)",
+        '["0 deg/s^2", "50 deg/s^2", "0 deg/s^2"]',
+        "it does not jump",
         default=None,
-        help="by how much its second rate jumps at these times (`accelerations` are those just after)",
-        example='["0 deg/s^2", "50 deg/s^2", "0 deg/s^2"]',
-        absent="it does not jump",
     )
 
     def __check_init__(self):

@@ -46,26 +46,24 @@ class AbstractDrive(AbstractMotionLaw):
 
 def begin_key():
     """A field that says when steps or moves begin."""
-    return physical("s", help="when each step begins, or at the earliest each move", example='["0 s", "1 s"]')
+    return physical("s", "when each step begins, or at the earliest each move", '["0 s", "1 s"]')
 
 
 def rise_key():
     """A field that says how far steps or moves go."""
-    return physical("coordinate", help="by how much each step or move changes it", example='["90 deg", "-30 deg"]')
+    return physical("coordinate", "by how much each step or move changes it", '["90 deg", "-30 deg"]')
 
 
 def offset_key():
     """A field that is the value from which a motion starts, or about which it swings."""
-    return physical(
-        "coordinate", default=0.0, help="value before steps and moves, about which it swings", example='"10 deg"'
-    )
+    return physical("coordinate", "value before steps and moves, about which it swings", '"10 deg"', default=0.0)
 
 
 class ConstantSpeed(AbstractDrive):
     """q = start + speed t."""
 
-    speed: Scalar = physical("coordinate/s", help="rate of the coordinate", example='"5000 rpm"')
-    start: Scalar = physical("coordinate", default=0.0, help="value at t = 0", example='"90 deg"')
+    speed: Scalar = physical("coordinate/s", "rate of the coordinate", '"5000 rpm"')
+    start: Scalar = physical("coordinate", "value at t = 0", '"90 deg"', default=0.0)
 
     def __call__(self, time):
         return self.start + self.speed * time, self.speed, 0.0
@@ -75,7 +73,7 @@ class AbstractSteps(AbstractDrive):
     """A sum of steps, which may overlap."""
 
     begin: Values = begin_key()
-    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1.5 s"]')
+    end: Values = physical("s", "when each step ends", '["0.5 s", "1.5 s"]')
     rise: Values = rise_key()
     offset: Scalar = offset_key()
 
@@ -123,9 +121,9 @@ class Step5Sum(AbstractSteps):
 class Harmonic(AbstractDrive):
     """q = offset + amplitude sin(angular_frequency t + phase), angular_frequency in rad/s."""
 
-    amplitude: Scalar = physical("coordinate", help="amplitude", example='"20 deg"')
-    angular_frequency: Scalar = physical("rad/s", help="angular frequency", example='"10 rad/s"')
-    phase: Scalar = physical("rad", default=0.0, help="phase at t = 0", example='"90 deg"')
+    amplitude: Scalar = physical("coordinate", "amplitude", '"20 deg"')
+    angular_frequency: Scalar = physical("rad/s", "angular frequency", '"10 rad/s"')
+    phase: Scalar = physical("rad", "phase at t = 0", '"90 deg"', default=0.0)
     offset: Scalar = offset_key()
 
     def __call__(self, time):
@@ -143,12 +141,8 @@ class Spline(AbstractDrive):
     "natural" (q'' = 0) or "clamped" (q' = 0).
     """
 
-    times: Values = physical(
-        "s", help="times of the table, increasing, at least 4", example='["0 s", "1 s", "2 s", "3 s"]'
-    )
-    values: Values = physical(
-        "coordinate", help="the coordinate at these times", example='["0 deg", "20 deg", "5 deg", "0 deg"]'
-    )
+    times: Values = physical("s", "times of the table, increasing, at least 4", '["0 s", "1 s", "2 s", "3 s"]')
+    values: Values = physical("coordinate", "the coordinate at these times", '["0 deg", "20 deg", "5 deg", "0 deg"]')
     ends: Literal["not-a-knot", "natural", "clamped"] = describe(
         "what holds at both ends: `natural` (q'' = 0), `clamped` (q' = 0)",
         '"clamped"',

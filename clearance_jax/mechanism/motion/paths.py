@@ -10,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.roots import bisect
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
 from clearance_jax.errors import ClearanceError
@@ -28,7 +29,7 @@ from clearance_jax.mechanism.motion.segments import (
     Triple,
 )
 from clearance_jax.parameters import physical
-from clearance_jax.spatial import as_array, hamilton, of_quaternion
+from clearance_jax.spatial import as_array, hamilton, matrix, of_quaternion
 
 __all__ = ["AbstractSegment", "Arc", "CartesianPath", "Curve", "Line", "Waypoint"]
 
@@ -160,9 +161,7 @@ class CartesianPath(Module):
 
 
 class PreparedPath(Module):
-    """A path as a program evaluates it: its stretches, the parameter at their `ends`, and its law of time; `inner`:
-    which of the ends are inside segments.
-    """
+    """A path as a program evaluates it: stretches, the parameter at their `ends` (`inner`: in segments), its timing."""
 
     stretches: Stretch
     ends: Values
@@ -198,18 +197,12 @@ class PreparedPath(Module):
         if not self.inner:
             return self.law.times
         ends = self.ends[np.array(self.inner)]
-
-        def halve(_, between):
-            low, high = between
-            middle = (low + high) / 2
-            past = jax.vmap(lambda t: self.law(t)[0])(middle) >= ends
-            return jnp.where(past, low, middle), jnp.where(past, middle, high)
-
         # The parameter grows monotonically: where it passes them.
-        whole = jnp.full_like(ends, self.law.times[0]), jnp.full_like(ends, self.law.times[-1])
-        return jnp.sort(jnp.concatenate([self.law.times, jax.lax.fori_loop(0, HALVINGS, halve, whole)[1]]))
+        span = jnp.full_like(ends, self.law.times[0]), jnp.full_like(ends, self.law.times[-1])
+        _, passed = bisect(lambda time: jax.vmap(lambda t: self.law(t)[0])(time) < ends, *span, HALVINGS)
+        return jnp.sort(jnp.concatenate([self.law.times, passed]))
 
 
 def matrix_of(quaternion: Quadruple) -> Float[Array, "3 3"]:
     """The rotation matrix of a quaternion of any length."""
-    return jnp.stack([as_array(row) for row in of_quaternion(*quaternion)])
+    return matrix(of_quaternion(*quaternion))

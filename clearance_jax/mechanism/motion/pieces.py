@@ -62,10 +62,8 @@ _ELEMENT = HERMITE.T @ _JERK @ HERMITE
 
 
 def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Values, Values]:
-    """Speeds and accelerations at every point.
-
-    **Arguments:** `times` [s] (increasing), `values`; `speeds`: where they are given, only accelerations are sought;
-    otherwise the motion begins and ends at rest. Accelerations at both ends are zero.
+    """Speeds and accelerations at every point, of a motion from rest to rest or with given `speeds`; accelerations at
+    both ends are zero. **Arguments:** `times` [s] (increasing), `values`.
     """
     n = times.shape[0]
     known = jnp.stack([jnp.zeros(n) if speeds is None else speeds, jnp.zeros(n)], axis=-1)
@@ -79,9 +77,7 @@ def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Va
 
 
 def _assemble(times: Values, values: Values, known: Blocks) -> tuple[Blocks, Blocks, Blocks]:
-    """Half the integral's second derivatives, blocks (n, 2, 2) at each point and (n - 1, 2, 2) between neighbours, and
-    its slope (n, 2) at the `known` speeds and accelerations.
-    """
+    """Half the integral's second derivatives, (n, 2, 2) and (n - 1, 2, 2), and its slope (n, 2) at what is `known`."""
     h = jnp.diff(times)
     unit = jnp.stack([h, h * h], axis=-1)  # a speed and an acceleration on an interval of length one
     unit = jnp.concatenate([unit, unit], axis=-1) * h[:, None] ** -2.5

@@ -19,7 +19,7 @@ from clearance_jax._basis.numerics import safe_sqrt, sincos
 from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism.motion.motion_laws import spline_curvature
 from clearance_jax.mechanism.placement import Orientation, Position, PreparedOrientation
-from clearance_jax.spatial import about, as_array, hamilton, quaternion_of_matrix, rotation_vector
+from clearance_jax.spatial import about, as_array, hamilton, matrix, quaternion_of_matrix, rotation_vector
 
 Triple = Float[Array, "3"]
 Quadruple = Float[Array, "4"]
@@ -77,7 +77,7 @@ class Stretch(Module):
         part = jnp.where(angle > 0, sine / jnp.where(angle > 0, angle, 1.0), s / 2)
         turned = hamilton((cosine, *(part * self.turn)), tuple(powers @ self.quaternion))
         rows = about((self.axis[0], self.axis[1], self.axis[2]), self.sweep * s)
-        swung = jnp.stack([as_array(row) for row in rows]) @ self.arm
+        swung = matrix(rows) @ self.arm
         return powers @ self.place + swung, as_array(turned)
 
 
@@ -170,11 +170,8 @@ class Arc(AbstractSegment):
     def refusal(self, corners):
         begin, end = (np.asarray(corner.place) for corner in corners)
         p, q = np.asarray(as_array(self.via.vector)) - begin, end - begin
-        if np.linalg.norm(np.cross(p, q)) <= SAME * max(p @ p, q @ q):
-            return (
-                "its begin, `via` and end lie on a line, or two of them at one place, through which there is no circle"
-            )
-        return ""
+        reason = "its begin, `via` and end lie on a line, or two of them at one place, through which there is no circle"
+        return reason if np.linalg.norm(np.cross(p, q)) <= SAME * max(p @ p, q @ q) else ""
 
 
 class Curve(AbstractSegment):

@@ -88,7 +88,7 @@ class Ball(Module):
         default_factory=Spin,
     )
     damping: Scalar | None = physical(
-        "N*m*s/rad", least=0.0, default=None, help="damping of its spin", example='"0.1 N*m*s/rad"', absent="none"
+        "N*m*s/rad", "damping of its spin", '"0.1 N*m*s/rad"', "none", least=0.0, default=None
     )
     drive: ClassVar[None] = None
     rotor_inertia: ClassVar[None] = None
@@ -170,9 +170,7 @@ class Cylindrical(AbstractPlayed):
 
 
 class Planar(AbstractJoint):
-    """A contact of two planes, as of a foot on a floor: two slides in a plane, and a turn about its normal, by default
-    z.
-    """
+    """A contact of two planes, as a foot on a floor: two slides in a plane, and a turn about its normal (default z)."""
 
     slide_x: Slide = slide_key("motion along the first axis")
     slide_y: Slide = slide_key("motion along the second axis")

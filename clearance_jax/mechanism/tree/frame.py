@@ -21,9 +21,7 @@ from clearance_jax.spatial import (
 
 
 class JacobianColumn(NamedTuple):
-    """The motion by one coordinate: a unit slide along `axis`, or, with a `pivot`, a unit spin about `axis` through it;
-    `index` of its velocity among the free ones (-1: prescribed).
-    """
+    """The motion by a coordinate (`index` -1: prescribed): a unit slide along `axis`, or spin about it at a `pivot`."""
 
     index: int
     axis: Vector

@@ -16,16 +16,27 @@ from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint
-from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
+from clearance_jax.spatial import (
+    IDENTITY,
+    UNIT,
+    ZERO,
+    Rotation,
+    Vector,
+    add,
+    as_array,
+    matrix,
+    product,
+    scale,
+    transpose,
+)
 
 # With more coordinates than this, computations that occur once in a solve use a table: only their compiling counts.
 ONCE = 3
 
 
 class Links(Module):
-    """The numbers of a table: by link the fixed rotation and offset before it, and its axis in its own frame; by body
-    the fixed rotation and offset of its frame on the link that carries it, and its mass, centre and inertia in that
-    link's axes.
+    """The numbers of a table: by link the fixed rotation and offset before it, and its axis; by body the fixed rotation
+    and offset of its frame on its link, and mass, centre and inertia in the axes of that link.
     """
 
     turned: Float[Array, "links 3 3"]
@@ -39,9 +50,7 @@ class Links(Module):
 
 
 class Order(NamedTuple):
-    """The static part of a table: the links' coordinates and parents, and the link that carries each body (-1: the
-    ground).
-    """
+    """The structure of a table: coordinates and parents of its links, and each body's link (-1: the ground)."""
 
     coordinates: tuple[Coordinate, ...]
     parents: tuple[int, ...]
@@ -93,19 +102,15 @@ def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Lin
     frames = [placed[body.name] for body in bodies]
     centres = [at.move(body.center_of_mass.vector, IDENTITY).offset for body, at in zip(bodies, frames, strict=True)]
     return Links(
-        jnp.stack([_matrix(at.rotation.rows) for at in before]),
+        jnp.stack([matrix(at.rotation.rows) for at in before]),
         jnp.stack([as_array(at.offset) for at in before]),
         jnp.stack([as_array(axis or ZERO) for axis in axes]),
-        jnp.stack([_matrix(at.rotation.rows) for at in frames]),
+        jnp.stack([matrix(at.rotation.rows) for at in frames]),
         jnp.stack([as_array(at.offset) for at in frames]),
         as_array([0.0 if body.mass is None else body.mass for body in bodies]),
         jnp.stack([as_array(centre) for centre in centres]),
         jnp.stack([_inertia(body, at.rotation) for body, at in zip(bodies, frames, strict=True)]),
     )
-
-
-def _matrix(rows) -> Array:
-    return jnp.stack([as_array(row) for row in rows])
 
 
 def _inertia(body: Body, rotation: Rotation) -> Array:
@@ -116,7 +121,7 @@ def _inertia(body: Body, rotation: Rotation) -> Array:
     tensor = body.inertia.symmetric
     rows = tuple(tuple(tensor.entry(i, j) for j in range(3)) for i in range(3))
     turned = product(product(rotation.rows, rows), transpose(rotation.rows))  # pyright: ignore[reportArgumentType]
-    return _matrix(turned)
+    return matrix(turned)
 
 
 class Masks(NamedTuple):
@@ -158,12 +163,7 @@ def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
 
 def rodrigues(axis: Float[Array, "links 3"], sine: Float[Array, " links"], cosine: Float[Array, " links"]) -> Array:
     """The matrices of turns about unit axes, (links, 3, 3)."""
-    k = _hats(axis)
-    return jnp.eye(3)[None] + sine[:, None, None] * k + (1 - cosine)[:, None, None] * (k @ k)
-
-
-def _hats(a: Float[Array, "n 3"]) -> Array:
-    """The matrices of cross products."""
-    x, y, z = a[:, 0], a[:, 1], a[:, 2]
+    x, y, z = axis[:, 0], axis[:, 1], axis[:, 2]
     o = jnp.zeros_like(x)
-    return jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
+    k = jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)  # a cross product
+    return jnp.eye(3)[None] + sine[:, None, None] * k + (1 - cosine)[:, None, None] * (k @ k)

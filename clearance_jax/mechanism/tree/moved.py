@@ -25,9 +25,7 @@ from clearance_jax.spatial import (
 
 
 class Moved(NamedTuple):
-    """Positions, velocities and given accelerations of a coordinate (0.0 where nothing moves); `index` of its first
-    velocity among the free ones (-1: prescribed).
-    """
+    """Positions, velocities and given accelerations of a coordinate; `index` of its velocity (-1: prescribed)."""
 
     index: int
     q: tuple[Term, ...]
@@ -48,9 +46,7 @@ def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
 
 
 class FrameStep(NamedTuple):
-    """One motion of a frame: an elementary coordinate, which slides along or turns about an axis (neither: a ball), or
-    the two `tilts` of a swing about perpendicular axes.
-    """
+    """One motion of a frame: it slides along or turns about an axis (neither: a ball), or swings by two `tilts`."""
 
     by: Moved
     slides: Vector | None = None
@@ -77,7 +73,8 @@ def carry(frame: Frame, step: FrameStep) -> Frame:
     """The frame after a step, without the columns of what moves it."""
     by, slides, turns, tilts = step
     if tilts is not None:
-        return _swing(frame, swing(*tilts, *by.q), by)
+        at = swing(*tilts, *by.q)
+        return frame.swivel(at.rows, *swing_rates(at, by))
     if slides is None and turns is None:
         w, x, y, z = by.q
         (p, q, r), (a, b, c) = by.v, by.a
@@ -87,11 +84,6 @@ def carry(frame: Frame, step: FrameStep) -> Frame:
         return frame.turn(turns, q, v, a)
     assert slides is not None
     return frame.slid(slides, q, v, a)
-
-
-def _swing(frame: Frame, at: Swing, by: Moved) -> Frame:
-    """The frame after a swing."""
-    return frame.swivel(at.rows, *swing_rates(at, by))
 
 
 def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
@@ -108,7 +100,7 @@ def beyond(frame: Frame, step: FrameStep) -> Frame:
     by, slides, turns, tilts = step
     if tilts is not None:
         at = swing(*tilts, *by.q)
-        after = _swing(frame, at, by)
+        after = frame.swivel(at.rows, *swing_rates(at, by))
         for k, axis in enumerate(at.outside):
             after = after.add_motion(JacobianColumn(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
         return after

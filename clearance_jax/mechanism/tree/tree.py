@@ -10,6 +10,7 @@ constraint.
 
 import abc
 import dataclasses
+from typing import Any
 
 import equinox as eqx
 
@@ -39,11 +40,9 @@ from clearance_jax.spatial import (
     Y,
     Z,
     absent,
-    add,
     dot,
     is_zero,
     minus,
-    scale,
     transpose,
 )
 
@@ -62,7 +61,7 @@ class AbstractJoint(Parametrised):
     child: str = describe("the body that the joint carries (its pin)", '"crank"', static=True)
     at_parent: Position = describe("place of the joint in the parent's frame", **PLACE)
     at_child: Position = describe("place of the joint in the child's frame", **PLACE)
-    angle: Scalar | None = physical("rad", default=None, help=ANGLE, example='"90 deg"', absent="0 deg")
+    angle: Scalar | None = physical("rad", ANGLE, '"90 deg"', "0 deg", default=None)
     orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]  # pyright: ignore[reportGeneralTypeIssues]
     child_orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]  # pyright: ignore[reportGeneralTypeIssues]
 
@@ -87,9 +86,8 @@ class AbstractJoint(Parametrised):
         changed = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, (Motion, AbstractClearance)) or (
-                isinstance(value, Orientation) and not value.is_plane
-            ):
+            turned = isinstance(value, Orientation) and not value.is_plane
+            if turned or isinstance(value, (Motion, AbstractClearance)):
                 changed[field.name] = value.prepare()
         return dataclasses.replace(self, **changed) if changed else self
 
@@ -173,17 +171,14 @@ class AbstractPlayed(AbstractJoint):
         """The joint's elementary coordinates, with axes in those of the sleeve."""
 
     def coordinates(self):
-        sleeve = self.sleeve
+        sleeve, coordinates = self.sleeve, self.own_coordinates()
         if sleeve is UNIT:
-            return self.own_coordinates()
-        rows = transpose(sleeve)
-        return tuple(
-            coordinate._replace(
-                slides=None if coordinate.slides is None else _combine(coordinate.slides, rows),
-                turns=None if coordinate.turns is None else _combine(coordinate.turns, rows),
-            )
-            for coordinate in self.own_coordinates()
-        )
+            return coordinates
+
+        def turned(axis: Vector | None) -> Any:
+            return axis and tuple(dot(axis, row) for row in sleeve)
+
+        return tuple(c._replace(slides=turned(c.slides), turns=turned(c.turns)) for c in coordinates)
 
     def play(self) -> tuple[PlayCoordinate, ...]:
         """The play coordinates that its clearance adds to the tree."""
@@ -253,16 +248,8 @@ def along(axis: Axis) -> Matrix:
     return UNIT if axis.letter == "z" else transpose((*axis.across, axis.vector))
 
 
-def _combine(factors: Vector, vectors: Matrix) -> Vector:
-    """The sum of three vectors by factors."""
-    first, second, third = (scale(factor, vector) for factor, vector in zip(factors, vectors, strict=True))
-    return add(add(first, second), third)
-
-
 class Prismatic(AbstractPlayed):
-    """A sliding joint, ideal or with clearance (a block in a guide): it slides along one axis of its frame, by default
-    x.
-    """
+    """A slide along an axis of its frame, by default x: ideal, or with clearance (a block in a guide)."""
 
     motion: Motion = flatten(default_factory=Motion)
     """How its slide moves: by a drive, or freely."""
@@ -308,9 +295,7 @@ class Fixed(AbstractJoint):
 
 
 class Misalignment(Fixed):
-    """How far a joint's frame is off the one that it is meant to have (see `with_misalignment`). The ideal mechanism
-    has none.
-    """
+    """How far a joint's frame is off its place (see `with_misalignment`). The ideal mechanism has none."""
 
 
 def without_misalignment(joint: AbstractJoint) -> AbstractJoint:

@@ -190,7 +190,8 @@ class _Work:
     def _keep(self, chunk: Lanes, values: Any, attempts: list[np.ndarray] | None) -> None:
         if self.values is None:
             self.values = jax.tree.map(lambda x: np.empty((self.count, *x.shape[1:]), x.dtype), values)
-        jax.tree.map(lambda whole, x: _put(whole, chunk, x), self.values, values)
+        for whole, x in zip(jax.tree.leaves(self.values), jax.tree.leaves(values), strict=True):
+            whole[chunk] = x[: len(chunk)]
         if self.ready is not None:
             self.ready(chunk, jax.tree.map(lambda x: x[: len(chunk)], values))
         self.done += len(chunk)
@@ -198,10 +199,6 @@ class _Work:
             self.attempts[chunk] += solve[: len(chunk)]
             self._own += solve[: len(chunk)].sum()
             self._ran += solve.max() * self.width
-
-
-def _put(whole: np.ndarray, chunk: Lanes, values: np.ndarray) -> None:
-    whole[chunk] = values[: len(chunk)]
 
 
 # Input checks -------------------------------------------------------------------------------------------------------

@@ -59,13 +59,8 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
         slope, fresh = solver_state
         past_break = made_jump if self.moving_breaks else False
         trial = try_step(args, self.options.solver, (t0, t1), y0, slope, fresh | jnp.asarray(made_jump), past_break)
-        return (
-            trial.end,
-            trial,
-            dense_info(self.options, trial, (t0, t1)),
-            (trial.slope1, jnp.asarray(False)),
-            diffrax.RESULTS.successful,
-        )
+        info = dense_info(self.options, trial, (t0, t1))
+        return trial.end, trial, info, (trial.slope1, jnp.asarray(False)), diffrax.RESULTS.successful
 
 
 class StepSamples(NamedTuple):
@@ -87,9 +82,8 @@ class StepSamples(NamedTuple):
             return keep & (now.count < at.size) & (at[jnp.minimum(now.count, at.size - 1)] <= step.t1)
 
         def once(now):
-            return StepSamples(
-                now.count + 1, jax.lax.dynamic_update_index_in_dim(now.y, step.evaluate(at[now.count]), now.count, 0)
-            )
+            y = jax.lax.dynamic_update_index_in_dim(now.y, step.evaluate(at[now.count]), now.count, 0)
+            return StepSamples(now.count + 1, y)
 
         return jax.lax.while_loop(goes_on, once, self)
 
@@ -149,9 +143,7 @@ def _own_field(t, y, args):
 
 
 def integrate(task: SolveTask, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
-    """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it. Then diffrax samples, because our loop over
-    samples would copy all of them for each lane.
-    """
+    """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it; diffrax samples then, with fewer copies."""
     at = task.save_at
     by_diffrax = mapped and at is not None
     out = _by_diffrax(task, options, moving_breaks, [diffrax.SubSaveAt(ts=at)] if by_diffrax else [], not by_diffrax)

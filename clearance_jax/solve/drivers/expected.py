@@ -50,9 +50,8 @@ def sorted_lanes(
     given: float,
     width: int,
 ) -> Lanes | None:
-    """The lanes still to be run, the longest first; `None` if the given order is better.
-
-    **Arguments:** `attempts`: of the lanes `tried`; `given`: how full chunks are in the given order.
+    """The lanes still to be run, the longest first (`None`: the given order is better); `attempts`: of the lanes
+    `tried`; `given`: how full chunks are in the given order.
     """
     tried = tried[np.all(np.isfinite(numbers[tried]), axis=1)]
     seen, terms = len(tried), numbers.shape[1] + 1

@@ -113,9 +113,7 @@ def _put_one_by_one(samples: Array, times: Array, states: Array, here: Array, pl
 
 
 def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
-    """`solve` of a batch of `count` (first axis of every array) chunk by chunk; copies of the last lane fill the last
-    chunk.
-    """
+    """`solve` of a batch of `count` (first axis) chunk by chunk; copies of the last lane fill the last chunk."""
     chunks = -(-count // lanes)
     width = min(lanes, VECTOR * -(-count // (chunks * VECTOR)))
 
@@ -132,9 +130,7 @@ def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
 
 
 def batch_by(single: Callable, together: Callable) -> Callable:
-    """`single` of a tree of arrays; under `jax.vmap` it becomes `together`, in chunks (of arrays that have the batch as
-    first axis). A batch of batches is one batch.
-    """
+    """`single` of a tree of arrays; under `jax.vmap` `together`, in chunks. A batch of batches is one batch."""
 
     def rule(count, in_batched, numbers):
         def spread(x, is_batched):

@@ -57,9 +57,7 @@ class Trace(Module):
 
 
 class Steps(NamedTuple):
-    """The steps of a block, with room for `BLOCK`: when each begins and ends, where the next one begins (just past a
-    drive's break before which this one ends), and its try.
-    """
+    """By step of a block: begin, end, where the next begins (past a break before which this one ends), its try."""
 
     begin: Array
     end: Array
@@ -166,19 +164,11 @@ def trace(
     if settings.save_at is None:
         grid, sampled = time[-1:], y[-1:]
     done = np.isfinite(sampled[:, 0])
-    solution = Solution(
-        jax.device_put(grid[done]),
-        jax.device_put(sampled[done]),
-        first,
-        jax.device_put(y[-1]),
-        jax.device_put(np.asarray(int(code))),
-        carry.accepted,
-        carry.rejected,
-        _residual(problem.mechanism, (start, time[-1]), (first, y[-1])),
-        jax.device_put(time[-1]),
-        seated=errors.seated,
-        sampled=settings.save_at is not None,
-    )
+    residual = _residual(problem.mechanism, (start, time[-1]), (first, y[-1]))
+    at, known, last, end, number = jax.device_put((grid[done], sampled[done], y[-1], time[-1], np.asarray(int(code))))
+    counts = carry.accepted, carry.rejected
+    asked = {"seated": errors.seated, "sampled": settings.save_at is not None}
+    solution = Solution(at, known, first, last, number, *counts, residual, end, **asked)
     warn_of_energy(solution)
     return Trace(solution.of(mechanism), time, y, words(code))
 

@@ -26,9 +26,7 @@ STARTS = CENTRE, SETTLED = "centre", "settled"
 
 
 class Options(NamedTuple):
-    """The choices of `simulate` for which a solve is compiled. `solver`: a diffrax Runge-Kutta solver; `observers`: see
-    every accepted step (`observers.AbstractObserver`); `start`: one of `STARTS`.
-    """
+    """The choices of `simulate` for which a solve is compiled; `observers` see every accepted step."""
 
     solver: Any
     locate_events: bool
@@ -56,9 +54,7 @@ class SolveTask(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The last state and its time; sample times and states; the observers' records; a `codes.Result` as a number; steps
-    kept and rejected.
-    """
+    """The last state and its time; samples; the observers' records; a `codes.Result`; steps kept and rejected."""
 
     final: Array
     end_time: Each
@@ -89,9 +85,7 @@ def start_records(options: Options, t0: Scalar, y0: Array, problem: Problem) -> 
 def decide(
     problem: Problem, trial: Trial, times: tuple, means: Means, control: Control, observers: tuple, record: tuple
 ) -> tuple[Decision, tuple]:
-    """The second half of an attempt: the decision after a try, and the observers' records. (A jitted function, because
-    diffrax traces its loop three times.)
-    """
+    """The second half of an attempt: decision and records. (Jitted: diffrax traces its loop three times.)"""
     with sharing_lanes(times[0]):
         decision = next_step(problem, judge(problem, trial, times, means, control), times, means, control)
     if leaves_walls(problem.mechanism):

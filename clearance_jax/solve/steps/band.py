@@ -7,9 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._basis.numerics import without_derivatives
+from clearance_jax._basis.roots import bisect
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.steps.interpolate import between, tops
-from clearance_jax.solve.steps.observers import PIECES, STEPS, AbstractObserver, Picked, without_derivatives
+from clearance_jax.solve.steps.observers import PIECES, STEPS, AbstractObserver, Picked
 from clearance_jax.solve.steps.problem import motion
 
 # Bisections for the entry in a part of a step: enough for the last digit.
@@ -81,16 +83,8 @@ class EntryFinder(AbstractObserver):
         crosses = jnp.any(enters) & ~(jumps & self.first)
         low = jnp.where(over[here], tallest[here], places[here])
 
-        def goes_on(now):
-            return crosses & (now[0] < HALVINGS)
-
-        def halve(now):
-            k, low, high = now
-            middle = (low + high) / 2
-            stays = along(middle) > 0
-            return k + 1, jnp.where(stays, middle, low), jnp.where(stays, high, middle)
-
-        _, _, x = jax.lax.while_loop(goes_on, halve, (jnp.asarray(0), low, places[here + 1]))
+        # Most steps cross nothing.
+        _, x = bisect(lambda x: along(x) > 0, low, places[here + 1], jnp.where(crosses, HALVINGS, 0))
         _, rate = at(x)
         x = jnp.where(crosses, x, 0.0)
         new = crosses | jumps

@@ -54,9 +54,7 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Verdict on a try: its error over the allowed one; whether it crosses an event, the time just past the event, to
-    which the next try goes, and how far past that is [s].
-    """
+    """Verdict on a try: error over the allowed one; whether it crosses an event, the time past it, how far past [s]."""
 
     error: Each
     cut: EachFlag
@@ -65,9 +63,7 @@ class Verdict(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """Whether to keep a try; start and end of the next one; whether that starts just past a break; the new memory;
-    whether the solve ends here, because the step size has collapsed or a part has left its walls.
-    """
+    """Whether to keep a try; start and end of the next; is a break just before; the memory; does the solve end here."""
 
     keep: EachFlag
     start: Each
@@ -78,9 +74,7 @@ class Decision(NamedTuple):
 
 
 class Means(NamedTuple):
-    """Criteria for tries: tolerances, whether to locate events, order of the error estimate, and the longest step that
-    the observers allow [s].
-    """
+    """Criteria for tries: tolerances, whether to locate events, the error's order, the observers' longest step [s]."""
 
     allowed: Tolerances
     locate_events: bool
@@ -109,11 +103,6 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
     # shrinking the step towards the jump would end at a step of a round-off.
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
-
-
-def lenience(order: float) -> float:
-    """The weight of the derivatives' errors beside the motion's, for a method whose error has this order."""
-    return LENIENCE * REFINED ** max(order - PLAIN_ORDER, 0.0)
 
 
 def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each]:
@@ -148,7 +137,9 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
             columns += jnp.maximum(rms(begin, kind), rms(end, kind))
             # Shared: the reduction that follows goes through them lane by lane.
             worst = jnp.maximum(worst, jnp.max(share(rms(off, kind) / columns), axis=0))
-        scaled = jnp.maximum(scaled, lenience(means.order) * worst)
+        # The weight of the derivatives' errors beside the motion's.
+        lenience = LENIENCE * REFINED ** max(means.order - PLAIN_ORDER, 0.0)
+        scaled = jnp.maximum(scaled, lenience * worst)
     fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
 
@@ -187,9 +178,7 @@ def factor(error: Each, accurate: EachFlag, order: float) -> Each:
 
 
 def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means) -> Scalar:
-    """End of the first try: a ten thousandth of the time in which the state moves by its own scale. The control then
-    grows the step, so a small start costs little and no impact just after t0 is missed.
-    """
+    """End of the first try, a ten thousandth of the state's own time: a small start costs little, misses no impact."""
     first, unit = motion(problem, y0), means.allowed.unit
     places = first[problem.places]
     moved = problem.place_rates(first)

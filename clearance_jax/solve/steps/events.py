@@ -80,10 +80,8 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
     if at.rows is None or rate.rows is None:
         return (*at.velocity[:2], at.spin[2]), (*rate.velocity[:2], rate.spin[2])
     bend = zip(turning_rows(rate.spin, at.rows), turning_rows(at.spin, rate.rows), strict=True)
-    return (*at.velocity, *itertools.chain(*rate.rows)), (
-        *rate.velocity,
-        *itertools.chain(*(add(a, b) for a, b in bend)),
-    )
+    bent = itertools.chain(*(add(a, b) for a, b in bend))
+    return (*at.velocity, *itertools.chain(*rate.rows)), (*rate.velocity, *bent)
 
 
 def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], Each]:
@@ -136,9 +134,7 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
 
 
 class EventJoints(NamedTuple):
-    """A joint whose events are located, or several alike joints with several points together: then every number has an
-    axis of joints, the second one in a curve's coefficients.
-    """
+    """A joint whose events are located, or several alike ones together: then every number has an axis of joints."""
 
     clearance: PreparedClearance
     curve: StepCurve
@@ -158,9 +154,7 @@ def event_joints(curve_of: list[StepCurve], memory: dict[str, Rows], mechanism: 
     several = [member for member in each if member.is_several]
     for members in alike(several):
         group = [several[i] for i in members]
-        poses, twists = (
-            stack_trees([part(member.curve) for member in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
-        )
+        poses, twists = stack_trees([(member.curve.pose, member.curve.twist) for member in group], 1)
         clearances, memories = stack_trees([(member.clearance, member.memory) for member in group])
         alone.append(EventJoints(clearances, StepCurve(poses, twists, group[0].curve.h), memories))
     return alone
@@ -237,20 +231,17 @@ def earliest(wanted: Array, places: Array) -> Each:
 
 
 def graze(places: Array, point: ContactPoint, h: Each) -> Each:
-    """The place between two samples at which a penetration comes closest to a change of sign (a graze would begin and
-    end there); infinite if it has no extremum.
-
-    **Arguments:** one contact point at all places (first axis).
+    """The place between two samples at which a penetration (of one point at all places, first axis) comes closest to a
+    change of sign, where a graze would begin and end; infinite without an extremum.
     """
     place, height = closest(places, point.penetration, point.penetration_rate, h)
     return jnp.where(height > -jnp.inf, place, jnp.inf)
 
 
 def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
-    """`graze` of each of several joints (joints, *lanes), at the point that comes closest to contact, or goes furthest
-    beyond. An earlier graze of another point is found once the step has been cut there.
-
-    **Arguments:** contact points at all places, (places, joints, points, *lanes).
+    """`graze` of each of several joints (joints, *lanes), at the point (points: places, joints, points, *lanes) that
+    comes closest to contact or goes furthest beyond; earlier grazes of others are located once the step has been cut
+    there.
     """
     of_points = jax.vmap(closest, (None, 1, 1, None))
     place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, points.penetration, points.penetration_rate, h)
@@ -263,9 +254,7 @@ def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
 
 
 def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Each]:
-    """Where a penetration comes closest to a change of sign between two samples, and how far beyond (negative: not
-    quite; minus infinity: no extremum).
-    """
+    """Where a penetration comes closest to a change of sign between samples; how far beyond (negative: not quite)."""
     towards = jnp.where(depth[:1] <= 0, 1.0, -1.0)
     widths = jnp.diff(places, axis=0)
     x, height, bend = share(tops(towards * depth, towards * rate * h, widths))

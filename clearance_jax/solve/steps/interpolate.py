@@ -18,9 +18,7 @@ def hermite(y0, s0, y1, s1, x):
 
 
 def quintic_coefficients(start, end) -> tuple:
-    """Coefficients, the constant first, of the quintic through (value, slope, second derivative), per unit of x, at
-    both ends.
-    """
+    """Coefficients, constant first, of the quintic through values, slopes and second derivatives at both ends."""
     (p, v, c), (q, w, g) = start, end
     d, e, f = share((q - p - v - 0.5 * c, w - v - c, g - c))
     return p, v, 0.5 * c, 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f
@@ -41,9 +39,7 @@ def polynomial(coefficients, x):
 
 def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -> Array:
     """The state at a fraction x of a step of size h; ends (y0, y1, slope0, slope1), states `[q, v, ...]` along the last
-    axis but the lanes'.
-
-    Where positions and speeds correspond, by the quintic through the accelerations; the rest by the cubic.
+    axis but the lanes'. By the quintic through accelerations where positions have their speeds; the rest by the cubic.
     """
     y0, y1, slope0, slope1 = ends
     if plan.positions != plan.velocities:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.errors import ClearanceError
@@ -52,9 +53,8 @@ class AbstractObserver(Module):
         return record, None
 
     def among(self, times: Array, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Array]:
-        """The indices of the states that it picks among states at separate times, and its values there.
-
-        **Raises:** `ClearanceError` if it needs the motion between them.
+        """Indices and values of the states it picks among separate ones. **Raises** `ClearanceError` if it follows
+        steps.
         """
         raise ClearanceError(
             f"{type(self).__name__} follows a motion step by step, and quasi-static poses have none: use "
@@ -87,9 +87,7 @@ def _largest(value: Array, count: int) -> Array:
 
 
 class PeakRecord(NamedTuple):
-    """Peaks so far; and time, value, slope and state at the last step's end, which is a peak if the next step begins
-    neither higher nor rising.
-    """
+    """Peaks so far; and the last step's end, which is a peak if the next step begins neither higher nor rising."""
 
     peaks: SignalPeaks
     time: Array
@@ -102,11 +100,6 @@ class PeakRecord(NamedTuple):
 STEPS = 100
 # Parts of a step on each of which a signal is nearly one cubic.
 PIECES = 4
-
-
-def without_derivatives(tree):
-    """The same numbers, without derivatives."""
-    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
 class SignalSearch(NamedTuple):
@@ -282,9 +275,7 @@ class PeakFinder(AbstractObserver):
 
 
 class Touches(NamedTuple):
-    """Contacts of a joint: how often its surfaces have met, the lowest approach speed of these [m/s], and the smallest
-    distance at which they turned back without touching [m] (infinite: none).
-    """
+    """How often surfaces have met, their lowest approach speed [m/s], the nearest miss [m] (infinite: none)."""
 
     count: Array
     slowest: Array

@@ -73,16 +73,6 @@ class Problem(Module):
         state = plan.split(y)
         return vector(position_rates(self.mechanism, state.q, state.v))
 
-    @property
-    def speeds(self) -> slice:
-        """The slice of the velocities."""
-        return layout(self.mechanism).v
-
-    @property
-    def without_directions(self) -> "Problem":
-        """The same problem without directions."""
-        return Problem(self.mechanism, self.integrands, energy_balance=self.energy_balance)
-
 
 def with_model(problem: Problem, model: tuple) -> Problem:
     """The same problem of another mechanism, without directions."""
@@ -98,9 +88,7 @@ def widths(problem: Problem) -> list[int]:
 # Traced once and called wherever a rate is wanted; XLA inlines the calls.
 @jax.jit
 def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
-    """The rate of a state or a stack, (..., size, *lanes), and of the quadratures behind it, (..., size + quadratures,
-    *lanes); the latter are zeros where they do not count.
-    """
+    """The rate of a state or stack, (..., size, *lanes), with its quadratures behind, zero where they do not count."""
 
     def rows(time, y, problem):
         mechanism, integrands = problem.model
@@ -121,8 +109,7 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
     stacks = tuple(y[:, i] for i in range(problem.size))
     count = y.shape[0] - 1
     outputs = jax.eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
-    speeds = problem.speeds.stop - problem.speeds.start
-    push = lift if len(outputs) - speeds > count else vjp_rows
+    push = lift if len(outputs) - layout(problem.mechanism).free > count else vjp_rows
     with sharing_lanes(time):
         return by_component(push(rates, problem, stacks), time)
 
@@ -182,9 +169,7 @@ def _apply(value: Array, pulls: list[tuple], states: list[tuple], rows: int) -> 
 
 
 def lift(function, problem: Problem, *stacks: Any) -> Any:
-    """`function(model, *trees)` of the motion and, where the problem varies, its derivatives as stacks, by a push of
-    every direction.
-    """
+    """`function(model, *trees)` of the motion and, where the problem varies, its derivatives, as stacks."""
     if not problem.varies:
         return function(problem.model, *stacks)
     varied, fixed = split(problem.model, problem.directions)
@@ -208,9 +193,7 @@ def split(tree, directions):
 
 
 def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
-    """`function(tree)`, its derivatives along the directions (`None` for leaves that do not vary), and by leaf the
-    varied leaves on which it depends.
-    """
+    """`function(tree)`, its derivatives along the directions, and by leaf the varied leaves on which it depends."""
     varied, fixed = split(tree, directions)
 
     def of(v):
@@ -227,11 +210,8 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
     reached = _reach(flat, varied)
     kept = [r if by else None for r, by in zip(rates, reached, strict=True)]
     movers = [by or None for by in reached]
-    return (
-        eqx.combine(jax.tree.unflatten(shape, value), rest),
-        jax.tree.unflatten(shape, kept),
-        jax.tree.unflatten(shape, movers),
-    )
+    value = eqx.combine(jax.tree.unflatten(shape, value), rest)
+    return value, jax.tree.unflatten(shape, kept), jax.tree.unflatten(shape, movers)
 
 
 def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:

@@ -57,9 +57,7 @@ _EPS = float(np.finfo(np.float64).eps)
 
 
 class Trial(NamedTuple):
-    """A try of a step: its start (with laws latched), its end, the estimated error, the slopes at both ends and at all
-    stages (stages, ..., n, *lanes).
-    """
+    """A try of a step: start (laws latched), end, error; slopes at its ends and stages (stages, ..., n, *lanes)."""
 
     start: Array
     end: Array
@@ -234,6 +232,6 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
         # The moved payload is handed over in one mechanism and not yet in the other.
         return slope + payload_power(slope, problem.mechanism) - payload_power(slope, moved.mechanism)
 
-    after = field(time, state, problem.without_directions)
+    after = field(time, state, with_model(problem, problem.model))
     jumps = jax.vmap(before)(problem.directions, delay) - after[None]
     return jnp.concatenate([stack[:1], stack[1:] + delay[:, None] * jumps])

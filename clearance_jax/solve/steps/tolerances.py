@@ -138,15 +138,6 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
     return FLOOR * total
 
 
-def event_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = False) -> Scalar:
-    """How far past an event a cut step may end, as a fraction of the uncut step. The event left inside the step causes
-    an error of second order in the margin; of first order if a force jumps, and in derivatives if its slope jumps.
-    """
-    laws = [law for joint in mechanism.clearance_joints() for law in joint.laws]
-    jumps = any(law.smoothness == "C-1" for law in laws)
-    return jnp.clip(rtol if jumps or varied else jnp.sqrt(rtol), SHORTEST, LONGEST)
-
-
 def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
     """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
     (velocities, and penetrations that may exceed a tiny clearance). `atol` (by component of the state) overrides the
@@ -188,11 +179,14 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
     smallest = jnp.min(jnp.stack([joint.size for joint in joints])) if joints else jnp.inf
     noise = 64 * _EPS * size.length * turned / smallest
+    # The event left inside a cut step causes an error of second order in the margin (a fraction of the uncut step); of
+    # first order if a force jumps, and in derivatives if its slope jumps.
+    first_order = problem.varies or any(law.smoothness == "C-1" for joint in joints for law in joint.laws)
     return Tolerances(
         absolute=jnp.concatenate([absolute, allowed]),
         relative=jnp.concatenate([relative, jnp.zeros_like(added)]),
         unit=jnp.concatenate([unit, added]),
-        margin=event_margin(mechanism, rtol, problem.varies),
+        margin=jnp.clip(rtol if first_order else jnp.sqrt(rtol), SHORTEST, LONGEST),
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
         noise=noise,
         rate=size.spin,
