@@ -1,5 +1,8 @@
 """Errors of structure and values, which raise; failures inside a solve are result codes."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 # A message is one or two sentences; a longer one contains a long value or path from the input.
 LONGEST = 600
 
@@ -21,6 +24,22 @@ class WearFailure(ClearanceError):
 
 class WornThrough(WearFailure):
     """A part that does not reach the asked life; not a mistake in the input where parts scatter."""
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """A context in which messages of `ClearanceError` begin with a place (a file or a key)."""
+    try:
+        yield
+    except ClearanceError as error:
+        if where in str(error):
+            raise
+        raise ClearanceError(f"{where}: {error}") from None
+
+
+def must_be(where: str, what: str, value: object) -> ClearanceError:
+    """The error of a `value` that is not `what` it must be."""
+    return ClearanceError(f"{where} must be {what}, but it is {quote(value)}.")
 
 
 def cut(text: str, longest: int) -> str:

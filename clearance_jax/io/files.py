@@ -66,9 +66,6 @@ def read_text(path: Path, what: str, largest: int) -> str:
         raise ClearanceError(f"Cannot read the {what} `{path}`: it is not a text in UTF-8.") from None
 
 
-# CSV files with a header of times and named columns with units --------------------------------------------------------
-
-
 class Meant(NamedTuple):
     """Words for messages about a table: `what` it is, what a `column` beside the times holds, an `example` header."""
 

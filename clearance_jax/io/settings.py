@@ -6,8 +6,7 @@ The command line has `--set NAME=VALUE` and `--clearance JOINT:radial_clearance=
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.io.table import naming
+from clearance_jax.errors import ClearanceError, naming, quote
 from clearance_jax.joints.presets import Preset
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.variants import PRESETS, no_play_reason

@@ -1,10 +1,9 @@
 """Tables of scene and study files, read by the declarations of their keys. Unknown keys are errors."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, must_be, quote, suggest
 from clearance_jax.io.keys.declare import Keys
 from clearance_jax.io.keys.kinds import Word, Words, check_name
 
@@ -136,7 +135,7 @@ def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
 def check_table(values: Any, where: str) -> dict[str, Any]:
     """The values, which must be a table."""
     if not isinstance(values, dict):
-        raise ClearanceError(f"{where} must be a table of keys, but it is {quote(values)}.")
+        raise must_be(where, "a table of keys", values)
     return values
 
 
@@ -144,14 +143,3 @@ def below(where: str, name: str) -> str:
     """How a message names a key of what stands at `where`."""
     name = name if len(name) <= 60 and name.isprintable() else quote(name)
     return f"{where}.{name}" if not where.endswith(":") else f"{where} {name}"
-
-
-@contextmanager
-def naming(where: str) -> Iterator[None]:
-    """A context in which messages of `ClearanceError` begin with a place (a file or a key)."""
-    try:
-        yield
-    except ClearanceError as error:
-        if where in str(error):
-            raise
-        raise ClearanceError(f"{where}: {error}") from None

@@ -193,9 +193,6 @@ def _along_the_sleeve(axes: Axes, times: np.ndarray, places: np.ndarray, clearan
     axes.set_ylabel("along z, µm")
 
 
-# The mechanism --------------------------------------------------------------------------------------------------------
-
-
 @PAGE
 def mechanism(outline: Outline) -> Figure:
     """The mechanism at one instant."""
@@ -253,9 +250,6 @@ def _scale_bar(axes: Axes, size: float) -> None:
     left, bottom = axes.get_xlim()[0] + 0.03 * size, axes.get_ylim()[0] + 0.05 * size
     axes.plot([left, left + length], [bottom, bottom], color="k", lw=2, solid_capstyle="butt")
     axes.annotate(text, (left + length, bottom), (5, 0), textcoords="offset points", va="center")
-
-
-# An error budget ------------------------------------------------------------------------------------------------------
 
 
 @STYLED

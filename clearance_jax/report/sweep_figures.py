@@ -86,9 +86,6 @@ def figures(
     return out
 
 
-# A result over two numbers ------------------------------------------------------------------------------------------
-
-
 def _grid(dataset: xr.Dataset, name: str, x: str | None, y: str | None) -> tuple[str, str, xr.DataArray]:
     """Two axes of a grid, and a result over them."""
     axes = [dim for dim in lanes_of(dataset) if dim in variables(dataset) and dataset.sizes[dim] > 1]
@@ -173,9 +170,6 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     return figure
 
 
-# A result over one number -------------------------------------------------------------------------------------------
-
-
 @STYLED
 def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None = None) -> Figure:
     """A result over one number: its median, and bands between its quantiles over all else that varies. If another axis
@@ -243,9 +237,6 @@ def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.nd
     order = order[np.isfinite(values[order])]
     bins = np.array_split(order, max(1, min(BINS, len(order) // 10)))
     return np.array([np.mean(where[members]) for members in bins]), [values[members] for members in bins]
-
-
-# Results over all numbers -------------------------------------------------------------------------------------------
 
 
 @STYLED

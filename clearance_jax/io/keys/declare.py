@@ -143,7 +143,7 @@ def _key(field: dataclasses.Field) -> Key:
     if field.type in (int, int | None):
         return Whole(*words, least=about["least"], most=about["most"], **common)
     if get_origin(field.type) is Mapping:
-        return Sub(*words, form="values by name", **common)
+        return Sub(*words, kind="values by name", **common)
     if get_origin(field.type) is Literal:
         return Word(*words, allowed=get_args(field.type), **common)
     return (Flag if field.type is bool else Text)(*words, **common)

@@ -39,13 +39,13 @@ DESIGN = table(
         "in which every limit must hold: numbers by name, for each condition by a name of yours",
         '{ slow = { "drive.main.speed" = "3000 rpm" } }',
         "the scene as it is",
-        form="tables of values by name",
+        kind="tables of values by name",
     ),
     trajectory=Sub(
         "CSV files of trajectories, by names of yours: every condition holds along each",
         '{ pick = "pick.csv", place = "place.csv" }',
         "the drives of the scene",
-        form="paths by name",
+        kind="paths by name",
     ),
     payload=tables(
         "payloads, by names of yours: every condition holds with each",

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, must_be, naming, quote, suggest
 from clearance_jax.mechanism.placement import as_axis, as_inertia
 from clearance_jax.parameters import check_bounds, resolve_unit
 from clearance_jax.units import to_si
@@ -24,6 +24,10 @@ def _as_tuple(*numbers: float | None) -> tuple[float | None, ...]:
     return numbers
 
 
+def _in_si(values: list[Any], unit: str, where: str) -> list[float]:
+    return [to_si(value, unit, f"{where}[{i}]") for i, value in enumerate(values)]
+
+
 @dataclasses.dataclass(frozen=True)
 class Key(abc.ABC):
     """A key of a table, declared once for the reader and the reference. Its `name` is that under which it is declared.
@@ -36,10 +40,11 @@ class Key(abc.ABC):
     help: str
     example: str
     absent: str = ""
-    name: str = dataclasses.field(default="", kw_only=True)
-    default: Any = dataclasses.field(default=None, kw_only=True)
-    required: bool = dataclasses.field(default=False, kw_only=True)
-    unit: str = dataclasses.field(default="", kw_only=True)
+    _: dataclasses.KW_ONLY
+    name: str = ""
+    default: Any = None
+    required: bool = False
+    unit: str = ""
 
     @property
     @abc.abstractmethod
@@ -70,10 +75,13 @@ class QuantityKey(Key):
     def read(self, value, where, words):
         if isinstance(value, list):
             raise ClearanceError(f"{where} must be one quantity, but it is the list {quote(value)}.")
-        unit = resolve_unit(self.unit, words)
-        number = to_si(value, unit, where)
-        check_bounds(number, self.bounds, where, unit, value)
-        return number
+        return _bounded(value, resolve_unit(self.unit, words), self.bounds, where)
+
+
+def _bounded(value: Any, unit: str, bounds: Mapping[str, Any], where: str) -> float:
+    number = to_si(value, unit, where)
+    check_bounds(number, bounds, where, unit, value)
+    return number
 
 
 def quantity(
@@ -102,42 +110,40 @@ class Quantities(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
-        unit = resolve_unit(self.unit, words)
-        return [to_si(v, unit, f"{where}[{i}]") for i, v in enumerate(value)]
+            raise must_be(where, f"a list such as {self.example}", value)
+        return _in_si(value, resolve_unit(self.unit, words), where)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AbstractComponents(Key):
+    """Components, of which zeros are left out of the program. `record`: what is made of them."""
+
+    record: Callable[..., Any] = _as_tuple
+    form: ClassVar[str]
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or not self.shape["minItems"] <= len(value) <= self.shape["maxItems"]:
+            raise must_be(where, f"{self.form} such as {self.example}", value)
+        return self.record(*(number or None for number in _in_si(value, self.unit, where)))
 
 
 @dataclasses.dataclass(frozen=True)
-class VectorKey(Key):
-    """A vector: a pair in the plane, a triple in space. Components that are zero are left out of the program. `record`:
-    what is made of them.
-    """
+class VectorKey(AbstractComponents):
+    """A vector: a pair in the plane, a triple in space."""
 
     default: Any = dataclasses.field(default=(None, None), kw_only=True)
-    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
     kind: ClassVar[str] = "pair or triple of quantities"
+    form: ClassVar[str] = "a pair (or in space a triple)"
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 2, "maxItems": 3}
-
-    def read(self, value, where, words):
-        if not isinstance(value, list) or len(value) not in (2, 3):
-            raise ClearanceError(
-                f"{where} must be a pair (or in space a triple) such as {self.example}, but it is {quote(value)}."
-            )
-        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
 @dataclasses.dataclass(frozen=True)
-class Triple(Key):
-    """Three angles or rates. Those that are zero are left out of the program. `record`: what is made of them."""
+class Triple(AbstractComponents):
+    """Three angles or rates."""
 
-    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
     kind: ClassVar[str] = "triple of quantities"
+    form: ClassVar[str] = "a triple"
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 3, "maxItems": 3}
-
-    def read(self, value, where, words):
-        if not isinstance(value, list) or len(value) != 3:
-            raise ClearanceError(f"{where} must be a triple such as {self.example}, but it is {quote(value)}.")
-        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,43 +155,34 @@ class Direction(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, (str, list)):
-            raise ClearanceError(f"{where} must be an axis such as {self.example}, but it is {quote(value)}.")
-        numbers = [to_si(v, "", f"{where}[{i}]") for i, v in enumerate(value)] if isinstance(value, list) else value
-        try:
-            return as_axis(numbers)
-        except ClearanceError as error:
-            raise ClearanceError(f"{where}: {error}") from None
+            raise must_be(where, f"an axis such as {self.example}", value)
+        with naming(where):
+            return as_axis(_in_si(value, "", where) if isinstance(value, list) else value)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Moments(Key):
     """A moment of inertia (about z), or three or six of them."""
 
-    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
+    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     kind: ClassVar[str] = "quantity, or list of three or six"
     shape: ClassVar[Shape] = {"type": ["string", "number", "array"]}
 
     def read(self, value, where, words):
         if not isinstance(value, list):
-            number = to_si(value, self.unit, where)
-            check_bounds(number, self.bounds, where, self.unit, value)
-            return number
+            return _bounded(value, self.unit, self.bounds, where)
         if len(value) not in (3, 6):
-            raise ClearanceError(
-                f"{where} must be one quantity, three (xx, yy, zz) or six (and xy, xz, yz), but it is {quote(value)}."
-            )
-        try:
-            return as_inertia([to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value)])
-        except ClearanceError as error:
-            raise ClearanceError(f"{where}: {error}") from None
+            raise must_be(where, "one quantity, three (xx, yy, zz) or six (and xy, xz, yz)", value)
+        with naming(where):
+            return as_inertia(_in_si(value, self.unit, where))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Whole(Key):
     """A whole number from `least` to `most`."""
 
-    least: int = dataclasses.field(default=0, kw_only=True)
-    most: int = dataclasses.field(default=10**9, kw_only=True)
+    least: int = 0
+    most: int = 10**9
     kind: ClassVar[str] = "whole number"
 
     @property
@@ -194,9 +191,9 @@ class Whole(Key):
 
     def read(self, value, where, words):
         if isinstance(value, bool) or not isinstance(value, int) or value < self.least:
-            raise ClearanceError(f"{where} must be a whole number of at least {self.least}, but it is {quote(value)}.")
+            raise must_be(where, f"a whole number of at least {self.least}", value)
         if value > self.most:
-            raise ClearanceError(f"{where} must be a whole number of at most {self.most}, but it is {quote(value)}.")
+            raise must_be(where, f"a whole number of at most {self.most}", value)
         return value
 
 
@@ -210,9 +207,7 @@ class Wholes(Key):
     def read(self, value, where, words):
         whole = isinstance(value, list) and value and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
         if not whole or value[0] < 0 or any(a >= b for a, b in itertools.pairwise(value)):
-            raise ClearanceError(
-                f"{where} must be a list of whole numbers that grow, such as {self.example}, but it is {quote(value)}."
-            )
+            raise must_be(where, f"a list of whole numbers that grow, such as {self.example}", value)
         return tuple(value)
 
 
@@ -225,7 +220,7 @@ class Flag(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, bool):
-            raise ClearanceError(f"{where} must be true or false, but it is {quote(value)}.")
+            raise must_be(where, "true or false", value)
         return value
 
 
@@ -239,7 +234,7 @@ class Text(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, str):
-            raise ClearanceError(f"{where} must be a text in quotes, but it is {quote(value)}.")
+            raise must_be(where, "a text in quotes", value)
         return check_text(value, where, self.longest)
 
 
@@ -257,10 +252,10 @@ class Names(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
+            raise must_be(where, f"a list such as {self.example}", value)
         for i, name in enumerate(value):
             if not isinstance(name, str):
-                raise ClearanceError(f"{where}[{i}] must be a name in quotes, but it is {quote(name)}.")
+                raise must_be(f"{where}[{i}]", "a name in quotes", name)
         return tuple(check_text(name, f"{where}[{i}]") for i, name in enumerate(value))
 
 
@@ -280,23 +275,17 @@ class Word(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, str) or value not in self.allowed:
-            raise ClearanceError(
-                f"{where} must be one of the allowed words, but it is {quote(value)}. "
-                + suggest(value if isinstance(value, str) else "", self.allowed)
-            )
+            near = suggest(value if isinstance(value, str) else "", self.allowed)
+            raise ClearanceError(f"{must_be(where, 'one of the allowed words', value)} {near}")
         return value
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Sub(Key):
-    """A sub-table, or one of several kinds; `form`: what it is in words."""
+    """A sub-table, or one of several kinds; `kind`: what it is in words."""
 
-    form: str = dataclasses.field(default="table", kw_only=True)
+    kind: str = "table"
     shape: ClassVar[Shape] = {}
-
-    @property
-    def kind(self) -> str:
-        return self.form
 
     def read(self, value, where, words):
         return value
@@ -304,22 +293,18 @@ class Sub(Key):
 
 def tables(help: str, example: str, absent: str = "", *, required: bool = False) -> Key:
     """A key of sub-tables, whose names the user chooses."""
-    return Sub(help, example, absent, required=required, form="tables by name")
+    return Sub(help, example, absent, required=required, kind="tables by name")
 
 
 def check_text(value: str, where: str, longest: int = LONGEST) -> str:
     """A text of one line. **Raises** `ClearanceError` if it is empty, too long or unprintable."""
     if not value.strip() or len(value) > longest or not value.isprintable():
-        raise ClearanceError(
-            f"{where} must be a text of 1 to {longest} printable characters, but it is {quote(value)}."
-        )
+        raise must_be(where, f"a text of 1 to {longest} printable characters", value)
     return value
 
 
 def check_name(value: str, where: str) -> str:
     """A name of a part, without `.` and `=`. **Raises** `ClearanceError` for another text."""
     if "." in value or "=" in value:
-        raise ClearanceError(
-            f"{where} must be named without `.` and `=`, which separate names and values, but it is {quote(value)}."
-        )
+        raise must_be(where, "named without `.` and `=`, which separate names and values", value)
     return check_text(value, f"{where}, a name,")

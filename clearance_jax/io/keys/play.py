@@ -33,7 +33,7 @@ CONTACT = table(
         'law of the friction, or "none"',
         '{ law = "tanh", coefficient = 0.1, transition_speed = "10 mm/s" }',
         "no friction",
-        form='table or "none"',
+        kind='table or "none"',
     ),
     element=Sub(
         "what fills the play and acts without touch",
@@ -118,8 +118,6 @@ WORN = table(
     unit=Text("unit of the depths, of a CSV table", '"um"'),
 )
 
-# Rolling bearings -----------------------------------------------------------------------------------------------------
-
 
 def _size(help: str, example: str, unit: str = "m", absent: str = "", **more: Any) -> Key:
     return quantity(help, example, unit, absent, above=0.0, **more)
@@ -184,7 +182,6 @@ BEARINGS = family(
     default="radial",
 )
 
-# Laws and what fills the play -----------------------------------------------------------------------------------------
 
 NORMAL_TABLES = family("joint.NAME.normal", "Normal law", "law", "the law of the normal force", kinds(NORMAL_LAWS))
 FRICTION_TABLES = family("joint.NAME.friction", "Friction law", "law", "the law of friction", kinds(FRICTION_LAWS))

@@ -162,9 +162,6 @@ def _show(value: Any, unit: str) -> str:
     return "none" if value in ((None, None), ORIGIN) else str(value)
 
 
-# A JSON Schema --------------------------------------------------------------------------------------------------------
-
-
 def schema(file: File) -> dict[str, Any]:
     """The JSON Schema of scene or study files. Only the reader checks which keys may stand together."""
     root: dict[str, Any] = {"$schema": DRAFT, "title": f"clearance_jax {file}", "type": "object"}

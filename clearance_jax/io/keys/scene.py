@@ -126,7 +126,7 @@ WRENCH = table(
         "a factor on both as a function of time: as a drive, without unit",
         '"step(time, 0.1, 0, 0.2, 1)"',
         "they are constant",
-        form=DRIVEN,
+        kind=DRIVEN,
     ),
 )
 CONTROLLER = table(
@@ -190,7 +190,7 @@ MOTION = table(
         "prescribes the coordinate: a table of numbers, or an ADAMS expression of `step`, `step5`, `time`",
         '"step(time, 0, 0, 0.5, 90 d)"',
         "free",
-        form=DRIVEN,
+        kind=DRIVEN,
     ),
     **keys_of(Motion),
     actuator=tables("forces along a free coordinate, by name", '{ load = { type = "constant", effort = "-12 N*m" } }'),
@@ -227,7 +227,7 @@ SPLINE_FILE = table(
     unit=Text("unit of the values", '"deg"', required=True),
     **keys_of(Spline, "ends"),
 )
-_TARGET = Sub("where it steers to: as a drive", '"90 d * time"', form=DRIVEN, required=True)
+_TARGET = Sub("where it steers to: as a drive", '"90 d * time"', kind=DRIVEN, required=True)
 ACTUATOR_TABLES = family(
     "joint.NAME.actuator.NAME",
     "Actuator",

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, naming, suggest
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import play as keys
 from clearance_jax.io.keys.declare import Keys, keys_of
-from clearance_jax.io.table import TomlTable, naming
+from clearance_jax.io.table import TomlTable
 from clearance_jax.joints import (
     AbstractClearance,
     AbstractPin,
@@ -234,9 +234,6 @@ def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
         return None
     word, table = joint.variant("friction", keys.FRICTION_TABLES)
     return FRICTION_LAWS[word](**table.arguments("law"))
-
-
-# A worn sleeve --------------------------------------------------------------------------------------------------------
 
 
 def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:

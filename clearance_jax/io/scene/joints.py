@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, naming, suggest
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.scene.contact import PLAYS, play_of
-from clearance_jax.io.table import Chosen, TomlTable, check_table, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, check_table, variant
 from clearance_jax.io.urdf.mechanism import place_of, read_robot
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
 from clearance_jax.mechanism.actuators import AbstractActuator, Servo
@@ -140,9 +140,6 @@ def _actuator(name: str, read: Chosen, path: Path) -> AbstractActuator:
     if cls is Servo:
         values["target"] = drive_of(table, "target", path)
     return cls(**values, name=name)
-
-
-# Joints of a robot ----------------------------------------------------------------------------------------------------
 
 
 class RobotParts(NamedTuple):

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, naming, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, read_drive, robot_of
-from clearance_jax.io.table import TomlTable, naming
+from clearance_jax.io.table import TomlTable
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
 from clearance_jax.joints import AbstractClearance
@@ -170,9 +170,6 @@ def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mecha
 
 def _spring(name: str, values: Any, where: str) -> Spring:
     return Spring(name, **TomlTable(values, where, keys.SPRING).arguments())
-
-
-# Sizes ----------------------------------------------------------------------------------------------------------------
 
 
 def implausible(mechanism: Mechanism) -> str:

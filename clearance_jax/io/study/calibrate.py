@@ -7,12 +7,12 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, naming, suggest
 from clearance_jax.io.files import TIME, Meant, read_columns
 from clearance_jax.io.keys.metric import OF, OF_SIGNAL
 from clearance_jax.io.keys.study import CALIBRATE, PARAMETER_TABLE, SIGNAL_TABLE
 from clearance_jax.io.study.file import StudyFile, signal_of
-from clearance_jax.io.table import TomlTable, naming
+from clearance_jax.io.table import TomlTable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import PARAMETER, units_of

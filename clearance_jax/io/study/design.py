@@ -9,13 +9,13 @@ from clearance_jax.design.asked.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.asked.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.asked.problem import ToleranceProblem
 from clearance_jax.design.asked.specification import Limit
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, naming, quote, suggest
 from clearance_jax.io.keys import design as keys
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study.file import StudyFile, expand_entries
 from clearance_jax.io.study.wear import WearAsked
-from clearance_jax.io.table import Chosen, TomlTable, entries, naming
+from clearance_jax.io.table import Chosen, TomlTable, entries
 from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.motion_laws import Spline
@@ -127,9 +127,6 @@ def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories
         return condition_product(mechanism, trajectories, payloads, speeds, conditions)
 
 
-# Variables and what they cost ----------------------------------------------------------------------------------------
-
-
 def _variable_tables(top: TomlTable, mechanism: Mechanism) -> dict[str, TomlTable]:
     """The variables' tables by name, each with the unit of its variable."""
     tables = {}
@@ -172,9 +169,6 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
         return COSTS[law](**table.arguments("law"))
 
 
-# Limits --------------------------------------------------------------------------------------------------------------
-
-
 def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None) -> Limit:
     metric: Any = study.metric(name, study.span, table.where)
     bound = table.get("bound", {METRIC: metric.unit})
@@ -188,9 +182,6 @@ def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None
         how |= {"sectors": options["sectors"], "tolerance": options["tolerance"]}
         metric = AfterWear(metric, cycles=table.get("cycles"), **how)
     return Limit(metric, bound, name)
-
-
-# Manufacture ---------------------------------------------------------------------------------------------------------
 
 
 def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str, ...]) -> AbstractManufacture | None:

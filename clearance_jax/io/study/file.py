@@ -11,14 +11,14 @@ import numpy as np
 
 from clearance_jax._basis.patterns import expand
 from clearance_jax.dynamics.quantities import quantities
-from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.errors import ClearanceError, naming, quote, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import metric as metrics
 from clearance_jax.io.keys.scene import SOLVING
 from clearance_jax.io.keys.study import SCATTER, SOLVE, STUDY
 from clearance_jax.io.scene.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
-from clearance_jax.io.table import Chosen, TomlTable, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
@@ -152,9 +152,6 @@ def _distribution(name: str, how: Scatter, model: Any) -> Any:
         deviation = how.relative * (1.0 if mean is None else abs(mean))
     with naming(how.where):
         return scatter(mean, deviation, how.lower, how.upper, how.distribution)
-
-
-# Metrics --------------------------------------------------------------------------------------------------------------
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:

@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.ask.question import OPTIONS
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, naming
 from clearance_jax.io.keys.study import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
 from clearance_jax.io.scene.scene import ImplausibleWarning, implausible, read_scene
 from clearance_jax.io.study.calibrate import calibration_of
 from clearance_jax.io.study.design import DesignAsked, design_of
 from clearance_jax.io.study.file import Span, StudyFile
 from clearance_jax.io.study.wear import WearAsked, wear_of
-from clearance_jax.io.table import Chosen, TomlTable, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.sweep.axes import Choice, Sampled, Zipped

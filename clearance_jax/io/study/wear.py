@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, naming, suggest
 from clearance_jax.io.keys import wear as keys
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.study.file import Span, StudyFile
-from clearance_jax.io.table import Chosen, TomlTable, naming
+from clearance_jax.io.table import Chosen, TomlTable
 from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -76,9 +76,6 @@ def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterio
 
 def _is_one_number(table: TomlTable, metric: Any) -> bool:
     return getattr(metric, "times", None) is None or callable(metric.times)
-
-
-# The model ------------------------------------------------------------------------------------------------------------
 
 
 def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:

@@ -133,9 +133,6 @@ def _about(mass: float, center: Vector3, inertia: Matrix3, point: Vector3) -> Ma
     return inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
 
 
-# Checks ---------------------------------------------------------------------------------------------------------------
-
-
 def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
     """Raise `ClearanceError` for a body with an impossible inertia, and for a joint that moves no mass. `joints`:
     parents first; `bodies`: those that they move.

@@ -149,9 +149,6 @@ def parse(text: str) -> Element:
     return builder.top
 
 
-# Elements of a URDF ---------------------------------------------------------------------------------------------------
-
-
 def place(element: Element) -> str:
     """The name of an element in messages: its line, its tag, and its name."""
     name = element.attributes.get("name")

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.table import naming
+from clearance_jax.errors import ClearanceError, naming, quote, suggest
 from clearance_jax.io.urdf.elements import (
     ATTRIBUTES,
     CHILDREN,
@@ -91,9 +90,6 @@ def _check_expanded(top: Element) -> None:
         waiting += element.children
 
 
-# Links ----------------------------------------------------------------------------------------------------------------
-
-
 def _link(element: Element) -> Link:
     where = place(element)
     name = text(element, "name", where)
@@ -117,9 +113,6 @@ def _inertia(inertial: Element, where: str) -> Matrix3:
     xx, yy, zz = (number(element, key, where) for key in ("ixx", "iyy", "izz"))
     xy, xz, yz = (number(element, key, where, 0.0) for key in ("ixy", "ixz", "iyz"))
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-# Joints ---------------------------------------------------------------------------------------------------------------
 
 
 def _joint(element: Element) -> Joint:
@@ -295,9 +288,6 @@ def _check(kind: str, stiffness: float, rotor: float, where: str) -> None:
             f"{where}: a spring or a rotor acts along the one coordinate of a revolute, continuous or prismatic joint, "
             f"but this joint is {kind}. Remove it, and add the spring in Python (`Motion(actuators=...)`)."
         )
-
-
-# What is not read -----------------------------------------------------------------------------------------------------
 
 
 def unread(top: Element) -> tuple[str, ...]:

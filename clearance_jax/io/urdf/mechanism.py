@@ -8,8 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.table import naming
+from clearance_jax.errors import ClearanceError, naming, quote, suggest
 from clearance_jax.io.urdf.bodies import Assembly, Rigid, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Robot, Triple, is_identity, rpy_of, triple
@@ -190,9 +189,6 @@ def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:
 def _point(whole: Assembly, link: str, name: str, bodies: dict[str, str]) -> Point:
     body, pose = whole.frames[link]
     return Point(name, bodies[body], *place_of(pose))
-
-
-# Parts of the mechanism -----------------------------------------------------------------------------------------------
 
 
 def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:

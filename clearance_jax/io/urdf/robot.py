@@ -94,9 +94,6 @@ class Robot(NamedTuple):
     unread: tuple[str, ...] = ()
 
 
-# Poses ----------------------------------------------------------------------------------------------------------------
-
-
 class FramePose(NamedTuple):
     """A frame in another one: its origin there [m], and the rotation from its axes to the other's."""
 
@@ -151,9 +148,6 @@ def triple(values: Vector3) -> Triple:
 def is_identity(rotation: Matrix3) -> bool:
     """Whether the rotation is exactly the identity."""
     return bool(np.array_equal(rotation, np.eye(3)))
-
-
-# The tree -------------------------------------------------------------------------------------------------------------
 
 
 def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot:
