@@ -15,15 +15,6 @@ def is_robot(scene_file: Any) -> bool:
     return scene_file.suffix.lower() == ".urdf"
 
 
-def with_posture(mechanism: Any, names: Any) -> Any:
-    """The mechanism with constant drives that hold the named coordinates at their positions."""
-    from clearance_jax.mechanism.motion.drives import Constant
-    from clearance_jax.mechanism.variants import drivable
-
-    known = drivable(mechanism.joints)
-    return mechanism.with_drives({name: Constant(known[name].motion.position) for name in names})
-
-
 def undriven(mechanism: Any) -> tuple[str, ...]:
     """The revolute and prismatic coordinates without drive and controller, which would fall."""
     from clearance_jax.mechanism.tree.tree import Prismatic, Revolute
@@ -62,10 +53,20 @@ def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[An
     """The mechanism with its drives; the trajectory that drives it (`None`: none); the names of the coordinates of a
     robot that are held in place, as nothing drives them.
     """
-    lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
-    driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
+    from clearance_jax.io.trajectory import Trajectory, read_trajectory
+    from clearance_jax.mechanism.motion.drives import Constant
+    from clearance_jax.mechanism.variants import drivable
+
+    lead, driven = scene.trajectory, scene.mechanism
+    if trajectory is not None:
+        lead = Trajectory(trajectory, read_trajectory(trajectory, driven))
+    if lead is not None:
+        driven = driven.with_drives(lead.drives)
     idle = undriven(driven) if is_robot(scene_file) else ()
-    return with_posture(driven, idle) if idle else driven, lead, idle
+    if idle:
+        known = drivable(driven.joints)
+        driven = driven.with_drives({name: Constant(known[name].motion.position) for name in idle})
+    return driven, lead, idle
 
 
 def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
@@ -94,9 +95,3 @@ def check_covered(lead: Any, options: dict[str, Any]) -> None:
         outside = f"t1 is {t1:.9g} s, but the trajectory `{lead.path}` ends at {last:.9g} s"
     if outside:
         raise ClearanceError(f"{outside}. Change the one or the other.")
-
-
-def _read_trajectory(path: Path, mechanism: Any) -> Any:
-    from clearance_jax.io.trajectory import Trajectory, read_trajectory
-
-    return Trajectory(path, read_trajectory(path, mechanism))
