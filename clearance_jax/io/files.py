@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, must_be, quote
 from clearance_jax.io.keys.kinds import check_text
 
 LARGEST_TOML, LARGEST_TABLE = 2_000_000, 50_000_000
@@ -146,10 +146,16 @@ def _header(line: CsvLine, meant: Meant) -> list[Head]:
         )
     columns: dict[str, Head] = {}
     for i, cell in enumerate(cells, start=1):
-        column = _head(cell, f"{where}, column {i}")
-        if column.name in columns:
-            raise ClearanceError(f"{column.where}: `{column.name}` has a column already. Take one of them away.")
-        columns[column.name] = column
+        match, here = _HEAD.fullmatch(cell), f"{where}, column {i}"
+        if match is None:
+            raise must_be(here, "a name with a unit in brackets, `hip [deg]`", cell)
+        name, unit = match[1].strip(), match[2]
+        if not name:
+            raise ClearanceError(f"{here} has no name. Name it, or take the comma beside it away.")
+        name = TIME if check_text(name, f"{here}, a name,").lower() == TIME else name
+        if name in columns:
+            raise ClearanceError(f"{here}: `{name}` has a column already. Take one of them away.")
+        columns[name] = Head(name, None if unit is None else unit.strip(), here)
     if TIME not in columns:
         raise ClearanceError(f"{where}: no column is called `{TIME}`. Call one so, as in {meant.example}.")
     if len(columns) < 2:
@@ -157,17 +163,6 @@ def _header(line: CsvLine, meant: Meant) -> list[Head]:
             f"{where}: the header has no {meant.column} beside `{TIME}`. Add a column for each {meant.column}."
         )
     return list(columns.values())
-
-
-def _head(cell: str, where: str) -> Head:
-    match = _HEAD.fullmatch(cell)
-    if match is None:
-        raise ClearanceError(f"{where} must be a name with a unit in brackets, `hip [deg]`, but it is {quote(cell)}.")
-    name, unit = match[1].strip(), match[2]
-    if not name:
-        raise ClearanceError(f"{where} has no name. Name it, or take the comma beside it away.")
-    check_text(name, f"{where}, a name,")
-    return Head(TIME if name.lower() == TIME else name, None if unit is None else unit.strip(), where)
 
 
 def _row(line: CsvLine, columns: list[Head], meant: Meant, gaps: bool) -> list[float]:
@@ -186,7 +181,7 @@ def _number(cell: str, where: str, gaps: bool) -> float:
         raise ClearanceError(f"{where} must be a number, but {content}.")
     value = float(cell)
     if not math.isfinite(value):
-        raise ClearanceError(f"{where} must be finite, but it is {quote(cell)}.")
+        raise must_be(where, "finite", cell)
     return value
 
 

@@ -44,7 +44,7 @@ class TomlTable:
     def refuse(self, *names: str, why: str) -> None:
         """Raise if one of the keys is present."""
         for name in names:
-            if self.has(name):
+            if name in self.values:
                 raise ClearanceError(f"{self.key(name)} {why}")
 
     def get(self, name: str, words: Words = NO_WORDS) -> Any:
@@ -82,6 +82,11 @@ class TomlTable:
         """As `entries`, with names checked as names of parts."""
         for inner, values, where in self.entries(name):
             yield check_name(inner, where), values, where
+
+    def tables(self, name: str, keys: Keys, words: Words = NO_WORDS) -> Iterator[tuple[str, "TomlTable"]]:
+        """As `parts`, of tables of one declaration: (name, table)."""
+        for inner, values, where in self.parts(name):
+            yield inner, TomlTable(values, where, keys, words)
 
 
 class Chosen(NamedTuple):

@@ -62,10 +62,10 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
     clearance = play.read(table, usual)
     if table.has("element"):
         if clearance.element is not None:
-            raise ClearanceError(
-                f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
-                "already. Leave one of them out."
+            why = (
+                "would take the place of the bearing's `preload`, which fills the play already. Leave one of them out."
             )
+            table.refuse("element", why=why)
         word, element = table.variant("element", keys.ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
     if play.keys is keys.PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
@@ -76,7 +76,13 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
 
 
 def _pin(table: TomlTable, usual: bool) -> AbstractPin:
-    return _bearing(table) if table.has("bearing") else _in_a_sleeve(PINS[table.get("kind")], table, usual)
+    if not table.has("bearing"):
+        return _in_a_sleeve(PINS[table.get("kind")], table, usual)
+    others = (key.name for key in keys.PIN.keys if key.name not in WITH_A_BEARING)
+    table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
+    word, inner = table.variant("bearing", keys.BEARINGS)
+    with naming(inner.where):
+        return BEARINGS_MADE[word](**inner.arguments("type"), friction=_friction(table))
 
 
 def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
@@ -86,11 +92,8 @@ def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
             if key in table.values and key not in (*fields, *COMMON, "length"):
                 raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
     table.need(*(key for key, required in fields.items() if required))
-    for key in OF_A_FACE:
-        if key in table.values and "axial_clearance" not in table.values:
-            raise ClearanceError(
-                f"{table.key(key)} has no effect without `axial_clearance`: only then are there faces."
-            )
+    if "axial_clearance" not in table.values:
+        table.refuse(*OF_A_FACE, why="has no effect without `axial_clearance`: only then are there faces.")
     clearance, pin, tolerance = _radii(table, usual)
     normal, friction = _laws(table, round_contact(clearance) if usual else None)
     sizes = {key: table.get(key) for key in ("length", *fields) if key in table.values}
@@ -110,18 +113,8 @@ def _guide(table: TomlTable, usual: bool) -> GuideClearance:
     length, width = table.get("length"), table.get("width")
     height = table.get("height") if table.has("height") else length
     flat = flat_contact(length, height, 2) if width is None else flat_contact(length, width, 4)
-    laws = _laws(table, flat if usual else None)
-    return GuideClearance(
-        table.get("side_clearance"), length, height, *laws, width, guide_length=table.get("guide_length")
-    )
-
-
-def _bearing(table: TomlTable) -> AbstractPin:
-    others = (key.name for key in keys.PIN.keys if key.name not in WITH_A_BEARING)
-    table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
-    word, inner = table.variant("bearing", keys.BEARINGS)
-    with naming(inner.where):
-        return BEARINGS_MADE[word](**inner.arguments("type"), friction=_friction(table))
+    laws, guide = _laws(table, flat if usual else None), table.get("guide_length")
+    return GuideClearance(table.get("side_clearance"), length, height, *laws, width, guide_length=guide)
 
 
 BEARINGS_MADE: dict[str, Callable] = {
@@ -159,10 +152,10 @@ def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]
     if table.has("fit"):
         return _fit(table, pin)
     table.refuse(*OF_A_FIT, why="belongs to a fit: add `fit` too.")
-    clearance = _given_clearance(table)
-    if clearance is None:
-        assert pin is not None
-        assert sleeve is not None
+    if table.has(RADIAL) and table.has(DIAMETRAL):
+        raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
+    clearance = table.get(DIAMETRAL) / 2 if table.has(DIAMETRAL) else table.get(RADIAL)
+    if clearance is None:  # then both radii are there
         clearance = sleeve - pin
         if clearance <= 0:
             raise ClearanceError(f"{table.where}: the pin must fit in the sleeve, but {PIN_RADIUS} >= {SLEEVE}.")
@@ -196,12 +189,6 @@ def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
     return clearance, pin, tolerance
 
 
-def _given_clearance(table: TomlTable) -> float | None:
-    if table.has(RADIAL) and table.has(DIAMETRAL):
-        raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
-    return table.get(DIAMETRAL) / 2 if table.has(DIAMETRAL) else table.get(RADIAL)
-
-
 def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
     """Normal and friction law; `usual`: the default of the normal law, if there is one."""
     return _normal(joint) if usual is None or joint.has("normal") else usual, _friction(joint)
@@ -209,10 +196,8 @@ def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNo
 
 def _normal(joint: TomlTable) -> AbstractNormalLaw:
     if not joint.has("normal"):
-        raise ClearanceError(
-            f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
-            + suggest("", NORMAL_LAWS)
-        )
+        fix = f"Add one with a key `law`. {suggest('', NORMAL_LAWS)}"
+        raise ClearanceError(f"{joint.where} lacks the table `normal` (its contact law). {fix}")
     word, table = joint.variant("normal", keys.NORMAL_TABLES)
     make: Any = NORMAL_LAWS[word]
     if "stiffness" not in {key.name for key in keys.NORMAL_TABLES[word].keys}:
@@ -269,9 +254,8 @@ def _of_life(table: TomlTable, file: Path) -> np.ndarray:
     lived = dataset["cycle"].values
     age = float(lived[-1]) if table.get("cycles") is None else table.get("cycles")
     if not lived[0] <= age <= lived[-1]:
-        raise ClearanceError(
-            f"{table.key('cycles')} must be at most the {lived[-1]:g} cycles of the file, but it is {age:g}."
-        )
+        most = f"the {lived[-1]:g} cycles of the file"
+        raise ClearanceError(f"{table.key('cycles')} must be at most {most}, but it is {age:g}.")
     return dataset["depth"].interp(cycle=age).values
 
 

@@ -18,7 +18,6 @@ from clearance_jax.io.study.wear import WearAsked
 from clearance_jax.io.table import Chosen, TomlTable, entries
 from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.motion.motion_laws import Spline
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.wear import AfterWear
 
@@ -36,12 +35,20 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
     """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", keys.DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
-    trajectories = _trajectories(table, study, mechanism)
+    trajectories = {}
+    for name, file, where in table.entries("trajectory"):
+        with naming(where):
+            path = study.path.parent / keys.TRAJECTORY.read(file, where, {})
+            trajectories[name] = read_trajectory(path, mechanism)
     for drives in itertools.islice(trajectories.values(), 1):  # the others are numbers of these drives
         if wear is not None:
             raise ClearanceError(f"{table.key('trajectory')}: with a section `wear` the scene drives the mechanism.")
         model = mechanism = mechanism.with_drives(drives)
-    tables = _variable_tables(table, mechanism)
+    tables = {}  # each with the unit of its variable
+    for name, (values, where) in expand_entries(table, "variable", mechanism).items():
+        with naming(where):
+            unit = units_of(mechanism, [name])[name]
+        tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
     variables, costs = _variables(tables)
     limits = [_limit(name, TomlTable(inner, at, keys.LIMIT), study, wear) for name, inner, at in table.entries("limit")]
     problem = ToleranceProblem(
@@ -93,23 +100,13 @@ def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: TolerancePro
         if table.has("class_costs"):
             costs = table.get("class_costs")
             if len(costs) != len(names):
-                raise ClearanceError(
-                    f"{table.key('class_costs')} must be as many as `classes`, {len(names)}, but they are {len(costs)}."
-                )
+                why = f"must be as many as `classes`, {len(names)}, but they are {len(costs)}."
+                table.refuse("class_costs", why=why)
             fits[name] = dict(zip(names, costs, strict=True))
     with naming(top.where):
         if fits:
             priced(problem.specification, classes_of(problem.specification, fits))
     return fits
-
-
-def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
-    """Drives by the names of trajectories."""
-    drives = {}
-    for name, file, where in table.entries("trajectory"):
-        with naming(where):
-            drives[name] = read_trajectory(study.path.parent / keys.TRAJECTORY.read(file, where, {}), mechanism)
-    return drives
 
 
 def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
@@ -127,16 +124,6 @@ def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories
         return condition_product(mechanism, trajectories, payloads, speeds, conditions)
 
 
-def _variable_tables(top: TomlTable, mechanism: Mechanism) -> dict[str, TomlTable]:
-    """The variables' tables by name, each with the unit of its variable."""
-    tables = {}
-    for name, (values, where) in expand_entries(top, "variable", mechanism).items():
-        with naming(where):
-            unit = units_of(mechanism, [name])[name]
-        tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
-    return tables
-
-
 def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
     """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
@@ -144,11 +131,9 @@ def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, flo
         unit, where = table.words[PARAMETER], table.where
         bounds[name] = lower, upper = table.get("lower"), table.get("upper")
         if not 0 < lower < upper:
-            raise ClearanceError(
-                f"{where}: its bounds contradict each other: 0 < lower < upper must hold, but they are "
-                f"{lower:g} and {upper:g} {unit}".rstrip()
-                + "."
-            )
+            given = f"{lower:g} and {upper:g} {unit}".rstrip()
+            why = "its bounds contradict each other: 0 < lower < upper must hold"
+            raise ClearanceError(f"{where}: {why}, but they are {given}.")
         if table.has("cost"):
             costs[name] = _cost(table.variant("cost", keys.COST_TABLES), unit)
     return bounds, costs
@@ -178,8 +163,8 @@ def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None
                 f"{table.key('cycles')} has no effect without a section `wear`, which says how a joint wears. Add it."
             )
         model, options = wear.model, wear.options
-        how = {"joint": model.joint, "wear": model.wear, "pressure": model.pressure, "cycle": model.cycle}
-        how |= {"sectors": options["sectors"], "tolerance": options["tolerance"]}
+        how = {name: getattr(model, name) for name in ("joint", "wear", "pressure", "cycle")}
+        how |= {name: options[name] for name in ("sectors", "tolerance")}
         metric = AfterWear(metric, cycles=table.get("cycles"), **how)
     return Limit(metric, bound, name)
 

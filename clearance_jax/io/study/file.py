@@ -118,8 +118,16 @@ class StudyFile:
 
     def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
         """As `scatter`, as distributions; `model`: by default the mechanism."""
-        model = self.mechanism if model is None else model
-        return {name: _distribution(name, how, model) for name, how in self.scatter(names, model, where).items()}
+        model, out = self.mechanism if model is None else model, {}
+        for name, how in self.scatter(names, model, where).items():
+            mean, deviation = how.mean, how.deviation
+            if "mean" in arguments_of(how.distribution) and mean is None:
+                mean = float(np.asarray(values_of(model, [name])[name]))
+            if how.relative is not None:
+                deviation = how.relative * (1.0 if mean is None else abs(mean))
+            with naming(how.where):
+                out[name] = scatter(mean, deviation, how.lower, how.upper, how.distribution)
+        return out
 
 
 def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[Any, str]]:
@@ -132,26 +140,15 @@ def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[An
 
 
 def _scatter(table: TomlTable) -> Scatter:
-    given, relative = table.values.get("deviation"), None
-    deviation = None
+    given, deviation, relative = table.values.get("deviation"), None, None
     if isinstance(given, str) and given.split()[-1:] in (["percent"], ["%"]):
         relative = to_si(given.replace("%", "percent"), "percent", table.key("deviation")) / 100
         if not 0 < relative < 10:
             raise ClearanceError(f"{table.key('deviation')} must be above 0 percent, but it is {given}.")
     else:
         deviation = table.get("deviation")
-    lower, upper = table.get("lower"), table.get("upper")
-    return Scatter(table.get("distribution"), table.get("mean"), deviation, relative, lower, upper, table.where)
-
-
-def _distribution(name: str, how: Scatter, model: Any) -> Any:
-    mean, deviation, known = how.mean, how.deviation, arguments_of(how.distribution)
-    if "mean" in known and mean is None:
-        mean = float(np.asarray(values_of(model, [name])[name]))
-    if how.relative is not None:
-        deviation = how.relative * (1.0 if mean is None else abs(mean))
-    with naming(how.where):
-        return scatter(mean, deviation, how.lower, how.upper, how.distribution)
+    distribution, mean, lower, upper = (table.get(name) for name in ("distribution", "mean", "lower", "upper"))
+    return Scatter(distribution, mean, deviation, relative, lower, upper, table.where)
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
@@ -159,22 +156,28 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     kind, table = read
     if kind in metrics.RECURRENCES:
         return _recurrence(read)
-    make = (metrics.COUNTS if kind in metrics.COUNTS else metrics.REDUCTIONS)[kind]
+    make = (metrics.COUNTS | metrics.REDUCTIONS)[kind]
     wanted = {field.name for field in dataclasses.fields(make)}
-    fields: dict[str, Any] = {}
     if kind in metrics.COUNTS:
-        fields |= _of(make, kind, table, mechanism)
+        fields: dict[str, Any] = _of(make, kind, table, mechanism)
+        words = {}
     else:
-        fields["signal"] = signal_of(table, mechanism)
+        fields = {"signal": signal_of(table, mechanism)}
+        words = {metrics.OF_SIGNAL: fields["signal"].unit}
     if "times" in wanted:
-        fields["times"] = _times(table, span)
+        times = fields["times"] = table.get("times")
+        if not (span.t0 <= times[0] and times[-1] <= span.t1 and all(a < b for a, b in itertools.pairwise(times))):
+            bounds = f"from t0 = {span.t0:g} s to t1 = {span.t1:g} s"
+            table.refuse("times", why=f"must increase {bounds} at most, but they are {quote(times)} s.")
     if "band" in wanted:
-        fields["band"] = table.get("band", {metrics.OF_SIGNAL: fields["signal"].unit})
+        fields["band"] = table.get("band", words)
     if "level" in wanted:
-        fields["level"] = table.get("level", {metrics.OF_SIGNAL: fields["signal"].unit}) or 0.0
-        fields |= {"direction": table.get("direction")} if table.has("direction") else {}
+        fields |= {"level": table.get("level", words) or 0.0, **table.only("direction")}
     if "since" in wanted and table.has("since"):
-        fields["since"] = _since(table, span)
+        since = fields["since"] = table.get("since")
+        if not span.t0 <= since < span.t1:
+            bounds = f"between t0 = {span.t0:g} s and t1 = {span.t1:g} s"
+            table.refuse("since", why=f"must lie {bounds}, but it is {since:g} s.")
     return make(**fields)
 
 
@@ -199,7 +202,7 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
     wanted = {field.name for field in dataclasses.fields(cls)} & set(metrics.OF_METRIC)
     for key in (key for key in metrics.OF_METRIC if key in table.values and key not in wanted):
         raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
-    parts = {}
+    parts: dict[str, Any] = {}
     for key in wanted:
         table.need(key)
         parts[key] = table.get(key)
@@ -218,27 +221,7 @@ def _recurrence(read: Chosen) -> PoincareSection | LyapunovExponent:
         raise ClearanceError(
             f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
         )
-    period: Any = table.get("period") if table.has("period") else table.get("speed")
+    period: Any = table.get("period" if table.has("period") else "speed")
     if kind == metrics.EXPONENT:
         return LyapunovExponent(period, table.get("count"), uncertainty=True)
     return PoincareSection(table.get("quantities"), period, table.get("count"), table.get("phase") or 0.0)
-
-
-def _times(table: TomlTable, span: Span) -> list[float]:
-    times = table.get("times")
-    increasing = all(a < b for a, b in itertools.pairwise(times))
-    if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
-        raise ClearanceError(
-            f"{table.key('times')} must increase from t0 = {span.t0:g} s to t1 = {span.t1:g} s at most, but they are "
-            f"{quote(times)} s."
-        )
-    return times
-
-
-def _since(table: TomlTable, span: Span) -> float:
-    since = table.get("since")
-    if not span.t0 <= since < span.t1:
-        raise ClearanceError(
-            f"{table.key('since')} must lie between t0 = {span.t0:g} s and t1 = {span.t1:g} s, but it is {since:g} s."
-        )
-    return since

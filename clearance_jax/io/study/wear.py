@@ -8,7 +8,6 @@ import jax.numpy as jnp
 
 from clearance_jax.errors import ClearanceError, naming, suggest
 from clearance_jax.io.keys import wear as keys
-from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.study.file import Span, StudyFile
 from clearance_jax.io.table import Chosen, TomlTable
@@ -69,13 +68,10 @@ def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterio
         return ImpactSpeed(table.get("bound"), span.t1, study.options), "largest speed of impact"
     name = table.get("metric")
     metric = study.metric(name, span, table.key("metric"))
-    if not _is_one_number(table, metric):
+    times = getattr(metric, "times", None)
+    if times is not None and not callable(times):
         raise ClearanceError(f"{table.key('metric')}: `{name}` is several numbers, of which none ends a life.")
     return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, study.options), name
-
-
-def _is_one_number(table: TomlTable, metric: Any) -> bool:
-    return getattr(metric, "times", None) is None or callable(metric.times)
 
 
 def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
@@ -84,7 +80,9 @@ def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
     """
     mechanism, joint = _with_joint_values(top, mechanism)
     top.need("law", "pressure")
-    law = _law(top.variant("law", keys.LAW_TABLES, _coefficient(top)))
+    given = top.values["law"]  # beside a hardness the coefficient has no unit
+    unit = "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT
+    law = _law(top.variant("law", keys.LAW_TABLES, {keys.COEFFICIENT_UNIT: unit}))
     pressure = _pressure(top.variant("pressure", keys.PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
@@ -98,9 +96,7 @@ def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism,
     if name not in known:
         raise ClearanceError(f"{top.key('joint')}: no joint with clearance has this name. {suggest(name, known)}")
     if not isinstance(known[name], AbstractPin) or known[name].section_count > 1:
-        raise ClearanceError(
-            f"{top.key('joint')} must be a pin in a plane sleeve, but `{name}` is another kind of joint."
-        )
+        top.refuse("joint", why=f"must be a pin in a plane sleeve, but `{name}` is another kind of joint.")
     changes = {"length": top.get("length")} if top.has("length") else {}
     changes |= {key: _material(top, key) for key in ("pin_material", "sleeve_material") if top.has(key)}
     clearance = dataclasses.replace(known[name], **changes)
@@ -113,18 +109,11 @@ def _material(table: TomlTable, key: str) -> Material:
     return Material(**table.table(key, keys.MATERIAL).arguments())
 
 
-def _coefficient(top: TomlTable) -> Words:
-    """The unit of the coefficient by its placeholder: none beside a hardness."""
-    law = top.values.get("law")
-    return {keys.COEFFICIENT_UNIT: "" if isinstance(law, dict) and "hardness" in law else COEFFICIENT}
-
-
 def _law(read: Chosen) -> AbstractWearLaw:
     table, coefficient = read.table, read.table.get("coefficient")
-    if read.word == "reye":
-        law: AbstractWearLaw = Reye(coefficient)
-    else:
-        law = Archard(coefficient / table.get("hardness") if table.has("hardness") else coefficient)
+    if "hardness" in table.values:
+        coefficient = coefficient / table.get("hardness")
+    law: AbstractWearLaw = Reye(coefficient) if read.word == "reye" else Archard(coefficient)
     if table.has("graded"):
         law = Graded(law, **table.table("graded", keys.GRADED).arguments())
     if table.has("least_pressure"):

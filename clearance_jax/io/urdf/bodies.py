@@ -77,28 +77,18 @@ def merge(robot: Robot) -> Assembly:
     joints = []
     for joint in robot.joints:
         carrier = frames[joint.parent]
+        pose = carrier.pose.of(np.array(joint.xyz), rotation_of(joint.rpy))
+        frames[joint.child] = LinkFrame(joint.child, HERE) if joint.moves else LinkFrame(carrier.body, pose)
         if joint.moves:
-            joints.append(_carry_over(joint, carrier))
-            frames[joint.child] = LinkFrame(joint.child, HERE)
-        else:
-            frames[joint.child] = LinkFrame(carrier.body, carrier.pose.of(np.array(joint.xyz), rotation_of(joint.rpy)))
-    return Assembly(robot.name, robot.root, _bodies(robot.links, frames), tuple(joints), frames)
-
-
-def _carry_over(joint: Joint, parent: LinkFrame) -> Joint:
-    """The joint, on the body that its parent was merged into."""
-    pose = parent.pose.of(np.array(joint.xyz), rotation_of(joint.rpy))
-    # Without a further rotation the angles stay those of the file.
-    rpy = joint.rpy if is_identity(parent.pose.rotation) else triple(rpy_of(pose.rotation))
-    return joint._replace(parent=parent.body, xyz=triple(pose.position), rpy=rpy)
-
-
-def _bodies(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> dict[str, Rigid]:
+            # Without a further rotation the angles stay those of the file.
+            rpy = joint.rpy if is_identity(carrier.pose.rotation) else triple(rpy_of(pose.rotation))
+            joints.append(joint._replace(parent=carrier.body, xyz=triple(pose.position), rpy=rpy))
     parts: dict[str, list[Link]] = {frame.body: [] for frame in frames.values()}
-    for link in links:
+    for link in robot.links:
         # The link that gives the body its name comes first.
         parts[frames[link.name].body].insert(0 if frames[link.name].body == link.name else 10**9, link)
-    return {name: _together(of, frames) for name, of in parts.items()}
+    bodies = {name: _together(of, frames) for name, of in parts.items()}
+    return Assembly(robot.name, robot.root, bodies, tuple(joints), frames)
 
 
 def _together(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> Rigid:
@@ -114,8 +104,10 @@ def _together(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> Rigid:
     mass = masses.sum()
     center = masses @ centers / mass if mass > 0 else np.zeros(3)
     center = clean(center, np.abs(centers).max())
-    inertia = sum(_about(*part, center) for part in zip(masses, centers, inertias, strict=True))
-    return Rigid(first.name, float(mass), center, np.asarray(inertia), names, first.line)
+    inertia = np.zeros((3, 3))
+    for mass_of, arm, own_inertia in zip(masses, centers - center, inertias, strict=True):  # by Steiner
+        inertia = inertia + (own_inertia + mass_of * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+    return Rigid(first.name, float(mass), center, inertia, names, first.line)
 
 
 def _in_body(link: Link, pose: FramePose) -> tuple[float, Vector3, Matrix3]:
@@ -125,12 +117,6 @@ def _in_body(link: Link, pose: FramePose) -> tuple[float, Vector3, Matrix3]:
     center, _ = pose.of(link.center, pose.rotation)
     inertia = pose.rotation @ link.inertia @ pose.rotation.T
     return link.mass, center, clean((inertia + inertia.T) / 2, np.abs(inertia).max())
-
-
-def _about(mass: float, center: Vector3, inertia: Matrix3, point: Vector3) -> Matrix3:
-    """The inertia about another point than the centre of mass (Steiner)."""
-    arm = center - point
-    return inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
 
 
 def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
@@ -143,39 +129,27 @@ def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
         _check_moved(joints, bodies)
 
 
-def _say(body: Rigid) -> str:
+def _check_inertia(body: Rigid) -> None:
     fixed = len(body.links) - 1
     others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
-    return f"line {body.line}: link `{body.name}`{others}"
-
-
-def _check_inertia(body: Rigid) -> None:
+    where = f"line {body.line}: link `{body.name}`{others}"
     if body.mass == 0:
         if body.inertia.any():
-            raise ClearanceError(f"{_say(body)} has inertia without mass. Give it a mass, or take its <inertial> out.")
+            raise ClearanceError(f"{where} has inertia without mass. Give it a mass, or take its <inertial> out.")
         return
-    least, middle, greatest = _moments(body.inertia)
+    scale = np.abs(body.inertia).max() or 1.0
+    least, middle, greatest = np.linalg.eigvalsh(body.inertia / scale) * scale
+    shown = f"{least:.3g}, {middle:.3g} and {greatest:.3g} kg*m^2"
     if not least > body.mass * SMALLEST**2:
         raise ClearanceError(
-            f"{_say(body)} must have inertia about every axis, but its principal moments are {_show(body.inertia)}. "
+            f"{where} must have inertia about every axis, but its principal moments are {shown}. "
             "Correct <inertia> (a box of mass m has m (a^2 + b^2) / 12 about the axis across its edges a and b)."
         )
     if least + middle < (1 - PRINTED) * greatest:
         raise ClearanceError(
-            f"{_say(body)}: no body has its principal moments of inertia {_show(body.inertia)}, of which the two "
+            f"{where}: no body has its principal moments of inertia {shown}, of which the two "
             "smaller must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units)."
         )
-
-
-def _moments(inertia: Matrix3) -> np.ndarray:
-    """Principal moments of inertia, the least first."""
-    scale = np.abs(inertia).max() or 1.0
-    return np.linalg.eigvalsh(inertia / scale) * scale
-
-
-def _show(inertia: Matrix3) -> str:
-    least, middle, greatest = _moments(inertia)
-    return f"{least:.3g}, {middle:.3g} and {greatest:.3g} kg*m^2"
 
 
 def _check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
@@ -249,12 +223,6 @@ def _move(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
         if column.pivot is None:
             by = by + rng.uniform(0.1, 1.0) * np.array(column.axis)
         else:
-            turn = turn @ _rotation_about(np.array(column.axis), rng.uniform(0.3, 1.2))
+            angle, across = rng.uniform(0.3, 1.2), np.cross(np.eye(3), np.array(column.axis))  # by Rodrigues
+            turn = turn @ (np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across)
     return by, turn
-
-
-def _rotation_about(axis: Vector3, angle: float) -> Matrix3:
-    """The rotation about a unit vector by an angle [rad] (Rodrigues)."""
-    x, y, z = axis
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across

@@ -161,12 +161,22 @@ def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot
         raise ClearanceError(f"the robot has {len(links)} links, but {MOST_LINKS} are the most. Split the file.")
     _check_unique("link", links)
     _check_unique("joint", joints)
+    known = {link.name for link in links}
     for joint in joints:
-        _check_links(joint, {link.name for link in links})
+        for key, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in known:
+                near = suggest(link, known)
+                raise ClearanceError(f"{_say(joint)}: there is no link `{link}` to be its {key}. {near}")
+        if joint.parent == joint.child:
+            raise ClearanceError(f"{_say(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
     carried = _carriers(joints)
     root = _root(links, carried)
     ordered = _order(root, joints)
-    _check_reached(root, links, ordered, carried)
+    reached = {root, *(joint.child for joint in ordered)}
+    for link in links:
+        if link.name not in reached:
+            circle = _circle(link.name, carried)
+            raise ClearanceError(f"link `{link.name}` (line {link.line}) does not hang on `{root}`: {circle}. Mend it.")
     _check_mimics({joint.name: joint for joint in joints})
     return Robot(name, tuple(links), ordered, root)
 
@@ -179,14 +189,6 @@ def _check_unique(what: str, parts: Sequence[Link] | Sequence[Joint]) -> None:
                 f"lines {first[part.name]} and {part.line}: two {what}s are called `{part.name}`. Rename one."
             )
         first[part.name] = part.line
-
-
-def _check_links(joint: Joint, known: set[str]) -> None:
-    for key, link in (("parent", joint.parent), ("child", joint.child)):
-        if link not in known:
-            raise ClearanceError(f"{_say(joint)}: there is no link `{link}` to be its {key}. " + suggest(link, known))
-    if joint.parent == joint.child:
-        raise ClearanceError(f"{_say(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
 
 
 def _say(joint: Joint) -> str:
@@ -249,40 +251,24 @@ def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
     return tuple(ordered)
 
 
-def _check_reached(root: str, links: Sequence[Link], ordered: Sequence[Joint], carried: Mapping[str, Joint]) -> None:
-    reached = {root, *(joint.child for joint in ordered)}
-    for link in links:
-        if link.name not in reached:
-            circle = _circle(link.name, carried)
-            raise ClearanceError(f"link `{link.name}` (line {link.line}) does not hang on `{root}`: {circle}. Mend it.")
-
-
 def _check_mimics(joints: Mapping[str, Joint]) -> None:
     for joint in joints.values():
-        if joint.mimic is not None:
-            _check_followed(joint, joint.mimic.joint, joints)
+        followed = None if joint.mimic is None else joint.mimic.joint
+        if followed is not None and followed not in joints:
+            raise ClearanceError(f"{_say(joint)} mimics `{followed}`, which is no joint. " + suggest(followed, joints))
+        if followed is not None and joints[followed].kind not in MAY_MIMIC:
+            raise ClearanceError(
+                f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
+                "follow. Name another joint."
+            )
     led: set[str] = set()  # by a joint that follows none
     for joint in joints.values():
         followers = [joint.name]
         while followers[-1] not in led and (mimic := joints[followers[-1]].mimic) is not None:
+            if mimic.joint in followers and len(followers) == 1:
+                raise ClearanceError(f"{_say(joint)} mimics itself. Name another joint, or remove <mimic>.")
             if mimic.joint in followers:
-                _refuse_circle(joints[mimic.joint], followers)
+                named, first = _list([f"`{name}`" for name in followers]), _say(joints[mimic.joint])
+                raise ClearanceError(f"{first} follows itself: {named} mimic one another. Let one of them lead.")
             followers.append(mimic.joint)
         led |= set(followers)
-
-
-def _refuse_circle(joint: Joint, followers: Sequence[str]) -> None:
-    if len(followers) == 1:
-        raise ClearanceError(f"{_say(joint)} mimics itself. Name another joint, or remove <mimic>.")
-    named = _list([f"`{name}`" for name in followers])
-    raise ClearanceError(f"{_say(joint)} follows itself: {named} mimic one another. Let one of them lead.")
-
-
-def _check_followed(joint: Joint, followed: str, joints: Mapping[str, Joint]) -> None:
-    if followed not in joints:
-        raise ClearanceError(f"{_say(joint)} mimics `{followed}`, which is no joint. " + suggest(followed, joints))
-    if joints[followed].kind not in MAY_MIMIC:
-        raise ClearanceError(
-            f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
-            "follow. Name another joint."
-        )
