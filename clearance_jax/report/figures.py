@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import Panel, curve, flights, of_points, panels, time_axis
-from clearance_jax.report.style import STYLED, legend_below
+from clearance_jax.report.style import STYLED, legend_below, panel_grid
 from clearance_jax.results.first_fall import seconds
 from clearance_jax.results.places import names_of
 from clearance_jax.results.play import (
@@ -55,11 +55,8 @@ def overview(dataset: xr.Dataset) -> Figure:
     **Raises:** `ClearanceError` for a dataset that is no motion, or shows nothing.
     """
     joints = names_of(dataset, "joint")
-    shown = (
-        [Panel(ECCENTRICITY, _eccentricity), Panel("contact force", _force), *of_points(dataset)]
-        if joints
-        else panels(dataset)
-    )
+    of_contacts = [Panel(ECCENTRICITY, _eccentricity), Panel("contact force", _force)]
+    shown = [*of_contacts, *of_points(dataset)] if joints else panels(dataset)
     if "time" not in dataset.coords or not shown:
         raise ClearanceError(
             "There is nothing to draw: this is no result of `clearance simulate`, or nothing in it moves."
@@ -85,7 +82,7 @@ def overview(dataset: xr.Dataset) -> Figure:
 
 def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int) -> None:
     """The paths of pins, in a grid with one legend."""
-    axes = figure.subplots(-(-len(joints) // across), across, squeeze=False).flat
+    axes = panel_grid(figure, len(joints), across).flat
     if len(joints) == 1:
         pin_path(axes[0], dataset, joints[0])
         return
@@ -95,8 +92,6 @@ def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int)
         axis.set_title(joint, fontsize=9)
         axis.tick_params(labelsize=7)
         named |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    for axis in list(axes)[len(joints) :]:
-        axis.set_axis_off()
     figure.suptitle("pin centres in their sleeves: e_y over e_x, µm", fontsize=10)
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
 
@@ -121,15 +116,9 @@ def _force(axis, dataset: xr.Dataset) -> None:
         colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
             episodes = dataset["episode_joint"].values == joints.index(joint)
-            axis.plot(
-                dataset["peak_time"].values[episodes] * factor,
-                dataset["peak_force"].values[episodes],
-                "v",
-                ms=4,
-                color=colour,
-                mfc="none",
-                label="refined peaks" if place == 0 else None,
-            )
+            times, peaks = (dataset[name].values[episodes] for name in ("peak_time", "peak_force"))
+            label = "refined peaks" if place == 0 else None
+            axis.plot(factor * times, peaks, "v", ms=4, color=colour, mfc="none", label=label)
     axis.set(ylabel="normal force, N", ylim=(0, None))
     _fit_peaks(axis, dataset)
     legend_below(axis, fontsize=8)
@@ -143,16 +132,9 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
     peak, sampled = float(dataset["peak_force"][largest]), float(np.percentile(dataset["contact_force"], 99.9))
     if peak > 4 * sampled > 0:
         axis.set_ylim(0, 1.6 * sampled)
-        axis.text(
-            0.5,
-            0.85,
-            f"largest peak {peak:.4g} N at {seconds(float(dataset['peak_time'][largest]))} (above the axis)",
-            transform=axis.transAxes,
-            ha="center",
-            va="top",
-            fontsize=8,
-            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
-        )
+        text = f"largest peak {peak:.4g} N at {seconds(float(dataset['peak_time'][largest]))} (above the axis)"
+        style = {"ha": "center", "va": "top", "fontsize": 8, "transform": axis.transAxes}
+        axis.text(0.5, 0.85, text, bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5}, **style)
 
 
 def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
@@ -165,11 +147,9 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
 def _draw_states(axis, dataset: xr.Dataset, joint: str, shares: bool) -> None:
     """Draw a pin's path; `shares`: label the states with their fractions of the time."""
     path = middle_path(dataset, joint)
-    states = {
-        code: (with_share(name, path.share(code)) if shares else name, colour)
-        for code, (name, colour) in enumerate(STATES)
-        if np.any(path.state == code)
-    }
+    states = {code: state for code, state in enumerate(STATES) if np.any(path.state == code)}
+    if shares:
+        states = {code: (with_share(name, path.share(code)), colour) for code, (name, colour) in states.items()}
     draw_path(axis, path, states)
 
 
@@ -200,7 +180,8 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     if not joints:
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
     most = bearing_most(dataset)
-    drawn = [_paths(dataset, joint, edges) for joint in most if is_pin(outline_of(dataset, joint))]
+    drawn = [station_paths(dataset, joint) for joint in most if is_pin(outline_of(dataset, joint))]
+    drawn = [[paths[0], paths[-1]] if edges and len(paths) > 1 else paths for paths in drawn]
     orbits_of = [paths for paths in drawn if len(paths) > 1]
     single = [paths[0] for paths in drawn if len(paths) == 1]
     orbits_of += [single] if single else []
@@ -260,16 +241,10 @@ def with_share(words: str, share: float) -> str:
     return f"{words} ({share:.0%})" if share >= TOLD else f"{words} (< 1%)"
 
 
-def _paths(dataset: xr.Dataset, joint: str, edges: bool) -> list[PinPath]:
-    paths = station_paths(dataset, joint)
-    return [paths[0], paths[-1]] if edges and len(paths) > 1 else paths
-
-
 def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
     """Draw paths beside each other; those of one joint have one scale."""
     columns, same_joint = min(ROW, len(paths)), len({path.joint for path in paths}) == 1
-    rows = -(-len(paths) // columns)
-    axes = figure.subplots(rows, columns, sharex=same_joint, sharey=same_joint, squeeze=False)
+    axes = panel_grid(figure, len(paths), columns, sharex=same_joint, sharey=same_joint)
     for path, axis in zip(paths, axes.flat, strict=False):
         draw_path(axis, path, BEARING)
         named = path.joint
@@ -277,8 +252,6 @@ def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
             edge = ", edge" if path.height in (paths[0].height, paths[-1].height) else ""
             named = f"z = {1e3 * path.height:+.3g} mm{edge}".replace("-", "−")
         axis.set_title(f"{named}: bears {path.share(1):.0%}", fontsize=9)
-    for axis in axes.flat[len(paths) :]:
-        axis.set_axis_off()
     for axis in axes[:, 0]:
         axis.set_ylabel("e_y, µm")
     for axis in axes[-1]:

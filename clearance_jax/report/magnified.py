@@ -109,10 +109,8 @@ class Side:
         for low in (wall, -wall - thick):
             axis.add_patch(Rectangle((-self.face, low), 2 * self.face, thick, fc=SLEEVE, ec=EDGE, lw=1.0))
         self.outlines = self._pin()
-        self.patches = [
-            axis.add_patch(Polygon(points, closed=True, fc=PIN, ec=EDGE, lw=1.2, alpha=0.9, zorder=2))
-            for points in self.outlines
-        ]
+        how: Any = {"closed": True, "fc": PIN, "ec": EDGE, "lw": 1.2, "alpha": 0.9, "zorder": 2}
+        self.patches = [axis.add_patch(Polygon(points, **how)) for points in self.outlines]
         self.line = axis.plot([], [], color=PATH, lw=0.9, ls="-.", zorder=4)[0]
         axis.axhline(0, color="0.5", lw=0.6, ls=(0, (8, 3, 2, 3)), zorder=1)
         self.walls = axis.plot([], [], "o", ms=6, color=CONTACT, zorder=7)[0]
@@ -158,10 +156,8 @@ class Side:
     def move(self, points: np.ndarray, i: int) -> np.ndarray:
         """Points of the pin (along, across) at sample `i`, with the motion magnified."""
         along, across = points.T
-        k, place, slope = self.joint.factor, self.joint.place[i], self.slopes[i, self.up]
-        return np.stack(
-            [along + k * (self._slid(i) - slope * across), across + k * (place[self.up] + slope * along)], 1
-        )
+        k, up, slope = self.joint.factor, self.joint.place[i, self.up], self.slopes[i, self.up]
+        return np.stack([along + k * (self._slid(i) - slope * across), across + k * (up + slope * along)], 1)
 
     def _slid(self, i: int) -> float:
         """The axial displacement [m]."""

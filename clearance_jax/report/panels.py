@@ -93,12 +93,9 @@ def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str
     """A panel for the entries of each unit."""
     if variable not in dataset:
         return []
-    units, names, parts = dataset[f"{dim}_unit"].values, dataset[dim].values, []
-    for unit, title in titles.items():
-        members = [str(name) for name in names[units == unit]]
-        if members:
-            parts.append(Panel(title, partial(_curves, variable, dim, members, unit)))
-    return parts
+    units, names = dataset[f"{dim}_unit"].values, dataset[dim].values
+    members = {unit: [str(name) for name in names[units == unit]] for unit in titles}
+    return [Panel(titles[u], partial(_curves, variable, dim, some, u)) for u, some in members.items() if some]
 
 
 def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:

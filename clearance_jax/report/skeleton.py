@@ -45,8 +45,8 @@ class Skeleton:
         for name, pair in places.pairs.items():
             self._pair(name, pair)
         for name, mark in places.joints.items():
-            edge, size, width = ("tab:red", 8, 1.3) if name in places.loose else ("k", 5, 1.3)
-            size, width = (12, 2.2) if name == joint else (size, width)
+            edge, size = ("tab:red", 8) if name in places.loose else ("k", 5)
+            size, width = (12, 2.2) if name == joint else (size, 1.3)
             self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
         self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
         self._label = None if joint is None else (self._name_of(joint), places.joints[joint])
@@ -63,7 +63,8 @@ class Skeleton:
         for line, marks in self._lines:
             _put(line, at[marks])
         for plate, marks in self._plates:
-            plate.set_xy(_around(at[marks]))
+            away = at[marks] - at[marks].mean(axis=0)  # in the order in which they lie around their middle
+            plate.set_xy(at[marks][np.argsort(np.arctan2(away[:, 1], away[:, 0]))])
         for block, guide, name, mark in self._sliders:
             x, y = self.places.slides[name][i]
             turned = self.size * np.array([[x, y], [-y, x]])
@@ -129,9 +130,3 @@ def _put(line: Any, places: np.ndarray) -> None:
         line.set_data_3d(*places.T)
     else:
         line.set_data(*places.T)
-
-
-def _around(places: np.ndarray) -> np.ndarray:
-    """Places (k, 2) in the order in which they lie around their middle."""
-    away = places - places.mean(axis=0)
-    return places[np.argsort(np.arctan2(away[:, 1], away[:, 0]))]

@@ -21,6 +21,14 @@ def legend_below(axis: Any, columns: int = 3, **how: Any) -> None:
     axis.legend(**where, ncols=min(columns, max(len(handles), 1)), **how)
 
 
+def panel_grid(figure: Any, count: int, columns: int, **how: Any) -> np.ndarray:
+    """Axes (rows, columns) for `count` panels, of which the others are hidden; `how`: as `Figure.subplots`'."""
+    panels = figure.subplots(-(-count // columns), columns, squeeze=False, **how)
+    for panel in panels.flat[count:]:
+        panel.set_axis_off()
+    return panels
+
+
 def length_unit(largest: float) -> tuple[float, str]:
     """The factor and the unit in which a largest length [m] has one to three digits before the point."""
     return (1e9, "nm") if largest < 1e-6 else (1e6, "µm") if largest < 1e-3 else (1e3, "mm")

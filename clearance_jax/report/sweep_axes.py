@@ -50,18 +50,14 @@ def tidy(dataset: xr.Dataset) -> xr.Dataset:
         along = [name for name in variables(dataset) if dataset[name].dims == (dim,)]
         if along == [dim]:  # in whatever order it was given
             dataset = dataset.sortby(dim)
-        if not along or not all(_monotone(dataset[name].values) for name in along):
+        steps = [np.diff(dataset[name].values) for name in along]
+        if not along or not all(np.all(step > 0) or np.all(step < 0) for step in steps):
             continue
         kept = dim if dim in along else along[0]
         if dim not in along:  # it counts lanes, which says no more than a number in its place
             dataset = dataset.drop_vars(dim, errors="ignore").swap_dims({dim: kept})
         dataset = dataset.drop_vars([name for name in along if name != kept])
     return dataset
-
-
-def _monotone(values: np.ndarray) -> bool:
-    steps = np.diff(values)
-    return bool(np.all(steps > 0) or np.all(steps < 0))
 
 
 def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -74,13 +70,10 @@ def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
 def variables(dataset: xr.Dataset) -> tuple[str, ...]:
     """The numbers that vary over the lanes, in the order of their dimensions."""
     lanes = lanes_of(dataset)
-    entries = [
-        (lanes.index(str(coordinate.dims[0])), str(name))
-        for name, coordinate in dataset.coords.items()
-        # What only counts its lanes is whole numbers.
-        if np.issubdtype(coordinate.dtype, np.floating) and coordinate.dims and set(coordinate.dims) <= set(lanes)
-    ]
-    return tuple(name for _, name in sorted(entries, key=lambda entry: entry[0]))
+    # What only counts its lanes is whole numbers.
+    floats = {str(name): x.dims for name, x in dataset.coords.items() if np.issubdtype(x.dtype, np.floating)}
+    varied = [name for name, dims in floats.items() if dims and set(dims) <= set(lanes)]
+    return tuple(sorted(varied, key=lambda name: lanes.index(str(floats[name][0]))))
 
 
 def results(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -147,6 +140,12 @@ def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
     code = dataset[CODE]
     values = array.broadcast_like(code).transpose(*code.dims, ...).values.astype(float)
     return values.reshape(code.size, *values.shape[code.ndim :])
+
+
+def scaled(dataset: xr.Dataset, array: xr.DataArray, name: str | None = None) -> tuple[AxisScale, np.ndarray]:
+    """How a number or a result is shown (`display`), and its values so, lane by lane (`of_lanes`)."""
+    axis = display(array, name)
+    return axis, axis.factor * of_lanes(dataset, array)
 
 
 def display(array: xr.DataArray, name: str | None = None) -> AxisScale:

@@ -1,5 +1,6 @@
 """Figures of a sweep: heat maps, curves with bands, response surfaces, parallel coordinates, sensitivity indices."""
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
-from clearance_jax.report.style import STYLED, legend_below
+from clearance_jax.report.style import STYLED, legend_below, panel_grid
 from clearance_jax.report.sweep_axes import (
     CODE,
     AxisScale,
@@ -27,6 +28,7 @@ from clearance_jax.report.sweep_axes import (
     results,
     results_of,
     scale,
+    scaled,
     spread_places,
     tidy,
     variables,
@@ -55,14 +57,11 @@ def figures(
 
     **Raises:** `ClearanceError` for a dataset that is no sweep, or in which no sample has a result.
     """
-    kept = [*results(dataset), *results_of(dataset, "PoincareSection"), *results_of(dataset, "LyapunovExponent")]
-    dataset = tidy(dataset[[CODE, *kept]].load())  # a store is read once
+    kinds = results(dataset), *(results_of(dataset, kind) for kind in ("PoincareSection", "LyapunovExponent"))
+    dataset = tidy(dataset[[CODE, *itertools.chain(*kinds)]].load())  # a store is read once
     numbers = [name for name in variables(dataset) if dataset[name].size > 1]
     axes = [name for name in lanes_of(dataset) if name in numbers]
-    plain, points, rates = (
-        [name for name in names if np.isfinite(dataset[name].values).any()]
-        for names in (results(dataset), results_of(dataset, "PoincareSection"), results_of(dataset, "LyapunovExponent"))
-    )
+    plain, points, rates = ([name for name in names if np.isfinite(dataset[name].values).any()] for names in kinds)
     if not numbers or not (plain or points or rates):
         raise ClearanceError("There is nothing to draw: nothing varies in this sweep, or no sample has a result.")
     plain, out = [name for name in plain if name not in rates], {}
@@ -115,7 +114,7 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     rows = -(-len(places) // columns)
     size = (6.4, 4.4) if len(places) == 1 else (3.4 * columns + 0.8, 2.9 * rows + 0.2)
     figure = Figure(figsize=size, layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    panels = panel_grid(figure, len(places), columns, sharex=True, sharey=True)
     across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(values)
     norm = Normalize(*(of.factor * f(values.values) for f in (np.nanmin, np.nanmax)))
     for panel, place in zip(panels.ravel(), places, strict=False):
@@ -126,8 +125,6 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
         panel.pcolormesh(*edges, cells, norm=norm, cmap=COLOURS, shading="nearest", rasterized=True)
         panel.set(xscale=scale(edges[0]), yscale=scale(edges[1]))
         panel.set_title(place_words(dataset, place), fontsize=9)
-    for panel in panels.ravel()[len(places) :]:
-        panel.set_axis_off()
     for panel in panels[-1]:
         panel.set_xlabel(across.label)
     for panel in panels[:, 0]:
@@ -218,9 +215,8 @@ def _band(
             edges = [np.quantile(group, [low, high]) if group.size else [np.nan] * 2 for group in groups]
             told = f"{low:.0%} to {high:.0%} of the samples" if alone else None
             below, above = of.factor * np.array(edges).T
-            axes.fill_between(
-                across.factor * places, below, above, color=colour, alpha=dark if alone else FAINT, lw=0, label=told
-            )
+            how = {"color": colour, "alpha": dark if alone else FAINT, "lw": 0, "label": told}
+            axes.fill_between(across.factor * places, below, above, **how)
     style = "-" if len(places) > 40 else ".-"
     told = "median" if spread and label is None else label
     axes.plot(across.factor * places, of.factor * middles, style, color=colour, lw=1.2, label=told)
@@ -248,8 +244,9 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     """
     dataset = tidy(dataset)
     names = [*variables(dataset), *results(dataset)] if names is None else names
-    how = {name: display(dataset[name]) for name in {*names, colour}}
-    columns = {name: axis.factor * of_lanes(dataset, dataset[name]) for name, axis in how.items()}
+    how, columns = {}, {}
+    for name in {*names, colour}:
+        how[name], columns[name] = scaled(dataset, dataset[name])
     whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
     if not whole.size:
         raise ClearanceError("There is nothing to draw: no sample has all of these results.")
@@ -258,19 +255,19 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     order = order[spread_places(len(order), LINES)]
     figure = Figure(figsize=(1.2 + 1.7 * len(names), 4.2), layout="constrained")
     axes = figure.subplots()
-    scaled = []
+    heights = []
     for i, name in enumerate(names):
         low, high = columns[name][whole].min(), columns[name][whole].max()
-        scaled.append((columns[name][order] - low) / (high - low if high > low else 1.0))
+        heights.append((columns[name][order] - low) / (high - low if high > low else 1.0))
         axes.axvline(i, color="0.2", lw=0.8)
         for height, value, side in ((-0.02, low, "top"), (1.02, high, "bottom")):
             axes.text(i, height, f"{value:.3g}", ha="center", va=side)
-    lines = np.stack([np.broadcast_to(np.arange(len(names)), (len(order), len(names))), np.stack(scaled, 1)], axis=-1)
+    lines = np.stack([np.broadcast_to(np.arange(len(names)), (len(order), len(names))), np.stack(heights, 1)], axis=-1)
     drawn = LineCollection(list(lines), cmap=COLOURS, lw=0.7, alpha=max(0.15, min(0.8, 60 / len(order))))
     drawn.set_array(columns[colour][order])
     axes.add_collection(drawn)
     labels = [
-        how[name].name.replace(" ", "\n", 1) + (f",\n{how[name].unit}" if how[name].unit else "") for name in names
+        axis.name.replace(" ", "\n", 1) + f",\n{axis.unit}" * bool(axis.unit) for axis in (how[name] for name in names)
     ]
     axes.set(xlim=(-0.3, len(names) - 0.7), ylim=(-0.1, 1.1), yticks=[], xticks=range(len(names)), xticklabels=labels)
     axes.grid(visible=False)
@@ -310,14 +307,5 @@ def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, 
     return figure
 
 
-__all__ = [
-    "bifurcation",
-    "curves",
-    "exponents",
-    "figures",
-    "heat_map",
-    "parallel_coordinates",
-    "response_surface",
-    "sections",
-    "sensitivities",
-]
+__all__ = ["bifurcation", "curves", "exponents", "figures", "heat_map", "parallel_coordinates", "response_surface"]
+__all__ += ["sections", "sensitivities"]

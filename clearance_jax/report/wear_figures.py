@@ -43,6 +43,11 @@ def overview(dataset: xr.Dataset) -> Figure:
     return figure
 
 
+def _new_figure() -> tuple[Figure, Any]:
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    return figure, figure.add_subplot()
+
+
 @STYLED
 def intervals(dataset: xr.Dataset, name: str) -> Figure:
     """Life over a number that varies, the maintenance interval; `dataset`: of `ServiceLives.to_dataset`."""
@@ -51,8 +56,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
     order = np.argsort(dataset[name].values, kind="stable")
     told = display(dataset[name], name)
     x, y = told.factor * dataset[name].values[order], dataset["life"].values[order]
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
-    axis = figure.add_subplot()
+    figure, axis = _new_figure()
     draw_lives(axis, x, y, dataset.attrs["cycles"])
     if not np.isfinite(y).all():
         legend_below(axis, fontsize=8)
@@ -72,8 +76,7 @@ def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str
 @STYLED
 def failures(found: Any) -> Figure:
     """The probability of failure over the life, with its confidence band (`wear.Failures`)."""
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
-    axis = figure.add_subplot()
+    figure, axis = _new_figure()
     band = f"{100 * found.confidence:g} % confidence"
     axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
     axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")

@@ -51,7 +51,8 @@ def in_blocks(program, mechanism: Mechanism, *arrays, size: int = BLOCK, progres
         now = program(mechanism, *blocks)
         if out is None:
             out = jax.tree.map(lambda x: np.empty((count, *x.shape[1:]), x.dtype), now)
-        jax.tree.map(lambda whole, x, part=part: _put(whole, part, x), out, now)
+        for whole, x in zip(jax.tree.leaves(out), jax.tree.leaves(now), strict=True):
+            whole[part] = np.asarray(x)[: part.stop - part.start]
         if progress is not None:
             progress(part.stop / count if count else 1.0)
     return out
@@ -64,10 +65,6 @@ def _pad(block: np.ndarray, size: int) -> np.ndarray:
         return block
     last = block[-1:] if len(block) else np.zeros((1, *block.shape[1:]), block.dtype)
     return np.concatenate([block, np.repeat(last, missing, axis=0)])
-
-
-def _put(whole: np.ndarray, part: slice, block: Array) -> None:
-    whole[part] = np.asarray(block)[: part.stop - part.start]
 
 
 def _batch(function):

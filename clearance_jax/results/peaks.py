@@ -5,6 +5,7 @@ Samples miss them: an acceleration in an impact lasts microseconds. What is know
 hold the largest one; in these, and only these, it is asked for at a few places.
 """
 
+import itertools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -152,15 +153,12 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
         def look(step, s, name=name):
             return np.linalg.norm(blocks.inside_steps(mechanism, time, y, step, s)[name], axis=-1)
 
-        for begin in begins:
-            for point in range(sizes.shape[1]):
-                rows.append(
-                    largest(
-                        time[begin:],
-                        sizes[begin:, point],
-                        lambda step, s, begin=begin, point=point, look=look: look(step + begin, s)[:, point],
-                    )
-                )
+        for begin, point in itertools.product(begins, range(sizes.shape[1])):
+
+            def look_at(step, s, begin=begin, point=point, look=look):
+                return look(step + begin, s)[:, point]
+
+            rows.append(largest(time[begin:], sizes[begin:, point], look_at))
         shape = len(begins), sizes.shape[1]
         out[f"largest_{called}"] = np.array([row.value for row in rows]).reshape(shape)
         out[f"largest_{called}_time"] = np.array([row.time for row in rows]).reshape(shape)

@@ -17,7 +17,7 @@ EMPTY, MOST = {"found", "one", "own", "held", "said"}, 4
 # The size of the house. These numbers only fall: the aims are 44 000 lines, modules of 350 and functions of 60 at most.
 FILES, ROOT_MODULES, LINES = 300, 8, 50_510
 IN_A_FOLDER = 20
-LONG_MODULES = {"joints/_base.py": 393, "parameters.py": 365}
+LONG_MODULES = {"joints/_base.py": 393}
 LONG_FUNCTIONS = {"settle_start": 63}
 
 

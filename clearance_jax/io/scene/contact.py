@@ -62,10 +62,8 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
     clearance = play.read(table, usual)
     if table.has("element"):
         if clearance.element is not None:
-            why = (
-                "would take the place of the bearing's `preload`, which fills the play already. Leave one of them out."
-            )
-            table.refuse("element", why=why)
+            why = "would take the place of the bearing's `preload`, which fills the play already."
+            table.refuse("element", why=f"{why} Leave one of them out.")
         word, element = table.variant("element", keys.ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
     if play.keys is keys.PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
