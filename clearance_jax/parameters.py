@@ -78,9 +78,7 @@ def describe(help: str, example: str, absent: str = "", *, least: int = 0, most:
 
 
 def flatten(member: str | None = None, **field):
-    """A field whose own name is left out of dotted parameter names: its members appear as its owner's; `member`: of a
-    tuple the word before the name of a member that has one.
-    """
+    """A field left out of dotted names: its members are its owner's; `member`: of a tuple the word before a name."""
     return eqx.field(metadata={"flattened": True, "member": member}, **field)
 
 
@@ -193,7 +191,6 @@ def _extended(prefix: str, field: dataclasses.Field) -> str:
 
 @functools.cache
 def _fields(kind: type[eqx.Module]) -> tuple[dataclasses.Field, ...]:
-    """The fields of a class that may hold numbers."""
     return tuple(field for field in dataclasses.fields(kind) if not field.metadata.get("static", False))
 
 
@@ -323,7 +320,7 @@ def check_values(module: eqx.Module) -> None:
 
 
 def check_demands(part: Parametrised, begin: str = "") -> None:
-    """Raise if numbers of a part contradict each other. Tracers pass. `begin`: the beginning of its names ("wrist.")."""
+    """Raise if numbers of a part contradict each other. Tracers pass. `begin`: begin of its names ("wrist.")."""
     with np.errstate(all="ignore"):  # of numbers near the largest ones
         demands = list(outside(part).demands())
     for demand in demands:

@@ -85,7 +85,6 @@ def _preparation(mechanism: Any) -> str:
 
 
 def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
-    """Search for the design, and show the best so far."""
     from clearance_jax.design.asked.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
 
@@ -130,9 +129,7 @@ def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
 def _explain(
     study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: ProgressDisplay, pace: Pace
 ):
-    """The findings about the design: its certificate, a trade-off if it is asked for, and for a report all the others.
-    An interruption keeps those so far.
-    """
+    """The certificate, a trade-off if asked for, for a report all findings; an interruption keeps those so far."""
     from clearance_jax.design import findings
     from clearance_jax.design.judge.findings import CUT_SHORT, known_findings, with_tradeoff
 

@@ -99,7 +99,6 @@ def _made_words(clearance) -> str:
 
 
 def _worn_words(clearance) -> str:
-    """The wear of a sleeve, if it is worn."""
     import numpy as np
 
     from clearance_jax.units import format_quantity
@@ -112,7 +111,6 @@ def _worn_words(clearance) -> str:
 
 
 def _acting_words(mechanism) -> Iterator[str]:
-    """Lines about servos and controllers, loads, and payloads."""
     from clearance_jax.mechanism.state import effort_sources
 
     for source in effort_sources(mechanism):
@@ -151,7 +149,6 @@ def _modes_words(mechanism) -> Iterator[str]:
 
 
 def _limits(mechanism) -> Table:
-    """The table of the limits of drives."""
     table = Table("coordinate", "least", "greatest", "fastest", "strongest")
     for coordinate in mechanism.coordinates():
         limits = coordinate.motion.limits
@@ -220,7 +217,6 @@ def say_budget(
 
 
 def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
-    """The robot with a point at the frame of the named link."""
     from clearance_jax.io.urdf.mechanism import load_urdf
 
     return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)

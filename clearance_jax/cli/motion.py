@@ -50,9 +50,7 @@ def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechani
 
 
 def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[Any, Any, tuple[str, ...]]:
-    """The mechanism with its drives; the trajectory that drives it (`None`: none); the names of the coordinates of a
-    robot that are held in place, as nothing drives them.
-    """
+    """The driven mechanism, its trajectory (`None`: none), and a robot's coordinates that nothing drives: held."""
     from clearance_jax.io.trajectory import Trajectory, read_trajectory
     from clearance_jax.mechanism.motion.drives import Constant
     from clearance_jax.mechanism.variants import drivable

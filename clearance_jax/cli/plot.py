@@ -33,9 +33,7 @@ def check_folder(folder: Path | None) -> None:
 
 
 def draw_sweep(dataset: Any, folder: Path) -> None:
-    """Draw every figure that fits a sweep, with sensitivity indices if its samples allow them. If nothing can be drawn,
-    print a warning.
-    """
+    """Draw all figures that fit a sweep, with sensitivity indices if its samples allow; else print a warning."""
     from clearance_jax.report.figures import save_figure
     from clearance_jax.report.sweep_axes import results
     from clearance_jax.report.sweep_figures import figures

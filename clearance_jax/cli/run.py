@@ -94,7 +94,6 @@ def run(
 
 
 def _sections(study: Any) -> list[str]:
-    """The names of the sections of a study that ask for a computation."""
     asked = [name for name in ("sweep", "design", "wear", "calibrate") if getattr(study, name) is not None]
     return [name for name in asked if name != "wear" or study.wear.cycles is not None]
 

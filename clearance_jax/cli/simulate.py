@@ -130,7 +130,6 @@ def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _warn(mechanism: Any, solution: Any, dataset: Any) -> None:
-    """Print what speaks against the motion."""
     from clearance_jax.solve.law_validity import invalid, sunk
     from clearance_jax.solve.simulate import doubt
 

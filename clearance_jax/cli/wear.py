@@ -84,7 +84,6 @@ class _Told:
 
 
 def _words(dataset: Any) -> list[str]:
-    """The summary of the result, in lines."""
     from clearance_jax.units import format_quantity
 
     told, last = dataset.attrs, dataset.isel(cycle=-1)

@@ -98,9 +98,7 @@ class CsvTable(NamedTuple):
 
 
 def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
-    """Read a CSV file in UTF-8 with a header. Empty lines and lines that begin with `#` are ignored. `gaps`: empty
-    cells and `nan` become NaN. **Raises** `ClearanceError` naming file, line and column.
-    """
+    """A CSV file in UTF-8 with a header; empty lines and `#` lines are ignored, `gaps` (empty, `nan`) become NaN."""
     head, *rows = _lines(path, meant)
     heads = _header(head, meant)
     values = np.array([_row(line, heads, meant, gaps) for line in rows]).reshape(-1, len(heads))

@@ -112,7 +112,6 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
 
 
 def _check_kind(values: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
-    """Raise where keys belong to another kind."""
     known = {name: {key.name for key in keys.keys} for name, keys in tables.items()}
     for key in values:
         having = [name for name, keys in known.items() if key in keys]

@@ -1,6 +1,4 @@
-"""Figures of a design: errors over time, contributions, trade-off, convergence, paths of pins, the mechanism with its
-names; and of an error budget.
-"""
+"""Figures of a design and its mechanism: errors, contributions, trade-off, convergence, pins; of an error budget."""
 
 import itertools
 import textwrap

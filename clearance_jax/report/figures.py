@@ -81,7 +81,6 @@ def overview(dataset: xr.Dataset) -> Figure:
 
 
 def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int) -> None:
-    """The paths of pins, in a grid with one legend."""
     axes = panel_grid(figure, len(joints), across).flat
     if len(joints) == 1:
         pin_path(axes[0], dataset, joints[0])
@@ -263,9 +262,7 @@ def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
 
 
 def draw_path(axis: Any, path: PinPath, states: Mapping[int, tuple[str, str]]) -> None:
-    """Draw the path of a pin's centre: flights as curves, contacts as dots, and the limit of its travel; `states`:
-    label and colour by contact state.
-    """
+    """A pin's path: flights as curves, contacts as dots, the limit of travel; `states`: label and colour by state."""
     for code, (label, colour) in states.items():
         chosen = path.state == code
         if code == 0:

@@ -77,7 +77,6 @@ def _paint(frame: GifFrame, palette: np.ndarray) -> Image.Image:
 
 
 def _parts(colours: np.ndarray) -> np.ndarray:
-    """Red, green and blue, (colours, 3)."""
     return colours[:, None] // _BITS % 256
 
 
@@ -132,7 +131,6 @@ class AbstractFilm(abc.ABC):
         return path
 
     def _show(self, progress: Callable[[float], None] | None) -> Iterator[int]:
-        """Every frame, after one another, on the figure."""
         for k in range(len(self)):
             self.show(k)
             yield k
@@ -140,7 +138,6 @@ class AbstractFilm(abc.ABC):
                 progress((k + 1) / len(self))
 
     def _repr_html_(self) -> str:
-        """The film as a GIF, for a notebook."""
         with TemporaryDirectory() as folder:
             data = self.save(Path(folder) / "film.gif").read_bytes()
         return f'<img alt="{escape(self.name)}" src="data:image/gif;base64,{base64.b64encode(data).decode()}">'
@@ -231,9 +228,7 @@ class Film(AbstractFilm):
 
 
 def _views(figure: Any, joint: JointPlay) -> list:
-    """Views of a joint: one section of a pin without tilt, two of a ball, both ends and sides of a sleeve, the sides of
-    a block.
-    """
+    """One section of a pin without tilt, two of a ball, ends and sides of a sleeve, the sides of a block."""
     outline = joint.outline
     if outline.height is not None:
         ways = "xy" if outline.width is not None else "x"
@@ -300,7 +295,6 @@ def animate(
 
 
 def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
-    """Indices of the samples in a span of time [s]."""
     first, last = (time[0], time[-1]) if span is None else span
     chosen = np.flatnonzero((time >= first) & (time <= last))
     if len(chosen) < 2:

@@ -28,9 +28,7 @@ def round_factor(value: float) -> float:
 
 
 def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> JointPlay:
-    """A joint with its play magnified, by default so that it is visible. **Raises** `ClearanceError` for a joint
-    without a view.
-    """
+    """A joint with its play magnified, by default so that it is seen. **Raises** for a joint without a view."""
     joint = play(dataset, name)
     if joint is None:
         raise ClearanceError(
@@ -41,9 +39,7 @@ def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Join
 
 
 def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple[Polygon, Circle]:
-    """Draw a section of a sleeve with its bore (2, points) and a pin [m]; returns the patches of bore and pin, to be
-    moved.
-    """
+    """Draw a section of a sleeve with its bore (2, points) and a pin [m]; returns their patches, to be moved."""
     axis.add_patch(Circle((0, 0), outside, fc=SLEEVE, ec="none", zorder=0))
     wall = axis.add_patch(Polygon(bore.T, closed=True, fc="white", ec=EDGE, lw=1.2, zorder=1))
     pin = axis.add_patch(Circle((0, 0), radius, fc=PIN, ec=EDGE, lw=1.2, alpha=0.9, zorder=2))
@@ -160,7 +156,6 @@ class Side:
         return np.stack([along + k * (self._slid(i) - slope * across), across + k * (up + slope * along)], 1)
 
     def _slid(self, i: int) -> float:
-        """The axial displacement [m]."""
         return float(self.joint.place[i, 2]) if self.joint.place.shape[1] > 2 else 0.0
 
     def _on_faces(self, i: int) -> tuple[np.ndarray, np.ndarray]:

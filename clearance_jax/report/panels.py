@@ -1,6 +1,4 @@
-"""Panels of a motion from a dataset: coordinates, points, efforts of drives, reactions in joints;
-curves of more points than a picture has columns, and smooth ones through few.
-"""
+"""Panels of a motion from a dataset; curves of more points than a picture has columns, and smooth ones through few."""
 
 from collections.abc import Callable
 from functools import partial
@@ -90,7 +88,6 @@ def _list(dataset: xr.Dataset) -> str:
 
 
 def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str, str]) -> list[Panel]:
-    """A panel for the entries of each unit."""
     if variable not in dataset:
         return []
     units, names = dataset[f"{dim}_unit"].values, dataset[dim].values
@@ -111,7 +108,6 @@ def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, da
 
 
 def _path(axis: Any, dataset: xr.Dataset) -> None:
-    """Draw the paths of points, each with a dot at its start."""
     for name in dataset["point"].values:
         places = dataset["position"].sel(point=name).values.T
         colour = axis.plot(*places, lw=0.8, label=str(name))[0].get_color()

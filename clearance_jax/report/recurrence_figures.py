@@ -177,7 +177,6 @@ def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _tell(dataset: xr.Dataset, lane: int, rate: sweep.Exponent | None) -> str:
-    """The numbers and the exponent of a lane, in words."""
     told = []
     for name in sweep.variables(dataset):
         axis, values = sweep.scaled(dataset, sweep.number(dataset, name))

@@ -1,6 +1,4 @@
-"""Draws a mechanism on axes, in the plane or in space: bodies, joints, springs, the paths of points. Films move it; a
-still picture shows one sample.
-"""
+"""Draws a mechanism on axes, in the plane or in space: bodies, joints, springs, paths of points; films move it."""
 
 import itertools
 from typing import Any
@@ -82,7 +80,6 @@ class Skeleton:
         return self.axis.plot(*(none if places is None else places).T, **style)[0]
 
     def _line(self, marks: list[int], **style: Any) -> None:
-        """A line through marks that moves with them."""
         self._lines.append((self._plot(self.places.at[0, marks], **style), marks))
 
     def _support(self, at: np.ndarray, floor: float) -> None:
@@ -104,7 +101,6 @@ class Skeleton:
             self._line([mark for other in marks[1:] for mark in (marks[0], other)], color=colour, **LINK)
 
     def _pair(self, name: str, pair: list[int]) -> None:
-        """Draw a spring, or a slide: a block between rails."""
         self._line(pair, color="0.45", lw=1.2, ls=(0, (4, 2)), zorder=1)
         if name in self.places.slides and self.in_space:
             self._line(pair[1:], marker="s", ms=15, mfc="0.85", mec="0.4", zorder=1.5)
@@ -113,7 +109,6 @@ class Skeleton:
             self._sliders.append((block, self._plot(color="0.4", lw=1.5, zorder=0.6), name, pair[1]))
 
     def _name_of(self, joint: str) -> Any:
-        """The name of a joint beside it."""
         style: Any = {"xytext": (9, 9), "textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red"}
         style |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}}
         return self.axis.annotate(joint, self._on_page(self.places.at[0, self.places.joints[joint]]), **style)

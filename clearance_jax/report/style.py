@@ -12,9 +12,7 @@ BELOW = 0.45
 
 
 def legend_below(axis: Any, columns: int = 3, **how: Any) -> None:
-    """A legend of at most so many columns below the axes, for which a constrained layout makes room; `how`: as
-    `Axes.legend`'s.
-    """
+    """A legend of at most so many columns below the axes, with room made for it; `how`: as `Axes.legend`'s."""
     handles, _ = axis.get_legend_handles_labels()
     down = axis.transAxes + ScaledTranslation(0.0, -BELOW, axis.figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": down, "borderaxespad": 0.0}

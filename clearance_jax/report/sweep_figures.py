@@ -86,7 +86,6 @@ def figures(
 
 
 def _grid(dataset: xr.Dataset, name: str, x: str | None, y: str | None) -> tuple[str, str, xr.DataArray]:
-    """Two axes of a grid, and a result over them."""
     axes = [dim for dim in lanes_of(dataset) if dim in variables(dataset) and dataset.sizes[dim] > 1]
     if len(axes) < 2:
         raise ClearanceError(f"This sweep has {len(axes)} axes: a picture of `{name}` over two takes a grid of two.")
@@ -223,9 +222,7 @@ def _band(
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Finite results grouped by the values of an axis, or by equally full bins of a scattered number: values and
-    groups.
-    """
+    """Values and groups: finite results by the values of an axis, or by equally full bins of a scattered number."""
     if on_axis:
         places = np.unique(where)
         return places, [values[(where == place) & np.isfinite(values)] for place in places]

@@ -1,6 +1,4 @@
-"""Figures of a life of wear from a dataset (`wear.to_dataset`): profiles at several ages, growth of clearance and
-depth, the criterion; a film of the profile; and maps of what has worn off along a sleeve.
-"""
+"""Figures of a life of wear (`wear.to_dataset`): profiles, growth, the criterion; a film; maps along a sleeve."""
 
 from typing import Any
 
@@ -181,7 +179,6 @@ def _last(dataset: xr.Dataset) -> float:
 
 
 def _ages(dataset: xr.Dataset) -> list[tuple[float, Any]]:
-    """Ages with a colour each."""
     ages = np.linspace(0.0, _last(dataset), AGES)
     return list(zip(ages, mpl.colormaps["viridis"](np.linspace(0.9, 0.0, AGES)), strict=True))
 
@@ -247,7 +244,6 @@ class WearFilm(AbstractFilm):
         return self.figure
 
     def _ring(self, axis: Any) -> None:
-        """The pin, its sleeve cut across, and its bore before it wore."""
         radius, last = float(self.dataset.attrs["pin_radius"]), _last(self.dataset)
         far = float(np.hypot(*_bore(self.dataset, last, self._factors)).max()) + WALL * radius
         new = _bore(self.dataset, 0.0, self._factors)

@@ -68,9 +68,7 @@ def _pad(block: np.ndarray, size: int) -> np.ndarray:
 
 
 def _batch(function):
-    """A jitted program over blocks, from a function of a prepared mechanism and one state. In space the mechanism is a
-    table, which compiles faster.
-    """
+    """A jitted program over blocks of states; in space the mechanism is a table, which compiles faster."""
 
     def block(mechanism, *arrays):
         return jax.vmap(partial(function, mechanism.prepare().as_small_program()))(*arrays)

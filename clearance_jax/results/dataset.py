@@ -186,14 +186,11 @@ def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]
 
 
 def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndarray:
-    """The contact states of every joint (time, joint)."""
     return np.stack([episodes.contact_states(time, penetration[:, j], *ends) for j, ends in enumerate(impacts)], axis=1)
 
 
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
-    """All numbers of the mechanism; of every clearance joint its kind, `clearance.NAME`, its static options, and its
-    outline, `outline.NAME`.
-    """
+    """All numbers of the mechanism; of every clearance joint its kind, static options, and outline (`outline.NAME`)."""
     numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
         numbers[f"clearance.{joint.name}"] = joint.clearance.kind
@@ -206,7 +203,6 @@ def _numbers(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:
-    """Progress of a part of the whole."""
     return None if progress is None else lambda fraction: progress(begin + fraction * (end - begin))
 
 

@@ -58,9 +58,7 @@ Look = Callable[[np.ndarray, np.ndarray], Inside]
 
 
 class Spans(NamedTuple):
-    """Episodes by indices of step ends: the first touch and the last one, the separation; `lasting`: contact goes on
-    there.
-    """
+    """Episodes by indices of step ends: first touch, last touch or separation; `lasting`: contact goes on there."""
 
     first: np.ndarray
     last: np.ndarray
@@ -208,9 +206,7 @@ def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[ContactPowers, 
 
 
 def _exchange(powers: ContactPowers) -> tuple[np.ndarray, np.ndarray]:
-    """The work taken up and given back between instants: of the cubic through powers and rates at both; of a parabola,
-    where one of the rates is not known.
-    """
+    """Work taken up and given back between instants, of the cubic through powers and rates (a parabola of one rate)."""
     h, begin, rise = np.diff(powers.time), powers.power[:-1], np.diff(powers.power)
     first, last = powers.rate[:-1] * h, powers.rate[1:] * h
     first, last = (

@@ -91,9 +91,7 @@ def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
 
 
 def _all(dataset: xr.Dataset) -> list[ForcePeak]:
-    """The peak of every episode, and of every joint the highest force at a step end after its first fall (an episode
-    may last from the fall to after it).
-    """
+    """Every episode's peak, and every joint's highest peak after its first fall (an episode may last beyond that)."""
     joints, time = dataset["joint"].values, dataset["step_time"].values
     columns = (dataset[name].values for name in ("episode_joint", "peak_time", "peak_force"))
     rows = zip(*columns, strict=True)

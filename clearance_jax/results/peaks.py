@@ -48,9 +48,7 @@ class StepPoint(NamedTuple):
 
 
 def cubic_top(value0, slope0, value1, slope1) -> tuple[np.ndarray, np.ndarray]:
-    """Place in [0, 1] and height of the top of the cubic through values and slopes; NaN where it does not rise at its
-    start and fall at its end.
-    """
+    """Place in [0, 1] and height of the top of a cubic by values and slopes; NaN without a rise, then a fall."""
     turns = (slope0 > 0) & (slope1 < 0)
     a, b, rise = np.where(turns, slope0, 1.0), np.where(turns, slope1, -1.0), np.where(turns, value1 - value0, 0.0)
     # p(x) = f0 + a x + square x^2 + cubic x^3; p' changes sign once, from a > 0 to b < 0.
@@ -187,9 +185,7 @@ def largest(time: np.ndarray, values: np.ndarray, look: LookInto) -> Extreme:
 
 
 def _candidates(values: np.ndarray) -> np.ndarray:
-    """Steps inside which the quantity may exceed its largest value at a step end. The bound is the change in the step
-    and its neighbours.
-    """
+    """Steps inside which it may exceed its largest value at step ends, by the changes there and beside."""
     change = np.abs(np.diff(values))
     beside = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
     reach = np.maximum(values[:-1], values[1:]) + beside

@@ -56,7 +56,6 @@ _LEVEL = {
 
 
 def _of_reduction(cls: type) -> dict[str, Key]:
-    """Keys of a reduction beside those of its signal."""
     if _has(cls, "level"):
         return _LEVEL | _SINCE
     return {"times": _TIMES} if _has(cls, "times") else _BAND if _has(cls, "band") else _SINCE

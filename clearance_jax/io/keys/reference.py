@@ -1,6 +1,4 @@
-"""The reference of all keys of scenes and studies, made from the readers' declarations: as plain data for the docs, and
-as a JSON Schema, by which editors complete keys and check values.
-"""
+"""The reference of all keys, from their declarations: plain data for the docs, and a JSON Schema for editors."""
 
 import math
 from typing import Any, Literal, NamedTuple
@@ -36,9 +34,7 @@ class KeyReference(NamedTuple):
 
 
 class KindReference(NamedTuple):
-    """A kind of a table: the `word` that chooses it (TOML), a `help`, its own keys, and the titles of the tables whose
-    keys it shares.
-    """
+    """A kind of a table: the `word` that chooses it (TOML), its own keys, and the titles of tables that it shares."""
 
     word: str
     help: str

@@ -123,9 +123,7 @@ BEARINGS_MADE: dict[str, Callable] = {
 
 
 class PlayReader(NamedTuple):
-    """How the clearance of a kind of joint is read. A joint that has one of the keys `makes` (or, with `radii`, both
-    radii) has clearance.
-    """
+    """How a kind of joint's clearance is read: it has one with one of the keys `makes`, or (`radii`) both radii."""
 
     keys: Keys
     makes: tuple[str, ...]

@@ -179,7 +179,6 @@ def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> A
 
 
 def _payload(robot: Mechanism, name: str, table: TomlTable) -> tuple[Body, Fixed]:
-    """A payload, and the fixed joint that carries it."""
     on, points = table.get("on"), {point.name: point for point in robot.points}
     bodies = {GROUND, *(body.name for body in robot.bodies)}
     if on not in points and on not in bodies:

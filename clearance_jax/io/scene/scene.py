@@ -35,9 +35,7 @@ NAMED = 4
 
 
 class Scene(NamedTuple):
-    """A scene file as read: `mechanism`, `solve` (keyword arguments of `simulate`), `text`, and the `trajectory` of its
-    robot, if any.
-    """
+    """A scene file as read; `solve`: keyword arguments of `simulate`; `trajectory`: that of its robot, if any."""
 
     mechanism: Mechanism
     solve: dict[str, Any]
@@ -89,7 +87,6 @@ def load(path: str | Path) -> Mechanism:
 
 
 def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
-    """The mechanism, and the trajectory of its robot."""
     robot = robot_of(top, path) if top.has("robot") else NO_ROBOT
     placed = {joint.child for joint in robot.joints}
     joints, loops = joints_of(top, path, placed)

@@ -125,7 +125,6 @@ def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories
 
 
 def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
-    """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
     for name, table in tables.items():
         unit, where = table.words[PARAMETER], table.where
@@ -180,9 +179,7 @@ def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str,
 
 
 def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
-    """The relative deviation of each number that scatters about its designed or given value; the distributions of
-    others.
-    """
+    """Of each number that scatters the relative deviation about its value, or its distribution."""
     scatters, asked = {}, study.scatter(table.get("of"), model, table.where)
     for name, how in asked.items():
         about = how.relative is not None and (how.mean, how.lower, how.upper) == (None, None, None)

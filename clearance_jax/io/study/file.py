@@ -51,9 +51,7 @@ class Scatter(NamedTuple):
 
 
 class StudyFile:
-    """A study file: `path`, `text`, `name`, top `table`, `scene`, the `mechanism` with the study's numbers set, and the
-    solve `options`.
-    """
+    """A study file; `table`: its top, `mechanism`: with the study's numbers set, `options`: those of the solve."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -131,9 +129,7 @@ class StudyFile:
 
 
 def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[Any, str]]:
-    """The entries of the table `key` as name -> (value, place in the file). Names are numbers of a model; a name with
-    `*` is expanded to all that match.
-    """
+    """Entries of the table `key`, name -> (value, place), a name with `*` expanded to all numbers that match."""
     with naming(table.key(key)):
         tables = {name: (values, where) for name, values, where in table.entries(key)}
         return expand(tables, parameters(model)) if any("*" in name for name in tables) else tables
@@ -215,7 +211,6 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
 
 
 def _recurrence(read: Chosen) -> PoincareSection | LyapunovExponent:
-    """The metric that a table describes; an exponent with its uncertainty."""
     kind, table = read
     if table.has("period") == table.has("speed"):
         raise ClearanceError(

@@ -103,7 +103,6 @@ def _outputs(table: TomlTable, study: StudyFile, span: Span) -> dict[str, Any]:
 
 
 def _unit(name: str, mechanism: Mechanism, where: str) -> dict[str, str]:
-    """The unit of the number that an axis varies, by its placeholder."""
     with naming(where):
         return {PARAMETER: OPTIONS[name] if name in OPTIONS else units_of(mechanism, [name])[name]}
 

@@ -92,7 +92,6 @@ def merge(robot: Robot) -> Assembly:
 
 
 def _together(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> Rigid:
-    """One body of links (the first gives it its name and frame)."""
     first, names = links[0], tuple(link.name for link in links)
     weighing = [_in_body(link, frames[link.name].pose) for link in links if link.mass > 0 or link.inertia.any()]
     if not weighing:
@@ -120,9 +119,7 @@ def _in_body(link: Link, pose: FramePose) -> tuple[float, Vector3, Matrix3]:
 
 
 def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
-    """Raise `ClearanceError` for a body with an impossible inertia, and for a joint that moves no mass. `joints`:
-    parents first; `bodies`: those that they move.
-    """
+    """Raise for an impossible inertia, and for a joint that moves no mass; `joints`: parents first."""
     for body in bodies.values():
         _check_inertia(body)
     if any(body.mass == 0 for body in bodies.values()):
@@ -153,9 +150,7 @@ def _check_inertia(body: Rigid) -> None:
 
 
 def _check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
-    """Raise where the joints (parents first) can move without moving any mass, by the mass matrix at a random pose,
-    where no two axes are aligned by chance.
-    """
+    """Raise where joints move no mass, by the mass matrix at a random pose, where no axes are aligned by chance."""
     matrix, owners = mass_matrix(joints, bodies, 0)
     met = np.diag(matrix)
     size = 1 / np.sqrt(np.where(met > 0, met, 1.0))  # so that metres and radians compare

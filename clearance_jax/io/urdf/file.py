@@ -256,9 +256,7 @@ def _check(kind: str, stiffness: float, rotor: float, where: str) -> None:
 
 
 def unread(top: xml.Element) -> tuple[str, ...]:
-    """Kinds of elements and attributes that were not read, each with its first line and how often it stands in the
-    file; at most `SHOWN` kinds.
-    """
+    """At most `SHOWN` kinds of elements and attributes that were not read, with first line and count."""
     lines: dict[str, list[int]] = {}
     for words, line in _of(top):
         lines.setdefault(words, []).append(line)

@@ -150,7 +150,6 @@ def _check_base(whole: Assembly, free: bool) -> None:
 
 
 def _free_joint(whole: Assembly) -> Joint:
-    """The joint of a free base."""
     line = whole.bodies[whole.root].line
     name = "floating_base"
     while any(joint.name == name for joint in whole.joints):

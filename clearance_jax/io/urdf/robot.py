@@ -196,7 +196,6 @@ def _say(joint: Joint) -> str:
 
 
 def _carriers(joints: Sequence[Joint]) -> dict[str, Joint]:
-    """The joint that carries each link."""
     carriers: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in carriers:
