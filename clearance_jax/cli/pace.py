@@ -117,10 +117,7 @@ class ProgressDisplay:
 
 
 class Pace:
-    """A record of when evaluations were done, to estimate how long others will take. The first includes compiling.
-
-    **Arguments:** `check`: called after each evaluation; it may raise.
-    """
+    """When evaluations were done, to estimate how long others take; `check`: called after each one, and may raise."""
 
     def __init__(self, check: Callable[[], None] = lambda: None):
         self._times, self.check = [time.monotonic()], check

@@ -11,12 +11,8 @@ NO_WORDS: Words = {}
 
 
 class TomlTable:
-    """A TOML table, its place in the file, and the declarations of its keys.
-
-    **Arguments:** `values` as read; `where` it stands, for messages; its `keys`; `words`: units that depend on what
-    else is given.
-
-    **Raises:** `ClearanceError` for what is no table, and for a key that is not declared.
+    """A TOML table: its `values` as read, `where` it stands in the file, for messages, the declarations of its `keys`,
+    and `words`: units that depend on what else is given. **Raises** for what is no table, and for an unknown key.
     """
 
     def __init__(self, values: Any, where: str, keys: Keys, words: Words = NO_WORDS):

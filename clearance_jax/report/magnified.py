@@ -49,9 +49,8 @@ def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple
 
 
 class CrossSection:
-    """A section across the joint: the sleeve, the pin, and the path of the pin's centre so far.
-
-    **Arguments:** `station`: at which of its heights; `axes`: which two of the sleeve's axes to look at.
+    """A section across the joint, with the path of the pin's centre so far; `station`: at which of its heights; `axes`:
+    which two of the sleeve's axes to look at.
     """
 
     def __init__(self, axis: Any, joint: JointPlay, station: int = 0, axes: tuple[int, int] = (0, 1)):
@@ -85,10 +84,7 @@ class CrossSection:
 
 
 class Side:
-    """A section along the joint's axis, which is horizontal: the sleeve's walls and faces, the pin between them.
-
-    **Arguments:** `up`: which of the sleeve's axes across is upright, 0 or 1.
-    """
+    """A section along the joint's axis, which is horizontal; `up`: which of the sleeve's axes is upright, 0 or 1."""
 
     def __init__(self, axis: Any, joint: JointPlay, up: int):
         outline = joint.outline

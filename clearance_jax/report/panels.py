@@ -144,10 +144,8 @@ def envelope(time: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.nda
 
 
 def flights(time: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Every free flight as a smooth path from the contact that it leaves to the one that it meets, (points, 2), with a
-    row of NaN after each.
-
-    **Arguments:** increasing times (n,), places (n, 2), and whether each is free (n,).
+    """Every free flight as a smooth path from contact to contact, (points, 2), with a row of NaN after each; of times
+    (n,), places (n, 2), and whether each is free (n,).
     """
     edge = np.diff(np.concatenate([[0], free.astype(int), [0]]))
     paths = [np.zeros((0, 2))]

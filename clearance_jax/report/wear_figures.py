@@ -95,10 +95,7 @@ def is_life(dataset: xr.Dataset) -> bool:
 
 
 def profiles(axis: Any, dataset: xr.Dataset) -> None:
-    """Depths over the angle at several ages, evenly over the life.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """Depths over the angle at ages evenly over the life of a `dataset` (of `wear.to_dataset`), on an `axis`."""
     angle = np.degrees(dataset["angle"].values)
     factor, unit = length_unit(float(dataset["deepest"].max()))
     for age, colour in _ages(dataset):
@@ -110,10 +107,7 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def bore(axis: Any, dataset: xr.Dataset) -> None:
-    """The bore at several ages around its pin, with clearance and wear magnified.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """The bore at several ages around its pin, with clearance and wear magnified. Arguments as of `profiles`."""
     radius, factors = float(dataset.attrs["pin_radius"]), _factors(dataset)
     for age, colour in _ages(dataset):
         axis.plot(*_bore(dataset, age, factors), color=colour, lw=1.2)
@@ -124,18 +118,11 @@ def bore(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def growth(axis: Any, dataset: xr.Dataset) -> None:
-    """How depth and clearance grow over the cycles.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
-    cycle, clearance = dataset["cycle"].values, dataset["radial_clearance"].values
-    factor, unit = length_unit(float(dataset["deepest"].max()))
-    for name, values in (
-        ("largest depth", dataset["deepest"].values),
-        ("mean depth", dataset["mean_depth"].values),
-        ("radial clearance, grown by", clearance - clearance[0]),
-    ):
-        axis.plot(cycle, factor * values, "o-", ms=2.5, lw=1, label=name)
+    """How depth and clearance grow over the cycles. Arguments as of `profiles`."""
+    clearance, (factor, unit) = dataset["radial_clearance"].values, length_unit(float(dataset["deepest"].max()))
+    curves = {"largest depth": dataset["deepest"].values, "mean depth": dataset["mean_depth"].values}
+    for name, values in {**curves, "radial clearance, grown by": clearance - clearance[0]}.items():
+        axis.plot(dataset["cycle"].values, factor * values, "o-", ms=2.5, lw=1, label=name)
     axis.set_ylabel(unit)
     axis.set_title("growth")
     _over_life(axis, dataset)
@@ -143,10 +130,7 @@ def growth(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def criterion(axis: Any, dataset: xr.Dataset) -> None:
-    """The number that the end of the life watches, over the cycles, with its bound.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """The number that the end of the life watches, over the cycles, with its bound. Arguments as of `profiles`."""
     watched = dataset["watched"]
     told = display(watched)
     axis.plot(dataset["cycle"], told.factor * watched, "o-", ms=2.5, lw=1)
@@ -157,10 +141,7 @@ def criterion(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def volume(axis: Any, dataset: xr.Dataset) -> None:
-    """The volume worn off over the cycles.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """The volume worn off over the cycles. Arguments as of `profiles`."""
     axis.plot(dataset["cycle"], 1e9 * dataset["volume"], "o-", ms=2.5, lw=1)
     axis.set(title="volume worn off", ylabel="mm³")
     _over_life(axis, dataset)
@@ -225,7 +206,11 @@ class WearFilm(AbstractFilm):
             left, right = parts
             self._ring(left.subplots())
             upper, lower = right.subplots(2, 1)
-            self._curve = self._over_angle(upper, unit)
+            angle, last = np.degrees(dataset["angle"].values), _depth(dataset, _last(dataset))
+            upper.plot(angle, self._micro * last, color=PALE, lw=1)
+            upper.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}", xlim=(0, 360), ylim=(0, None))
+            upper.set_xticks(np.arange(0, 361, 90))
+            self._curve = upper.plot(angle, 0 * last, color="tab:blue", lw=1.2)[0]
             growth(lower, dataset)
             self._cursor = lower.axvline(0.0, color="k", lw=1.2)
             self._clock = self.figure.suptitle("", fontsize=11)
@@ -251,17 +236,9 @@ class WearFilm(AbstractFilm):
         axis.plot(*new, color=EDGE, lw=0.8, ls="--")
         axis.set_title(_magnification_words(self._factors), fontsize=9)
 
-    def _over_angle(self, axis: Any, unit: str) -> Any:
-        angle, last = np.degrees(self.dataset["angle"].values), _depth(self.dataset, _last(self.dataset))
-        axis.plot(angle, self._micro * last, color=PALE, lw=1)
-        axis.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}", xlim=(0, 360), ylim=(0, None))
-        axis.set_xticks(np.arange(0, 361, 90))
-        return axis.plot(angle, 0 * last, color="tab:blue", lw=1.2)[0]
-
 
 def animate(dataset: xr.Dataset, *, frames: int = FRAMES, fps: float = SLOW) -> WearFilm:
-    """A film of the wear of a sleeve over its life, in even steps of cycles: `film.save("wear.gif")`. A notebook shows
-    it.
+    """A film of the wear of a sleeve over its life, in even steps of cycles: `film.save("wear.gif")`.
 
     **Arguments:** `dataset`: of `wear.to_dataset`; `frames`: how many, at least 2; `fps`: how many of them a second, >
     0.

@@ -37,10 +37,7 @@ class Loads(NamedTuple):
 
 
 def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
-    """When the first fall of each joint's pin ends [s]; minus infinity for a pin that does not fall.
-
-    **Arguments:** a dataset of a trace.
-    """
+    """When the first fall of each joint's pin in a trace ends [s]; minus infinity for one that does not fall."""
     return first_falls_over(dataset["step_time"].values, dataset["step_state"].values)
 
 

@@ -76,10 +76,7 @@ def peaks(seen: StepEnds, spans: Spans, look: Look) -> EpisodePeaks:
 
 
 def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Steps that may hold an episode's largest force, and their episodes.
-
-    **Arguments:** `highest`: of each episode the step end of largest force, by its place in the `row`.
-    """
+    """Steps that may hold an episode's largest force, and their episodes; `highest`: its largest step end in `row`."""
     index, span = row.index, row.span
     begin, end = index[:-1], index[1:]
     h = seen.time[end] - seen.time[begin]
@@ -164,10 +161,7 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
 
 
 def largest(time: np.ndarray, values: np.ndarray, look: LookInto) -> Extreme:
-    """The largest value of a quantity.
-
-    **Arguments:** `time` [s] and `values` at the step ends; `look`: what looks into steps.
-    """
+    """The largest value of a quantity, by times [s] and `values` at the step ends; `look`: what looks into steps."""
     steps = _candidates(values)
     places = np.arange(1, SPOTS + 1) / SPOTS
     step, place, value = _best(look, np.repeat(steps, SPOTS), np.tile(places, steps.size))

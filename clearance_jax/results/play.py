@@ -222,10 +222,7 @@ def is_pin(outline: JointOutline | None) -> bool:
 
 
 def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
-    """The path at every station of a sleeve, with free and contact there; of a pin that cannot tilt there is one.
-
-    **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
-    """
+    """The path at every station of a sleeve, with free and contact there (one, if it cannot tilt). **Raises** else."""
     pin = play(dataset, require_joint(dataset, joint))
     if pin is None or not is_pin(pin.outline):
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")

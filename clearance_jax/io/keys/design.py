@@ -5,7 +5,7 @@ from clearance_jax.design.asked.manufacture import MANUFACTURE
 from clearance_jax.design.asked.specification import FIDELITY_CHOICES
 from clearance_jax.design.judge.explain import FACTORS
 from clearance_jax.design.search.methods import METHOD_CHOICES
-from clearance_jax.io.keys.declare import Keys, family, kinds, table
+from clearance_jax.io.keys.declare import family, kinds, table
 from clearance_jax.io.keys.kinds import (
     Flag,
     Moments,
@@ -150,19 +150,11 @@ _OF = Names(
     "all that scatter",
     name="of",
 )
-
-
-def _named_only(member: Keys) -> Keys:
-    return member._replace(keys=tuple(_OF if key.name == "scatter" else key for key in member.keys))
-
-
-MANUFACTURE_TABLES = family(
-    "design.manufacture",
-    "Manufacture",
-    "kind",
-    "how parts come out of manufacture",
-    {word: _named_only(member) for word, member in kinds(MANUFACTURE).items()},
-)
+_KINDS = {
+    word: member._replace(keys=tuple(_OF if key.name == "scatter" else key for key in member.keys))
+    for word, member in kinds(MANUFACTURE).items()
+}
+MANUFACTURE_TABLES = family("design.manufacture", "Manufacture", "kind", "how parts come out of manufacture", _KINDS)
 DESIGN_TABLES = (
     *(DESIGN, VARIABLE, *COST_TABLES.values(), PAYLOAD, LIMIT),
     *(*MANUFACTURE_TABLES.values(), VERIFY, TRADEOFF),

@@ -17,27 +17,11 @@ from clearance_jax.solve.settings import MAX_STEPS, MOST_SAMPLES, OF_MOTIONS, SO
 from clearance_jax.solve.steps.attempt import STARTS
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
-DRIVES = {
-    "constant": Constant,
-    "constant-speed": ConstantSpeed,
-    "step": StepSum,
-    "step5": Step5Sum,
-    "harmonic": Harmonic,
-    "trapezoid": Trapezoid,
-    "quintic": Quintic,
-    "spline": Spline,
-}
+DRIVES = {"constant": Constant, "constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum}
+DRIVES |= {"harmonic": Harmonic, "trapezoid": Trapezoid, "quintic": Quintic, "spline": Spline}
 ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring, "friction": JointFriction}
-JOINTS = {
-    "revolute": Revolute,
-    "prismatic": Prismatic,
-    "fixed": Fixed,
-    "spherical": Spherical,
-    "universal": Universal,
-    "cylindrical": Cylindrical,
-    "planar": Planar,
-    "free": Free,
-}
+JOINTS = {"revolute": Revolute, "prismatic": Prismatic, "fixed": Fixed, "spherical": Spherical}
+JOINTS |= {"universal": Universal, "cylindrical": Cylindrical, "planar": Planar, "free": Free}
 # Forms of a drive.
 DRIVEN = "table or expression"
 OF_THE_ROBOT = "those of the robot"

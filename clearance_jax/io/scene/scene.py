@@ -145,14 +145,14 @@ def _controller(name: str, table: TomlTable, path: Path, mechanism: Mechanism) -
 
 def implausible(mechanism: Mechanism) -> str:
     """A sentence that names implausible sizes, likely errors of units; empty if there are none."""
-    faults = [*_clearances(mechanism), *_masses(mechanism)]
+    faults = list(_faults(mechanism))
     if not faults:
         return ""
     more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
     return f"These sizes are hardly meant: {'; '.join(faults[:NAMED])}{more}. Check their units."
 
 
-def _clearances(mechanism: Mechanism) -> Iterator[str]:
+def _faults(mechanism: Mechanism) -> Iterator[str]:
     for joint in mechanism.clearance_joints():
         # By Python's numbers: a scene may be loaded while a function is traced.
         size = max(float(play.scale) for play in outside(joint.clearance).play() if play.slides is not None)
@@ -161,9 +161,6 @@ def _clearances(mechanism: Mechanism) -> Iterator[str]:
             yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
         elif radial is not None and pin is not None and (fault := above_pin(radial, pin)):  # plane joints accept it
             yield f"{joint.name}.{fault}"
-
-
-def _masses(mechanism: Mechanism) -> Iterator[str]:
     for body in mechanism.bodies:
         mass = np.nan if body.mass is None else float(body.mass)
         if mass < LEAST_MASS or mass > GREATEST_MASS:

@@ -113,7 +113,13 @@ def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
     if kind == "values":
         return table.get("values", _unit(name, mechanism, where))
     if kind == "range":
-        return _range(table, _unit(name, mechanism, where))
+        unit = _unit(name, mechanism, where)
+        first, last, count = table.get("from", unit), table.get("to", unit), table.get("count")
+        if table.get("spacing") == "linear":
+            return np.linspace(first, last, count)
+        if not first * last > 0:
+            raise ClearanceError(f"{table.key('spacing')}: equal ratios need a first and a last value of one sign.")
+        return np.geomspace(first, last, count)
     if kind == "zipped":
         table.need("values")
         columns = {}
@@ -136,15 +142,6 @@ def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
             raise ClearanceError(f"{there} must be the path of a scene file, in quotes.")
         files[label] = study.path.parent / given
     return Choice({label: read_scene(file).mechanism for label, file in files.items()})
-
-
-def _range(table: TomlTable, unit: dict[str, str]) -> np.ndarray:
-    first, last = table.get("from", unit), table.get("to", unit)
-    if table.get("spacing") == "linear":
-        return np.linspace(first, last, table.get("count"))
-    if not first * last > 0:
-        raise ClearanceError(f"{table.key('spacing')}: equal ratios need a first and a last value of one sign.")
-    return np.geomspace(first, last, table.get("count"))
 
 
 def _correlation(table: TomlTable) -> dict[tuple[str, ...], float]:

@@ -68,11 +68,7 @@ class Assembly(NamedTuple):
 
 
 def merge(robot: Robot) -> Assembly:
-    """The robot without fixed joints.
-
-    A body has the total mass, the centre of mass and the inertia of its links. Joints of a merged link move to its
-    body.
-    """
+    """The robot without fixed joints: a body has mass, centre and inertia of its links, and the joints on them."""
     frames = {robot.root: LinkFrame(robot.root, HERE)}
     joints = []
     for joint in robot.joints:

@@ -91,13 +91,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def read_xml(path: Path, what: str) -> tuple[str, Element]:
-    """Text and outermost element of an XML file.
-
-    **Arguments:** `what` the file is, for messages.
-
-    **Raises:** `ClearanceError` naming the file: for what is no file, no text in UTF-8, too large or nested too deep,
-    no valid XML (with line and column), and for a document type, with the entities that it may define.
-    """
+    """Text and outermost element of an XML file; `what` it is, for messages, which name the file, line and column."""
     text = read_text(path, what, LARGEST_XML)
     with naming(f"`{path}`"):
         return text, parse(text)
