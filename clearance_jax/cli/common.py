@@ -104,9 +104,8 @@ def check_distinct(**paths: Path | None) -> None:
     seen: dict[Path, str] = {}
     for word, path in paths.items():
         if path is not None and seen.setdefault(path.resolve(), word) != word:
-            raise ClearanceError(
-                f"The {seen[path.resolve()]} and the {word} are the same file `{path}`. Give two names."
-            )
+            both = f"The {seen[path.resolve()]} and the {word}"
+            raise ClearanceError(f"{both} are the same file `{path}`. Give two names.")
 
 
 def say(text: str) -> None:

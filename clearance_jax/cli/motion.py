@@ -25,12 +25,9 @@ def undriven(mechanism: Any) -> tuple[str, ...]:
 def _idle(mechanism: Any, fixed: tuple[str, ...] = ()) -> list[tuple[Any, str]]:
     """Every joint with the name of a coordinate that is neither driven nor controlled nor `fixed`."""
     moved = {*fixed, *(reference.name for controller in mechanism.controllers for reference in controller.references)}
-    return [
-        (joint, coordinate.name)
-        for joint in mechanism.joints
-        for coordinate in joint.own_coordinates()
-        if coordinate.play is None and coordinate.motion.is_free and coordinate.name not in moved
-    ]
+    every = [(joint, coordinate) for joint in mechanism.joints for coordinate in joint.own_coordinates()]
+    free = [(joint, c.name) for joint, c in every if c.play is None and c.motion.is_free]
+    return [(joint, name) for joint, name in free if name not in moved]
 
 
 def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechanism: Any) -> None:

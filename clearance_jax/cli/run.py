@@ -15,17 +15,10 @@ from clearance_jax.cli.wear import run_wear
 from clearance_jax.errors import ClearanceError
 
 # The sections of a study that an option is for.
-FOR = {
-    "output": ("sweep", "wear", "calibrate"),
-    **dict.fromkeys(("resume", "plot"), ("sweep", "wear")),
-    "movie": ("wear",),
-    "cores": ("sweep",),
-    "cluster": ("sweep", "design"),
-    "report": ("design", "calibrate"),
-    **dict.fromkeys(("record", "method", "fidelity"), ("design",)),
-    "starts": ("design", "calibrate"),
-    **dict.fromkeys(("verify", "tradeoff"), ("design",)),
-}
+FOR = {"output": ("sweep", "wear", "calibrate"), "resume": ("sweep", "wear"), "plot": ("sweep", "wear")}
+FOR |= {"movie": ("wear",), "cores": ("sweep",), "cluster": ("sweep", "design"), "report": ("design", "calibrate")}
+FOR |= {"record": ("design",), "method": ("design",), "fidelity": ("design",), "starts": ("design", "calibrate")}
+FOR |= {"verify": ("design",), "tradeoff": ("design",)}
 # File endings that a store, which is a folder, must not have.
 OF_FILES = (".csv", ".txt", ".json", ".nc", ".h5", ".hdf5", ".parquet", ".xlsx", ".png", ".pdf")
 

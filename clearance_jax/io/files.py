@@ -108,22 +108,19 @@ def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
 def _lines(path: Path, meant: Meant) -> list[CsvLine]:
     """The lines with content: the header, then the rows."""
     text = read_text(path, meant.what, LARGEST_TABLE).removeprefix("\ufeff")
+    fix = f"Give a CSV file with a header such as {meant.example}."
     if "\0" in text:
-        raise ClearanceError(
-            f"`{path}` is no text, but binary data. Give a CSV file with a header such as {meant.example}."
-        )
+        raise ClearanceError(f"`{path}` is no text, but binary data. {fix}")
     numbered = enumerate(re.split(r"\r\n|\r|\n", text), start=1)
     lines = [CsvLine(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
     if not lines:
-        raise ClearanceError(f"`{path}` is empty. Give a CSV file with a header such as {meant.example}.")
+        raise ClearanceError(f"`{path}` is empty. {fix}")
     head, count = lines[0], len(lines) - 1
     if count > MOST_ROWS:
         raise ClearanceError(f"`{path}` has {count} rows, but at most {MOST_ROWS} are read. Thin it out.")
     if "," not in head.text and (mark := next((m for m in ";\t" if m in head.text), "")):
-        raise ClearanceError(
-            f"{head.where}: columns are separated by {quote(mark)}. Separate them by commas, and write decimals with "
-            "a point."
-        )
+        fix = "Separate them by commas, and write decimals with a point."
+        raise ClearanceError(f"{head.where}: columns are separated by {quote(mark)}. {fix}")
     return lines
 
 
@@ -139,9 +136,8 @@ def _cells(line: CsvLine, meant: Meant) -> list[str]:
 def _header(line: CsvLine, meant: Meant) -> list[Head]:
     cells, where = _cells(line, meant), line.where
     if all(_is_number(cell) for cell in cells):
-        raise ClearanceError(
-            f"{where} must be a header such as {meant.example}, but it has numbers only. Add one above it."
-        )
+        form = f"a header such as {meant.example}"
+        raise ClearanceError(f"{where} must be {form}, but it has numbers only. Add one above it.")
     columns: dict[str, Head] = {}
     for i, cell in enumerate(cells, start=1):
         match, here = _HEAD.fullmatch(cell), f"{where}, column {i}"
@@ -157,9 +153,8 @@ def _header(line: CsvLine, meant: Meant) -> list[Head]:
     if TIME not in columns:
         raise ClearanceError(f"{where}: no column is called `{TIME}`. Call one so, as in {meant.example}.")
     if len(columns) < 2:
-        raise ClearanceError(
-            f"{where}: the header has no {meant.column} beside `{TIME}`. Add a column for each {meant.column}."
-        )
+        what = meant.column
+        raise ClearanceError(f"{where}: the header has no {what} beside `{TIME}`. Add a column for each {what}.")
     return list(columns.values())
 
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError, must_be, quote, suggest
 from clearance_jax.io.keys.declare import Keys
-from clearance_jax.io.keys.kinds import Word, Words, check_name
+from clearance_jax.io.keys.kinds import Words, check_name
 
 NO_WORDS: Words = {}
 
@@ -100,24 +100,15 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
         for name in values:
             check_renamed(name, where, first)
         raise ClearanceError(f"{where} lacks the key `{head.name}`. Add it. " + suggest("", tables))
-    word = Word(head.help, head.example, allowed=tuple(tables)).read(
-        values.get(head.name, head.default), below(where, head.name), words
-    )
-    _check_kind(values, where, tables, word, head.name)
-    return Chosen(word, TomlTable(values, where, tables[word], words))
-
-
-def _check_kind(values: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
+    word = head.read(values.get(head.name, head.default), below(where, head.name), words)
     known = {name: {key.name for key in keys.keys} for name, keys in tables.items()}
     for key in values:
-        having = [name for name, keys in known.items() if key in keys]
+        having = ", ".join(f"`{name}`" for name, keys in known.items() if key in keys)
         if having and key not in known[word] and key not in tables[word].renamed:
-            fix = "change" if head in values else "add"
-            raise ClearanceError(
-                f"{below(where, key)} is not a known key of the {head} `{word}`, but of "
-                + ", ".join(f"`{name}`" for name in having)
-                + f". Remove it, or {fix} the key `{head}`."
-            )
+            what = f"{below(where, key)} is not a known key of the {head.name} `{word}`, but of {having}"
+            fix = "change" if head.name in values else "add"
+            raise ClearanceError(f"{what}. Remove it, or {fix} the key `{head.name}`.")
+    return Chosen(word, TomlTable(values, where, tables[word], words))
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:

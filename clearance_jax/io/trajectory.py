@@ -94,9 +94,8 @@ def _scale(column: Head, units: Mapping[str, str] | None) -> float:
     elif column.name in units:
         allowed = [units[column.name]]
     else:
-        raise ClearanceError(
-            f"{column.where}: there is no coordinate `{column.name}` to drive. " + suggest(column.name, units)
-        )
+        near = suggest(column.name, units)
+        raise ClearanceError(f"{column.where}: there is no coordinate `{column.name}` to drive. {near}")
     if column.unit is None:
         return 1.0
     for si in allowed:

@@ -41,12 +41,8 @@ MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 
 # Of an error budget: the size of the mark of the largest share [point]. Areas of marks are proportional to shares.
 LARGEST = 34.0
 # Words and colours of the models of an error budget.
-MODELS = {
-    "dynamics": ("dynamics", "C3"),
-    "quasi_static": ("quasi-static", "k"),
-    "play": ("play alone", "C0"),
-    "elasticity": ("elasticity alone", "C1"),
-}
+MODELS = {"dynamics": ("dynamics", "C3"), "quasi_static": ("quasi-static", "k"), "play": ("play alone", "C0")}
+MODELS |= {"elasticity": ("elasticity alone", "C1")}
 
 
 def new_figure(height: float = HEIGHT) -> tuple[Figure, Axes]:

@@ -17,7 +17,6 @@ from clearance_jax.results.first_fall import seconds
 from clearance_jax.results.places import names_of
 from clearance_jax.results.play import (
     FACE,
-    BearingSpans,
     PinPath,
     at_steps,
     is_pin,
@@ -30,12 +29,8 @@ from clearance_jax.results.play import (
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 # Words and colours of contact patterns, faces apart. A joint without edges has only the first and `TOUCHING`.
-PATTERNS = (
-    ("apart", "0.88"),
-    ("at one edge", "tab:orange"),
-    ("along a line", "tab:green"),
-    ("at two opposite edges", "tab:red"),
-)
+PATTERNS = ("apart", "0.88"), ("at one edge", "tab:orange"), ("along a line", "tab:green")
+PATTERNS += (("at two opposite edges", "tab:red"),)
 TOUCHING = ("in contact", "tab:red")
 FACES = ("on a face", "tab:purple")
 # Of the height of a joint's row: its bar, and the one of its faces below.
@@ -58,9 +53,8 @@ def overview(dataset: xr.Dataset) -> Figure:
     of_contacts = [Panel(ECCENTRICITY, _eccentricity), Panel("contact force", _force)]
     shown = [*of_contacts, *of_points(dataset)] if joints else panels(dataset)
     if "time" not in dataset.coords or not shown:
-        raise ClearanceError(
-            "There is nothing to draw: this is no result of `clearance simulate`, or nothing in it moves."
-        )
+        why = "this is no result of `clearance simulate`, or nothing in it moves"
+        raise ClearanceError(f"There is nothing to draw: {why}.")
     columns = 2 if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
     rows, across = -(-len(shown) // columns), 1 if len(joints) <= 2 else 2
     size = (11 + 2.2 * across, 7.5) if joints else (4.5 * columns, 3.5 * rows)
@@ -161,9 +155,8 @@ def save_figure(figure: Figure, path) -> None:
         partial.replace(path)
     except (OSError, ValueError) as error:
         partial.unlink(missing_ok=True)
-        raise ClearanceError(
-            f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
-        ) from error
+        fix = "Choose another path ending in .png or .pdf."
+        raise ClearanceError(f"Cannot write the figure `{path}`: {error}. {fix}") from error
 
 
 @STYLED
@@ -211,8 +204,12 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     factor = time_axis(axis, float(dataset["time"][-1]))
     labelled: set[str] = set()
     for row, joint in enumerate(joints):
-        bearing = spans(dataset, joint)
-        for words, colour, chosen in _tell(dataset, joint, bearing):
+        bearing, outline = spans(dataset, joint), outline_of(dataset, joint)
+        names = PATTERNS if outline is not None and outline.edges else (PATTERNS[0], TOUCHING)
+        told = [(words, colour, bearing.pattern % FACE == code) for code, (words, colour) in enumerate(names)]
+        for words, colour, chosen in (*told, (*FACES, bearing.pattern >= FACE)):
+            if not np.any(chosen):
+                continue
             # One joint's shares of the time stand in the legend; of several they would not be the same.
             label = words if len(joints) > 1 else with_share(words, bearing.share(chosen))
             where = (row + BAR / 2, FACE_BAR) if words == FACES[0] else (row - BAR / 2, BAR)
@@ -223,16 +220,6 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     axis.set_xlim(factor * float(dataset["time"][0]), factor * float(dataset["time"][-1]))
     axis.grid(axis="y", visible=False)
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(PATTERNS) + 1, frameon=False, borderpad=0)
-
-
-def _tell(dataset: xr.Dataset, joint: str, bearing: BearingSpans) -> list[tuple[str, str, np.ndarray]]:
-    """Words, colour and spans of every contact pattern that occurs."""
-    radial = bearing.pattern % FACE
-    outline = outline_of(dataset, joint)
-    names = PATTERNS if outline is not None and outline.edges else (PATTERNS[0], TOUCHING)
-    told = [(words, colour, radial == code) for code, (words, colour) in enumerate(names)]
-    told.append((*FACES, bearing.pattern >= FACE))
-    return [entry for entry in told if np.any(entry[2])]
 
 
 def with_share(words: str, share: float) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -39,39 +39,32 @@ _BITS = np.array([1 << 16, 1 << 8, 1])
 LASTS = 10.0
 
 
-class GifFrame(NamedTuple):
-    """A picture: its `colours`, packed to one number each, and `which` of them every pixel has, (height, width)."""
-
-    colours: np.ndarray
-    which: np.ndarray
-
-
 def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> None:
     """Write pictures (height, width, 3 or 4), of bytes each, as a GIF that repeats."""
-    frames = []
+    frames = []  # colours, packed to one number each, and which of them every pixel has, (height, width)
     for picture in pictures:
         colours, which = np.unique(picture[..., :3] @ _BITS, return_inverse=True)
         which = which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours)))
-        frames.append(GifFrame(colours, which))
+        frames.append((colours, which))
     palette = _palette(frames[:: -(-len(frames) // LOOKED_AT)])
-    first, *rest = (_paint(frame, palette) for frame in frames)
+    first, *rest = (_paint(*frame, palette) for frame in frames)
     lasts = max(round(1000 / fps), 20)  # ms; what is shorter browsers show slowly
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=lasts, loop=0)
 
 
-def _palette(frames: list[GifFrame]) -> np.ndarray:
+def _palette(frames: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """The colours that most of the pixels have: areas keep theirs, their blurred edges get the nearest."""
-    seen = np.concatenate([frame.colours for frame in frames])
-    counts = np.concatenate([np.bincount(frame.which.ravel()) for frame in frames])
+    seen = np.concatenate([colours for colours, _ in frames])
+    counts = np.concatenate([np.bincount(which.ravel()) for _, which in frames])
     colours, which = np.unique(seen, return_inverse=True)
     totals = np.bincount(which, counts)
     return _parts(colours[np.argsort(-totals, kind="stable")[:COLOURS]])
 
 
-def _paint(frame: GifFrame, palette: np.ndarray) -> Image.Image:
+def _paint(colours: np.ndarray, which: np.ndarray, palette: np.ndarray) -> Image.Image:
     """A frame in the nearest colours of a palette. (Pillow's own choice turns white into a light grey.)"""
-    near = np.asarray(KDTree(palette).query(_parts(frame.colours))[1]).astype(np.uint8)
-    painted = Image.fromarray(near[frame.which])
+    near = np.asarray(KDTree(palette).query(_parts(colours))[1]).astype(np.uint8)
+    painted = Image.fromarray(near[which])
     painted.putpalette(palette.astype(np.uint8).tobytes())
     return painted
 

@@ -103,16 +103,12 @@ def draw_bifurcation(
 def draw_exponent(axes: Axes, dataset: xr.Dataset, name: str, axis: str) -> None:
     """An exponent over a number, in colours by its sign, with its uncertainty where that is known."""
     rate = sweep.exponent_of(dataset, name)
-    across, up = sweep.display(sweep.number(dataset, axis)), sweep.display(rate.value, "largest Lyapunov\nexponent")
-    x, y = (
-        across.factor * sweep.of_lanes(dataset, sweep.number(dataset, axis)),
-        up.factor * sweep.of_lanes(dataset, rate.value),
-    )
+    across, x = sweep.scaled(dataset, sweep.number(dataset, axis))
+    up, y = sweep.scaled(dataset, rate.value, "largest Lyapunov\nexponent")
     colours = np.array([COLOURS[int(k)] for k in rate.sign])
     if rate.uncertainty is not None:
-        axes.vlines(
-            x, *(y + s * sweep.of_lanes(dataset, rate.uncertainty) for s in (-1, 1)), color=colours, lw=0.6, alpha=0.5
-        )
+        beside = sweep.of_lanes(dataset, rate.uncertainty)
+        axes.vlines(x, y - beside, y + beside, color=colours, lw=0.6, alpha=0.5)
     if sweep.lanes_of(dataset) == (axis,) and len(x) <= COLUMNS:  # more would be nothing but line
         axes.plot(x, y, lw=0.5, color="0.3")
     axes.scatter(x, y, s=4 * LARGE if len(x) <= COLUMNS else LARGE, lw=0, color=colours, zorder=3)

@@ -47,7 +47,11 @@ class Skeleton:
             size, width = (12, 2.2) if name == joint else (size, 1.3)
             self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
         self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
-        self._label = None if joint is None else (self._name_of(joint), places.joints[joint])
+        self._label = None
+        if joint is not None:
+            mark, box = places.joints[joint], {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}
+            style: Any = {"textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red", "bbox": box}
+            self._label = axis.annotate(joint, self._on_page(places.at[0, mark]), xytext=(9, 9), **style), mark
         self.show(0)
 
     @property
@@ -107,11 +111,6 @@ class Skeleton:
         elif name in self.places.slides:
             block = self.axis.add_patch(Polygon(CORNERS, closed=True, fc="0.85", ec="0.4", zorder=1.5))
             self._sliders.append((block, self._plot(color="0.4", lw=1.5, zorder=0.6), name, pair[1]))
-
-    def _name_of(self, joint: str) -> Any:
-        style: Any = {"xytext": (9, 9), "textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red"}
-        style |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}}
-        return self.axis.annotate(joint, self._on_page(self.places.at[0, self.places.joints[joint]]), **style)
 
     def _on_page(self, place: np.ndarray) -> tuple[float, float]:
         """A place projected to the axes' plane."""

@@ -263,9 +263,8 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     drawn = LineCollection(list(lines), cmap=COLOURS, lw=0.7, alpha=max(0.15, min(0.8, 60 / len(order))))
     drawn.set_array(columns[colour][order])
     axes.add_collection(drawn)
-    labels = [
-        axis.name.replace(" ", "\n", 1) + f",\n{axis.unit}" * bool(axis.unit) for axis in (how[name] for name in names)
-    ]
+    shown = [how[name] for name in names]
+    labels = [axis.name.replace(" ", "\n", 1) + f",\n{axis.unit}" * bool(axis.unit) for axis in shown]
     axes.set(xlim=(-0.3, len(names) - 0.7), ylim=(-0.1, 1.1), yticks=[], xticks=range(len(names)), xticklabels=labels)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)

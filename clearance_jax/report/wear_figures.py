@@ -204,7 +204,11 @@ class WearFilm(AbstractFilm):
             self.figure = Figure(figsize=(9, 5), dpi=DPI, layout="constrained")
             parts: Any = self.figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
             left, right = parts
-            self._ring(left.subplots())
+            ring, radius, new = left.subplots(), float(dataset.attrs["pin_radius"]), self._outline(0.0)
+            far = float(np.hypot(*self._outline(_last(dataset))).max()) + WALL * radius
+            self._wall, _ = bushing(ring, new, radius, far)
+            ring.plot(*new, color=EDGE, lw=0.8, ls="--")
+            ring.set_title(_magnification_words(self._factors), fontsize=9)
             upper, lower = right.subplots(2, 1)
             angle, last = np.degrees(dataset["angle"].values), _depth(dataset, _last(dataset))
             upper.plot(angle, self._micro * last, color=PALE, lw=1)
@@ -222,19 +226,14 @@ class WearFilm(AbstractFilm):
     def show(self, k: int) -> Figure:
         """Draw frame `k`."""
         age = float(self.ages[k])
-        self._wall.set_xy(_bore(self.dataset, age, self._factors).T)
+        self._wall.set_xy(self._outline(age).T)
         self._curve.set_ydata(self._micro * _depth(self.dataset, age))
         self._cursor.set_xdata([age, age])
         self._clock.set_text(f"{self.name}   {age:.0f} cycles")
         return self.figure
 
-    def _ring(self, axis: Any) -> None:
-        radius, last = float(self.dataset.attrs["pin_radius"]), _last(self.dataset)
-        far = float(np.hypot(*_bore(self.dataset, last, self._factors)).max()) + WALL * radius
-        new = _bore(self.dataset, 0.0, self._factors)
-        self._wall, _ = bushing(axis, new, radius, far)
-        axis.plot(*new, color=EDGE, lw=0.8, ls="--")
-        axis.set_title(_magnification_words(self._factors), fontsize=9)
+    def _outline(self, age: float) -> np.ndarray:
+        return _bore(self.dataset, age, self._factors)
 
 
 def animate(dataset: xr.Dataset, *, frames: int = FRAMES, fps: float = SLOW) -> WearFilm:

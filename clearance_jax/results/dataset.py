@@ -119,17 +119,14 @@ def to_dataset(
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
     labelled = labels(mechanism) | mark_labels(mechanism)
-    data = {
-        **_variables("time", seen, VARIABLES, labelled),
-        **_variables("step", steps, STEPS, labelled),
-        **_variables("episode", table, EPISODES, labelled),
-        **_variables("after", {name: extremes[name] for name in extremes if name != "after"}, EXTREMES, labelled),
-    }
+    after = extremes.pop("after", None)
+    data = _variables("time", seen, VARIABLES, labelled) | _variables("step", steps, STEPS, labelled)
+    data |= _variables("episode", table, EPISODES, labelled) | _variables("after", extremes, EXTREMES, labelled)
     used = {dim for dims, _, _ in data.values() for dim in dims}
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
-    if extremes:
-        coords["after"] = ("after", extremes["after"], {"units": "s"})
+    if after is not None:
+        coords["after"] = ("after", after, {"units": "s"})
     attrs: dict[str, Any] = {"software": f"clearance_jax {__version__}", "mechanism": mechanism.name}
     attrs |= {"result": solution.message or "successful", "accepted_steps": int(solved.steps)}
     attrs |= {"rejected_steps": int(solved.rejected), "energy_residual": float(solved.energy_residual)}
@@ -208,7 +205,5 @@ def _part(progress: Progress | None, begin: float, end: float) -> Progress | Non
 
 def _variables(first: str, values: dict[str, Any], described: dict[str, Variable], labelled) -> dict[str, tuple]:
     """Xarray's (dimensions, values, attributes) of every value; `first` is the leading dimension."""
-    return {
-        name: ((first, *described[name].dims), value, attributes(described[name], labelled))
-        for name, value in values.items()
-    }
+    about = {name: (described[name].dims, attributes(described[name], labelled)) for name in values}
+    return {name: ((first, *dims), values[name], told) for name, (dims, told) in about.items()}

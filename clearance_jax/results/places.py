@@ -92,9 +92,8 @@ def places(dataset: xr.Dataset) -> Places:
             "This result does not say where the mechanism's parts are: it was written by an older version. "
             "Simulate again."
         )
-    names, owners, joined, points, loose = (
-        names_of(dataset, label) for label in ("mark", "mark_body", "any_joint", "point", "joint")
-    )
+    labels = "mark", "mark_body", "any_joint", "point", "joint"
+    names, owners, joined, points, loose = (names_of(dataset, label) for label in labels)
     bodies: dict[str, list[int]] = {}
     for mark, owner in enumerate(owners):
         bodies.setdefault(owner, []).append(mark)

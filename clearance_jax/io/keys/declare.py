@@ -14,12 +14,8 @@ from clearance_jax.mechanism.tree.compounds import Slide, Spin, Turn
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 # Kinds of keys by the record of numbers that a field holds, with their units.
-_RECORDS: dict[type, tuple[type[values.AbstractComponents], str]] = {
-    Position: (values.VectorKey, "m"),
-    Orientation: (values.Triple, "rad"),
-    Force: (values.VectorKey, "N"),
-    Torque: (values.Triple, "N*m"),
-}
+_RECORDS: dict[type, Any] = {Position: (values.VectorKey, "m"), Orientation: (values.Triple, "rad")}
+_RECORDS |= {Force: (values.VectorKey, "N"), Torque: (values.Triple, "N*m")}
 
 
 class Keys(NamedTuple):

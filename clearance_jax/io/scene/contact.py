@@ -115,11 +115,8 @@ def _guide(table: TomlTable, usual: bool) -> GuideClearance:
     return GuideClearance(table.get("side_clearance"), length, height, *laws, width, guide_length=guide)
 
 
-BEARINGS_MADE: dict[str, Callable] = {
-    "radial": rolling_bearing,
-    "crossed-roller": crossed_roller,
-    "angular-contact-pair": angular_contact_pair,
-}
+BEARINGS_MADE: Any = {"radial": rolling_bearing, "crossed-roller": crossed_roller}
+BEARINGS_MADE |= {"angular-contact-pair": angular_contact_pair}
 
 
 class PlayReader(NamedTuple):
@@ -160,10 +157,8 @@ def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]
             raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`. Add it (or `{SLEEVE}`).")
         pin = sleeve - clearance
         if pin <= 0:
-            raise ClearanceError(
-                f"{table.key(SLEEVE)} must be greater than the radial clearance {clearance:g} m, or there is no pin, "
-                f"but it is {sleeve:g} m."
-            )
+            why = f"must be greater than the radial clearance {clearance:g} m, or there is no pin"
+            table.refuse(SLEEVE, why=f"{why}, but it is {sleeve:g} m.")
     if sleeve is not None and not np.isclose(sleeve - pin, clearance, rtol=1e-6):
         raise ClearanceError(
             f"{table.where}: {SLEEVE} - {PIN_RADIUS} is {sleeve - pin:g} m, but the radial clearance is "
@@ -250,8 +245,7 @@ def _of_life(table: TomlTable, file: Path) -> np.ndarray:
     lived = dataset["cycle"].values
     age = float(lived[-1]) if table.get("cycles") is None else table.get("cycles")
     if not lived[0] <= age <= lived[-1]:
-        most = f"the {lived[-1]:g} cycles of the file"
-        raise ClearanceError(f"{table.key('cycles')} must be at most {most}, but it is {age:g}.")
+        table.refuse("cycles", why=f"must be at most the {lived[-1]:g} cycles of the file, but it is {age:g}.")
     return dataset["depth"].interp(cycle=age).values
 
 
@@ -260,7 +254,6 @@ def _of_table(table: TomlTable, file: Path) -> np.ndarray:
     table.need("unit")
     angle, depth = read_table(file, table.key("file"), "angle [deg] and depth")
     if np.any(np.abs(angle - 360 * np.arange(angle.size) / angle.size) > OFF):
-        raise ClearanceError(
-            f"{table.key('file')}: the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg."
-        )
+        why = f"the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg"
+        raise ClearanceError(f"{table.key('file')}: {why}.")
     return depth * to_si(f"1 {table.get('unit')}", "m", table.key("unit"))

@@ -15,7 +15,7 @@ from clearance_jax.io.scene.contact import PLAYS, play_of
 from clearance_jax.io.table import Chosen, TomlTable, check_table, variant
 from clearance_jax.io.urdf.mechanism import place_of, read_robot
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
-from clearance_jax.mechanism.actuators import AbstractActuator, Servo
+from clearance_jax.mechanism.actuators import Servo
 from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.expressions import read_expression
@@ -91,14 +91,16 @@ def motion_of(table: TomlTable, path: Path) -> Motion:
     drive = drive_of(table, "drive", path) if table.has("drive") else None
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
-    actuators = tuple(
-        _actuator(name, variant(values, where, keys.ACTUATOR_TABLES, table.words), path)
-        for name, values, where in table.parts("actuator")
-    )
+    actuators = []
+    for name, values, where in table.parts("actuator"):
+        word, inner = variant(values, where, keys.ACTUATOR_TABLES, table.words)
+        cls, given = keys.ACTUATORS[word], inner.arguments("type")
+        given |= {"target": drive_of(inner, "target", path)} if cls is Servo else {}
+        actuators.append(cls(**given, name=name))
     rotor = table.get("rotor_inertia")
     if drive is not None and rotor is not None:
         raise ClearanceError(f"{table.key('rotor_inertia')} has no effect beside a drive, which is followed exactly.")
-    return Motion(drive, table.get("position"), table.get("velocity"), actuators, rotor_inertia=rotor)
+    return Motion(drive, table.get("position"), table.get("velocity"), tuple(actuators), rotor_inertia=rotor)
 
 
 def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:
@@ -118,14 +120,6 @@ def read_drive(values: Any, where: str, words: Words, path: Path) -> AbstractDri
             return Spline(times, numbers * scale, table.get("ends"))
         kind, inner = variant(values, where, keys.DRIVE_TABLES, words)
         return keys.DRIVES[kind](**inner.arguments("type"))
-
-
-def _actuator(name: str, read: Chosen, path: Path) -> AbstractActuator:
-    cls, table = keys.ACTUATORS[read.word], read.table
-    values = table.arguments("type")
-    if cls is Servo:
-        values["target"] = drive_of(table, "target", path)
-    return cls(**values, name=name)
 
 
 class RobotParts(NamedTuple):
@@ -152,14 +146,9 @@ def robot_of(top: TomlTable, path: Path) -> RobotParts:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
         joints[name] = _robot_joint(joints[name], values, where, path)
     carried = [_payload(robot, *part) for part in table.tables("payload", keys.PAYLOAD)]
-    return RobotParts(
-        (*robot.bodies, *(body for body, _ in carried)),
-        (*joints.values(), *(grip for _, grip in carried)),
-        robot.points,
-        robot.gravity,
-        path.parent / table.get("trajectory") if table.has("trajectory") else None,
-        robot.notes,
-    )
+    bodies, grips = (*robot.bodies, *(body for body, _ in carried)), (grip for _, grip in carried)
+    trajectory = path.parent / table.get("trajectory") if table.has("trajectory") else None
+    return RobotParts(bodies, (*joints.values(), *grips), robot.points, robot.gravity, trajectory, robot.notes)
 
 
 def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
@@ -182,10 +171,8 @@ def _payload(robot: Mechanism, name: str, table: TomlTable) -> tuple[Body, Fixed
     on, points = table.get("on"), {point.name: point for point in robot.points}
     bodies = {GROUND, *(body.name for body in robot.bodies)}
     if on not in points and on not in bodies:
-        raise ClearanceError(
-            f"{table.key('on')} must name a body or a point of the robot, but it is `{on}`. "
-            + suggest(on, bodies | set(points))
-        )
+        near = suggest(on, bodies | set(points))
+        table.refuse("on", why=f"must name a body or a point of the robot, but it is `{on}`. {near}")
     point = points.get(on) or Point(on, on)
     pose = _pose(point.at, point.orientation).of(*_pose(table.get("at"), table.get("orientation")))
     position, orientation = place_of(pose)

@@ -35,10 +35,8 @@ def calibration_of(study: StudyFile) -> dict[str, Any]:
         last = read_measurement(mechanism, data, signals, deviations, books).times[-1]
     t1 = study.table.get("t1")  # `None`: the end of the data
     if t1 is not None and last > t1:
-        raise ClearanceError(
-            f"{study.table.key('t1')} is {t1:g} s, but the data reach to {last:g} s. Take it away: "
-            "then the motion ends with the data."
-        )
+        fix = "Take it away: then the motion ends with the data."
+        study.table.refuse("t1", why=f"is {t1:g} s, but the data reach to {last:g} s. {fix}")
     out = {"mechanism": mechanism, "dataset": data, "parameters": bounds, "signals": signals, "deviations": deviations}
     return {**out, "t1": t1, **table.only("loss", "starts", "seed", "most"), **study.options}
 

@@ -51,17 +51,10 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
         tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
     variables, costs = _variables(tables)
     limits = [_limit(name, TomlTable(inner, at, keys.LIMIT), study, wear) for name, inner, at in table.entries("limit")]
-    problem = ToleranceProblem(
-        mechanism,
-        study.span.t1,
-        variables,
-        limits,
-        cost=costs or None,
-        conditions=_conditions(table, mechanism, model, trajectories),
-        manufacture=_manufacture(table, study, model, tuple(tables)),
-        cost_unit=table.get("cost_unit") or "cost units",
-        **{**study.options, **table.only("fidelity")},
-    )
+    how = {"cost": costs or None, "conditions": _conditions(table, mechanism, model, trajectories)}
+    how |= {"manufacture": _manufacture(table, study, model, tuple(tables)), **table.only("cost_unit")}
+    options = {**study.options, **table.only("fidelity")}
+    problem = ToleranceProblem(mechanism, study.span.t1, variables, limits, **how, **options)
     search = {"method": table.get("method"), **table.only("starts", "most")}
     verify = table.table("verify", keys.VERIFY)
     if classes := _classes(table, tables, problem):
@@ -142,9 +135,7 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
     """The cost law. Its constants have powers of the variable's unit: `factor = "20 um"`."""
     law, table = read
     if law == "table" and any(b > a for a, b in itertools.pairwise(table.get("costs"))):
-        raise ClearanceError(
-            f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
-        )
+        table.refuse("costs", why=f"must fall as the clearance grows, but it is {quote(table.get('costs'))}.")
     power = table.get("power") if law.endswith("reciprocal") else 1.0
     units = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
     # Longer placeholders come first: they contain the parameter's.
@@ -158,9 +149,8 @@ def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None
     bound = table.get("bound", {METRIC: metric.unit})
     if table.has("cycles"):
         if wear is None:
-            raise ClearanceError(
-                f"{table.key('cycles')} has no effect without a section `wear`, which says how a joint wears. Add it."
-            )
+            why = "has no effect without a section `wear`, which says how a joint wears. Add it."
+            table.refuse("cycles", why=why)
         model, options = wear.model, wear.options
         how = {name: getattr(model, name) for name in ("joint", "wear", "pressure", "cycle")}
         how |= {name: options[name] for name in ("sectors", "tolerance")}

@@ -204,18 +204,16 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
         parts[key] = table.get(key)
         if parts[key] not in names[key]:
             kind = "joint with clearance" if key == "joint" and cls not in metrics.OF_ANY_JOINT else key
-            raise ClearanceError(
-                f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}. " + suggest(parts[key], names[key])
-            )
+            near = suggest(parts[key], names[key])
+            raise ClearanceError(f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}. {near}")
     return parts
 
 
 def _recurrence(read: Chosen) -> PoincareSection | LyapunovExponent:
     kind, table = read
     if table.has("period") == table.has("speed"):
-        raise ClearanceError(
-            f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
-        )
+        fix = "Give the one that you know."
+        raise ClearanceError(f"{table.where} must have one of the keys `period` and `speed`. {fix}")
     period: Any = table.get("period" if table.has("period") else "speed")
     if kind == metrics.EXPONENT:
         return LyapunovExponent(period, table.get("count"), uncertainty=True)

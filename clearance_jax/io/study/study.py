@@ -54,9 +54,8 @@ def load_study(path: str | Path) -> Study:
             warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
         table = asked.table
         if not any(table.has(section) for section in ("sweep", "design", "wear", "calibrate")):
-            raise ClearanceError(
-                f"{table.where} asks for nothing. Add a section `sweep`, `design`, `wear` or `calibrate`."
-            )
+            fix = "Add a section `sweep`, `design`, `wear` or `calibrate`."
+            raise ClearanceError(f"{table.where} asks for nothing. {fix}")
         wear = wear_of(asked) if table.has("wear") else None
         design = design_of(asked, wear) if table.has("design") else None
         limits = () if design is None else design.problem.specification.limits
@@ -72,9 +71,8 @@ def sweep_of(study: StudyFile) -> dict[str, Any]:
     """The arguments of `sweep` by name."""
     table = study.table.table("sweep", SWEEP)
     table.need("axis")
-    axes = {
-        name: _axis(variant(values, where, AXIS_TABLES), name, study) for name, values, where in table.entries("axis")
-    }
+    entries = table.entries("axis")
+    axes = {name: _axis(variant(values, where, AXIS_TABLES), name, study) for name, values, where in entries}
     varied = {name for axis in axes.values() for name in (axis.values if isinstance(axis, Zipped) else ())}
     ends_vary = "t1" in axes.keys() | varied
     if ends_vary and study.table.has("t1"):

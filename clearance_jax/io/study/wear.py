@@ -49,15 +49,9 @@ def wear_of(study: StudyFile) -> WearAsked:
     until, words = None, ""
     if table.has("until"):
         until, words = _until(table.variant("until", keys.UNTIL_TABLES), study, span)
-    return WearAsked(
-        model,
-        table.get("cycles"),
-        {name: table.get(name) for name in ("sectors", "tolerance", "longest")},
-        study.options,
-        until,
-        words,
-        study.path.parent / table.get("journal") if table.has("journal") else None,
-    )
+    options = {name: table.get(name) for name in ("sectors", "tolerance", "longest")}
+    journal = study.path.parent / table.get("journal") if table.has("journal") else None
+    return WearAsked(model, table.get("cycles"), options, study.options, until, words, journal)
 
 
 def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterion, str]:

@@ -30,21 +30,13 @@ CHILDREN = {
     "robot": ("link", "joint", "material", "transmission", "gazebo", "force_element"),
     "link": ("inertial", "visual", "collision"),
     "inertial": ("origin", "mass", "inertia"),
-    "joint": (
-        *("origin", "parent", "child", "axis", "limit", "mimic"),
-        *("dynamics", "joint_properties", "calibration", "safety_controller"),
-    ),
 }
+CHILDREN["joint"] = ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "joint_properties")
+CHILDREN["joint"] += ("calibration", "safety_controller")
 ATTRIBUTES = {
-    "robot": ("name", "version"),
-    "link": ("name",),
-    "joint": ("name", "type"),
-    "origin": ("xyz", "rpy"),
-    "mass": ("value",),
+    **{"robot": ("name", "version"), "link": ("name",), "joint": ("name", "type"), "parent": ("link",)},
+    **{"child": ("link",), "origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",)},
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-    "parent": ("link",),
-    "child": ("link",),
-    "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort", "damping", "friction"),
     "mimic": ("joint", "multiplier", "offset"),
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference", "armature"),

@@ -80,20 +80,17 @@ def _joint(element: xml.Element) -> parts.Joint:
     name, kind = xml.text(element, "name", where), xml.text(element, "type", where)
     xml.check_spelling(element, where)
     if kind not in parts.KINDS:
-        raise ClearanceError(
-            f"{where} has the type {quote(kind)}, which is no known one. " + suggest(kind, parts.KINDS)
-        )
+        near = suggest(kind, parts.KINDS)
+        raise ClearanceError(f"{where} has the type {quote(kind)}, which is no known one. {near}")
     parent = xml.text(xml.need(element, "parent", where, '<parent link="base"/>'), "link", where)
     child = xml.text(xml.need(element, "child", where, '<child link="arm"/>'), "link", where)
     xyz, rpy = xml.pose(element, where)
     axis = xml.direction(element, where) if kind in parts.WITH_AXIS else (0.0, 0.0, 1.0)
-    damping, friction = _losses(element, kind, where)
+    losses = _losses(element, kind, where)
     mimic = _mimic(element, kind, where)
     limits = _limits(element, kind, where)
     spring = spring_of(element, kind, where)
-    return parts.Joint(
-        name, kind, parent, child, xyz, rpy, axis, limits, mimic, damping, friction, element.line, *spring
-    )
+    return parts.Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, *losses, element.line, *spring)
 
 
 def _losses(element: xml.Element, kind: str, where: str) -> tuple[float, float]:
@@ -109,9 +106,8 @@ def _losses(element: xml.Element, kind: str, where: str) -> tuple[float, float]:
             if value < 0:
                 raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <{tag}>.")
             if key in sources and value != losses[key]:
-                raise ClearanceError(
-                    f"{where}: its {key} is {losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>. Leave one."
-                )
+                both = f"{losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>"
+                raise ClearanceError(f"{where}: its {key} is {both}. Leave one.")
             losses[key], sources[key] = value, tag
     if losses["friction"] > 0 and kind == "floating":
         raise ClearanceError(f"{where} is floating, and turns about no axis of its own: remove its friction.")
@@ -195,10 +191,8 @@ def with_extras(joints: Sequence[parts.Joint], top: xml.Element) -> tuple[parts.
             joint = by_name[name]
             for key, value in numbers.items():
                 if getattr(joint, key) not in (0.0, value):
-                    raise ClearanceError(
-                        f"{where}: the {key} of joint `{name}` is {value:g} here and {getattr(joint, key):g} elsewhere "
-                        "in the file. Leave one."
-                    )
+                    both = f"{value:g} here and {getattr(joint, key):g} elsewhere in the file"
+                    raise ClearanceError(f"{where}: the {key} of joint `{name}` is {both}. Leave one.")
             by_name[name] = joint._replace(**numbers)
             extra.add(name)
             _check(joint.kind, by_name[name].stiffness, by_name[name].rotor, where)

@@ -109,16 +109,27 @@ def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
     for name in asked:
         if not isinstance(name, str) or name not in known:
             word = name if isinstance(name, str) else ""
-            raise ClearanceError(
-                f"`end_effector` must name links, but there is no link {quote(name)}. {suggest(word, known)}"
-            )
+            near = suggest(word, known)
+            raise ClearanceError(f"`end_effector` must name links, but there is no link {quote(name)}. {near}")
     return list(dict.fromkeys(asked))
 
 
 def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None) -> Mechanism:
     whole = merge(robot)
-    joints = (_free_joint(whole), *whole.joints) if free else whole.joints
-    _check_base(whole, free)
+    joints, root = whole.joints, whole.bodies[whole.root]
+    if not (free or joints):
+        raise ClearanceError("nothing of the robot moves: every joint is fixed. Load it with `base='free'`.")
+    if free and not root.mass > 0:
+        raise ClearanceError(
+            f"line {root.line}: the root link `{root.name}` has no mass, so it cannot be a free base. Give it an "
+            "<inertial>, or load the robot with `base='fixed'` (a link of it may hang on a floating joint)."
+        )
+    if free:
+        name = "floating_base"
+        while any(joint.name == name for joint in joints):
+            name += "_"
+        place = (NOWHERE, NOWHERE, (0.0, 0.0, 1.0))
+        joints = (Joint(name, "floating", GROUND, whole.root, *place, None, None, 0.0, 0.0, root.line), *joints)
     moving = {joint.child: whole.bodies[joint.child] for joint in joints}
     check_bodies(joints, moving)
     taken = {GROUND, "gravity", "drive", "target"}
@@ -136,25 +147,6 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
         name=robot.name,
         notes=(f"not read: {', '.join(robot.unread)}",) if robot.unread else (),
     )
-
-
-def _check_base(whole: Assembly, free: bool) -> None:
-    root = whole.bodies[whole.root]
-    if not (free or whole.joints):
-        raise ClearanceError("nothing of the robot moves: every joint is fixed. Load it with `base='free'`.")
-    if free and not root.mass > 0:
-        raise ClearanceError(
-            f"line {root.line}: the root link `{root.name}` has no mass, so it cannot be a free base. Give it an "
-            "<inertial>, or load the robot with `base='fixed'` (a link of it may hang on a floating joint)."
-        )
-
-
-def _free_joint(whole: Assembly) -> Joint:
-    line = whole.bodies[whole.root].line
-    name = "floating_base"
-    while any(joint.name == name for joint in whole.joints):
-        name += "_"
-    return Joint(name, "floating", GROUND, whole.root, NOWHERE, NOWHERE, (0.0, 0.0, 1.0), None, None, 0.0, 0.0, line)
 
 
 def _body(body: Rigid, name: str) -> Body:

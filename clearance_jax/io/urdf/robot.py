@@ -159,8 +159,13 @@ def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot
         raise ClearanceError("the robot has no <link>. Add one.")
     if len(links) > MOST_LINKS:
         raise ClearanceError(f"the robot has {len(links)} links, but {MOST_LINKS} are the most. Split the file.")
-    _check_unique("link", links)
-    _check_unique("joint", joints)
+    for what, several in (("link", links), ("joint", joints)):
+        first: dict[str, int] = {}
+        for part in several:
+            if part.name in first:
+                where = f"lines {first[part.name]} and {part.line}"
+                raise ClearanceError(f"{where}: two {what}s are called `{part.name}`. Rename one.")
+            first[part.name] = part.line
     known = {link.name for link in links}
     for joint in joints:
         for key, link in (("parent", joint.parent), ("child", joint.child)):
@@ -179,16 +184,6 @@ def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot
             raise ClearanceError(f"link `{link.name}` (line {link.line}) does not hang on `{root}`: {circle}. Mend it.")
     _check_mimics({joint.name: joint for joint in joints})
     return Robot(name, tuple(links), ordered, root)
-
-
-def _check_unique(what: str, parts: Sequence[Link] | Sequence[Joint]) -> None:
-    first: dict[str, int] = {}
-    for part in parts:
-        if part.name in first:
-            raise ClearanceError(
-                f"lines {first[part.name]} and {part.line}: two {what}s are called `{part.name}`. Rename one."
-            )
-        first[part.name] = part.line
 
 
 def _say(joint: Joint) -> str:
