@@ -11,6 +11,7 @@ from typer import Option
 from clearance_jax.cli import common
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, is_robot, say_held, usual_end
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.units import format_quantity
 
 # Numbers of one parameter that are listed, at most.
 LISTED = 12
@@ -19,10 +20,10 @@ MODES = 6
 
 
 def info(
-    scene_file: common.SceneFile,
-    settings: common.Settings = None,
-    clearance: common.Clearances = None,
-    ideal: common.Ideal = False,
+    scene_file: Path = common.SCENE,
+    settings: list[str] | None = common.SETTINGS,
+    clearance: list[str] | None = common.CLEARANCES,
+    ideal: bool = common.IDEAL,
     budget: bool = Option(
         False, "--budget", help="Instead: what the error of a point is made of, and what would help."
     ),
@@ -88,8 +89,6 @@ def _print_terms(mechanism) -> None:
 
 def _made_words(clearance) -> str:
     """The range of a clearance as made, if it comes from a fit or a bearing."""
-    from clearance_jax.units import format_quantity
-
     tolerance = getattr(clearance, "tolerance", None)
     if tolerance is None:
         return ""
@@ -100,8 +99,6 @@ def _made_words(clearance) -> str:
 
 def _worn_words(clearance) -> str:
     import numpy as np
-
-    from clearance_jax.units import format_quantity
 
     depth = getattr(clearance, "depth", None)
     if depth is None:

@@ -5,6 +5,7 @@ from typing import Any
 
 from clearance_jax.cli.common import say
 from clearance_jax.errors import ClearanceError
+from clearance_jax.units import to_si
 
 # Default duration of a held posture [s]: long enough for pins to come to rest at their walls.
 HELD = 0.1
@@ -71,8 +72,6 @@ def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
 
 def end_of(scene_file: Path, t1: Any) -> Any:
     """The end of a motion [s], from a number or a text with a unit. **Raises** `ClearanceError` if it is `None`."""
-    from clearance_jax.units import to_si
-
     if t1 is None:
         raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
     return to_si(t1, "s", "`--t1`") if isinstance(t1, str) else t1

@@ -3,20 +3,17 @@
 import os
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from typer import Argument, Option
 
 from clearance_jax.cli import common
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.errors import ClearanceError
+from clearance_jax.units import to_si
 
 # Characters of a figure's name that a file name must not have.
 UNFIT = re.compile(r"[^\w.+-]+")
-Magnified = Annotated[
-    str | None,
-    Option("--magnify", metavar="JOINT", help="The joint magnified (default: the one that bears most)."),
-]
 
 
 def check_folder(folder: Path | None) -> None:
@@ -92,7 +89,7 @@ def plot(
 def animate(
     result_file: Path = Argument(..., metavar="RESULT", help="A result file written by `simulate -o`."),
     output: Path | None = Option(None, "-o", "--output", help="Film, .gif or .mp4 (default: RESULT with .gif)."),
-    magnify: Magnified = None,
+    magnify: str | None = common.MAGNIFIED,
     slowdown: float | None = Option(
         None, help="Seconds of film per second of motion (default: a film of ten seconds at most)."
     ),
@@ -108,7 +105,6 @@ def animate(
     """
     from clearance_jax.report.film import animate as film_of
     from clearance_jax.results.store import load_dataset
-    from clearance_jax.units import to_si
 
     common.check_readable(result_file)
     output = result_file.with_suffix(".gif") if output is None else output

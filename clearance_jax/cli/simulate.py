@@ -10,7 +10,7 @@ from typer import Exit, Option
 from clearance_jax.cli import common
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
-from clearance_jax.cli.plot import Magnified, check_film, write_film
+from clearance_jax.cli.plot import check_film, write_film
 from clearance_jax.errors import ClearanceError, quote, suggest
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
@@ -18,8 +18,8 @@ DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_00
 
 
 def simulate(
-    scene_file: common.SceneFile,
-    settings: common.Settings = None,
+    scene_file: Path = common.SCENE,
+    settings: list[str] | None = common.SETTINGS,
     t1: str | None = Option(None, help="End time with a unit, e.g. 0.5s (default: the scene's, or the trajectory's)."),
     rtol: float | None = Option(None, help="Accuracy, e.g. 1e-8 (default: the scene's)."),
     samples: int | None = Option(None, help="Number of output times.", min=2),
@@ -29,12 +29,12 @@ def simulate(
         None, help="The model of the motion: dynamics, or quasi-static (a pose at every instant)."
     ),
     trajectory: Path | None = Option(None, help="Drives the joints that a CSV file of times and values names."),
-    clearance: common.Clearances = None,
-    ideal: common.Ideal = False,
+    clearance: list[str] | None = common.CLEARANCES,
+    ideal: bool = common.IDEAL,
     output: Path | None = Option(None, "-o", "--output", help="Result file (NetCDF)."),
     plot: Path | None = Option(None, help="Figure of the result (.png, .pdf)."),
     movie: Path | None = Option(None, help="Film of the motion (.gif, or .mp4 with ffmpeg)."),
-    magnify: Magnified = None,
+    magnify: str | None = common.MAGNIFIED,
 ) -> None:
     """Simulate a scene, or a robot (URDF), and write a dataset, a figure, a film.
 

@@ -11,6 +11,7 @@ from clearance_jax.cli.common import aloud, console, errors, say, write_dataset,
 from clearance_jax.cli.pace import Interruption, ProgressDisplay, shown_duration
 from clearance_jax.cli.plot import write_film
 from clearance_jax.errors import ClearanceError
+from clearance_jax.units import format_quantity
 
 
 def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path | None, movie: Path | None) -> None:
@@ -84,8 +85,6 @@ class _Told:
 
 
 def _words(dataset: Any) -> list[str]:
-    from clearance_jax.units import format_quantity
-
     told, last = dataset.attrs, dataset.isel(cycle=-1)
     deepest, first = float(last["deepest"]), float(dataset["radial_clearance"][0])
     lived, computed = told["cycles_lived"], told["cycles_computed"]

@@ -174,7 +174,15 @@ def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot
                 raise ClearanceError(f"{_say(joint)}: there is no link `{link}` to be its {key}. {near}")
         if joint.parent == joint.child:
             raise ClearanceError(f"{_say(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
-    carried = _carriers(joints)
+    carried: dict[str, Joint] = {}
+    for joint in joints:
+        other = carried.setdefault(joint.child, joint)
+        if other is not joint:
+            raise ClearanceError(
+                f"{_say(joint)} closes a loop: the link `{joint.child}` hangs on joint `{other.name}` (line "
+                f"{other.line}) already. URDF knows trees only. Remove one of both, and close the loop in Python "
+                "(`Mechanism(..., loops=...)`)."
+            )
     root = _root(links, carried)
     ordered = _order(root, joints)
     reached = {root, *(joint.child for joint in ordered)}
@@ -188,20 +196,6 @@ def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot
 
 def _say(joint: Joint) -> str:
     return f"line {joint.line}: joint `{joint.name}`"
-
-
-def _carriers(joints: Sequence[Joint]) -> dict[str, Joint]:
-    carriers: dict[str, Joint] = {}
-    for joint in joints:
-        if joint.child in carriers:
-            other = carriers[joint.child]
-            raise ClearanceError(
-                f"{_say(joint)} closes a loop: the link `{joint.child}` hangs on joint `{other.name}` (line "
-                f"{other.line}) already. URDF knows trees only. Remove one of both, and close the loop in Python "
-                "(`Mechanism(..., loops=...)`)."
-            )
-        carriers[joint.child] = joint
-    return carriers
 
 
 def _root(links: Sequence[Link], carried: Mapping[str, Joint]) -> str:
