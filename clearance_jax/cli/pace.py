@@ -60,11 +60,8 @@ class Interruption:
 
 
 class ProgressDisplay:
-    """The progress of a command: on a terminal a line that changes; in a file or pipe a line for each phase, and one
-    after every interval while it lasts.
-
-    **Arguments:** `console` to write to; `parts`: whether the work reports which part of it is done; `every`: the
-    interval [s].
+    """Progress: on a terminal a line that changes; else a line for each phase, and one after `every` interval [s] of
+    it. `parts`: whether the work reports which part of it is done.
     """
 
     def __init__(self, console: Console, parts: bool = False, every: float = EVERY):

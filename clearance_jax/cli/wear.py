@@ -66,9 +66,8 @@ def _dataset(study: Any, history: Any, **attributes: Any) -> Any:
 
 
 class _Told:
-    """Shows the progress of a wear simulation, and raises a lost Ctrl-C.
-
-    The remaining time is estimated from the last block. It is too long at first, as later blocks have more cycles.
+    """Shows the progress, and raises a lost Ctrl-C. The remaining time, by the last block, is too long at first: later
+    blocks have more cycles.
     """
 
     def __init__(self, shown: ProgressDisplay, asked: Interruption, cycles: int):

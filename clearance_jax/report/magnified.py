@@ -49,9 +49,7 @@ def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple
 
 
 class CrossSection:
-    """A section across the joint, with the path of the pin's centre so far; `station`: at which of its heights; `axes`:
-    which two of the sleeve's axes to look at.
-    """
+    """A section at a height (`station`), along two of the sleeve's `axes`, and the path of the pin's centre so far."""
 
     def __init__(self, axis: Any, joint: JointPlay, station: int = 0, axes: tuple[int, int] = (0, 1)):
         self.joint, self.station, depth, outline = joint, station, joint.wear_depth(station), joint.outline

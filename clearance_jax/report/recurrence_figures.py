@@ -23,10 +23,7 @@ SIGNS = {-1: "exponent negative", 0: "exponent zero", 1: "exponent positive"}
 
 
 def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
-    """The quantities of a Poincare section, each with its name and unit, over the lanes and the instants.
-
-    **Raises:** `ClearanceError` for a result that is none.
-    """
+    """The quantities of a Poincare section (else it **raises**), with name and unit, over lanes and instants."""
     points = sweep.result(dataset, name)
     dims = [str(dim) for dim in points.dims if dim not in sweep.lanes_of(dataset)]
     if len(dims) == 1:

@@ -24,10 +24,8 @@ LINK: Any = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zo
 
 
 class Skeleton:
-    """Axes with a mechanism on it; `show(i)` puts it where it is at sample `i`.
-
-    **Arguments:** `axis`: axes, of projection "3d" where places have three; `joint`: the joint to point at; `whole`:
-    whether the paths of points are drawn from the first sample to the last, not so far.
+    """Axes (of projection "3d" in space) with a mechanism on it; `show(i)` puts it where it is at sample `i`. `joint`:
+    the joint to point at; `whole`: whether paths of points are drawn from first to last, not so far.
     """
 
     def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):

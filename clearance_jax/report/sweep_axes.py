@@ -105,9 +105,7 @@ class Exponent(NamedTuple):
 
     @property
     def sign(self) -> np.ndarray:
-        """Of every lane, shape (lanes,): 1 where it is positive beyond its uncertainty, -1 where it is negative beyond
-        it, 0 where it may be zero, or is not there.
-        """
+        """Of every lane, (lanes,): 1 or -1 where it is beyond its uncertainty, 0 where it may be zero or is missing."""
         values = self.value.values.astype(float).ravel()
         least = 0.0 if self.uncertainty is None else BEYOND * self.uncertainty.values.astype(float).ravel()
         return np.where(values > least, 1, np.where(values < -least, -1, 0))

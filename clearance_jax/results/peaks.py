@@ -1,8 +1,7 @@
-"""The largest contact force of every episode, speed and acceleration of every point: at a step end, or inside a step,
-where the motion is integrated anew.
+"""The largest contact force of every episode, speed and acceleration of every point, inside steps too.
 
 Samples miss them: an acceleration in an impact lasts microseconds. What is known at the step ends tells which steps may
-hold the largest one; in these, and only these, it is asked for at a few places.
+hold the largest one; in these the motion is integrated anew, and looked at in a few places.
 """
 
 import itertools
@@ -95,10 +94,8 @@ def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.nd
 
 
 def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
-    """Place (0 to 1) and height of the largest force found inside each step.
-
-    Each place asked for is the top of the cubic on what is left of the step around the top (its middle, where there is
-    no such cubic), and becomes the left or right end of what is left.
+    """Place (0 to 1) and height of the largest force inside each step. Each place asked for is the top of the cubic on
+    what is left of the step around the top (or its middle), and becomes an end of what is left.
     """
     h = seen.time[steps + 1] - seen.time[steps]
     left = StepPoint(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
@@ -132,11 +129,8 @@ class Extreme(NamedTuple):
 
 
 def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], falls_over: float) -> dict[str, Any]:
-    """Dataset variables: the largest speed and acceleration of every point, over the whole motion and, if pins fall at
-    the start, after the first falls.
-
-    **Arguments:** `seen`: `velocity` and `acceleration` at the step ends; `falls_over`: when the last first fall ends
-    [s], minus infinity where no pin falls.
+    """Variables: the largest speed and acceleration of every point, over the whole motion, and after first falls (the
+    last ends at `falls_over` [s]; minus infinity: none); `seen`: `velocity` and `acceleration` at the step ends.
     """
     time, y = np.asarray(trace.time), np.asarray(trace.y)
     later = int(np.searchsorted(time, falls_over, side="right"))

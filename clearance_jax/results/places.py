@@ -111,9 +111,7 @@ def places(dataset: xr.Dataset) -> Places:
 
 
 def _directions(between: np.ndarray, fixed: bool) -> np.ndarray:
-    """Unit vectors along vectors (times, axes). A short vector, whose direction play disturbs, gets that of the last
-    long one; if `fixed`, all get that of the longest.
-    """
+    """Unit vectors along (times, axes), a short one that of the last long one; if `fixed` all that of the longest."""
     length = np.linalg.norm(between, axis=1)
     long = length >= (1.0 if fixed else 0.1) * length.max()
     last = np.maximum.accumulate(np.where(long & (not fixed), np.arange(len(long)), np.argmax(long)))

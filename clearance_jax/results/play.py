@@ -99,10 +99,9 @@ def at_step(name: str) -> str:
 
 
 class JointPlay(NamedTuple):
-    """Motion and `outline` of a clearance joint for drawing.
-
-    Over the samples the `place` of the pin in its sleeve [m], (times, 2 or 3), its `tilt`, the components of its axis
-    across the sleeve, (times, 2), and its `turn` [rad], (times,), if known. `factor`: by which the play is magnified.
+    """Motion and `outline` of a clearance joint: over the samples the `place` of the pin in its sleeve [m], (times, 2
+    or 3), its `tilt`, components of its axis across the sleeve, (times, 2), and its `turn` [rad], (times,), if known.
+    `factor`: by which the play is magnified.
     """
 
     place: np.ndarray
@@ -238,9 +237,7 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
 
 
 def along_sleeve(place: np.ndarray, tilt: np.ndarray, heights: np.ndarray, through: bool) -> np.ndarray:
-    """The pin's centre at heights [m], (times, heights, 2), from the place of its middle [m], (times, 3), and its
-    `tilt` (times, 2). Heights are along the sleeve if the pin goes `through`, else along the pin.
-    """
+    """The pin's centre at heights [m], (times, heights, 2), along the sleeve, or if not `through` along the pin."""
     if not through:
         return place[:, None, :2] + tilt[:, None] * heights[:, None]
     slope = tilt / np.sqrt(1 - np.sum(tilt**2, axis=1, keepdims=True))

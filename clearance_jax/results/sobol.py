@@ -41,9 +41,7 @@ class Indices(NamedTuple):
     failed: int
 
     def linear(self, derivatives: Mapping[str, Any]) -> Numbers:
-        """What the first-order indices would be if the result were as linear everywhere as its local `derivatives` (by
-        name, in SI units) say: (derivative x deviation)^2 / variance.
-        """
+        """First-order indices of a result linear by `derivatives` (SI): (derivative x deviation)^2 / variance."""
         missing = [name for name in self.names if name not in derivatives]
         if missing:
             raise ClearanceError(f"There is no derivative by `{missing[0]}`.")

@@ -48,9 +48,7 @@ UNUSED = "has no effect here. Remove it."
 
 def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> dict[str, Any]:
     """The `clearance` of a joint (`None`: it is ideal) and its initial `eccentricity`, as arguments of its class
-    `kind`.
-
-    **Arguments:** `path`: of the scene file; `usual`: whether contact laws default to those of steel in bronze.
+    `kind`. `path`: of the scene file; `usual`: whether contact laws default to those of steel in bronze.
     """
     play = PLAYS[kind]
     start = table.get("eccentricity")

@@ -44,10 +44,7 @@ class Scene(NamedTuple):
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file. It warns of implausible sizes, and of parts of a robot's file that were not read.
-
-    **Raises:** `ClearanceError` naming the file, the key and the fix.
-    """
+    """Read a scene file; it warns of implausible sizes and of unread parts of a robot. **Raises** `ClearanceError`."""
     scene = read_scene(path)
     if warning := implausible(scene.mechanism):
         warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)

@@ -69,9 +69,7 @@ def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterio
 
 
 def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
-    """The wear model of a section `wear`, with cycles that end at `cycle` [s]. The joint gets the length and the
-    materials of the table. **Raises:** `ClearanceError` naming the key and the fix.
-    """
+    """The wear model of a section `wear`, with cycles that end at `cycle` [s], length and materials of the table."""
     mechanism, joint = _with_joint_values(top, mechanism)
     top.need("law", "pressure")
     given = top.values["law"]  # beside a hardness the coefficient has no unit

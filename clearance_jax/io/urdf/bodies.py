@@ -1,7 +1,5 @@
-"""Rigid bodies of a URDF's robot: links that are fixed to one another are one body, which must have mass to move.
-
-The frame of each link stays known by the link's name. A body is checked as a whole, so that a frame or sensor may lack
-mass.
+"""Rigid bodies of a URDF's robot: links that are fixed to one another are one body, which must have mass to move. The
+frame of each link stays known by the link's name; a frame or sensor may lack mass, for a body is checked as a whole.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,10 +41,8 @@ class LinkFrame(NamedTuple):
 
 
 class Rigid(NamedTuple):
-    """A body that has the frame and the name of the first of the `links` that it is made of.
-
-    **Arguments:** `mass` [kg]; `center` of mass [m] in that frame; `inertia` [kg m^2] about the centre of mass, along
-    that frame's axes; the `line` of the file that its first link begins at.
+    """A body with the frame and the name of the first of its `links`: `mass` [kg]; `center` of mass [m] in that frame;
+    `inertia` [kg m^2] about the centre of mass, along its axes; the `line` that its first link begins at.
     """
 
     name: str

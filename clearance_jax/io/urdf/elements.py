@@ -1,8 +1,6 @@
-"""Reads XML files as trees of elements that know their lines, and the names and numbers in elements of a URDF.
-
-A file may come from a stranger. Document types, which can define endless entities or read other files, are refused. So
-are texts that are too large or nested too deep. Messages name the line. A word that is nearly a known one is refused,
-for it is probably misspelt.
+"""Reads XML files as trees of elements that know their lines, and the names and numbers in elements of a URDF. A file
+may come from a stranger: document types, which can define endless entities or read other files, are refused, as are
+texts that are too large or nested too deep, and words that are nearly known ones, for they are probably misspelt.
 """
 
 import difflib

@@ -27,11 +27,8 @@ SHOWN = 8
 
 
 def read_urdf(path: str | Path) -> tuple[str, parts.Robot]:
-    """Text of a URDF file, and the robot that it describes.
-
-    **Raises:** `ClearanceError` naming the file, the line, the element and the fix: for another file, unknown kinds of
-    joints and names of links, links with two joints or none above them, garbled numbers, negative masses. (Whether
-    moving bodies have mass and inertia is checked when links are merged, `bodies`.)
+    """Text of a URDF file, and the robot that it describes. **Raises** `ClearanceError` naming the file, the line, the
+    element and the fix. (Whether moving bodies have mass is checked when links are merged, `bodies`.)
     """
     path = Path(path)
     written, top = xml.read_xml(path, "URDF file")

@@ -33,10 +33,8 @@ ROUNDING = 8 * np.finfo(float).eps
 
 
 class Link(NamedTuple):
-    """A rigid body with the frame of the joint that carries it.
-
-    **Arguments:** `mass` [kg], 0 where nothing is said of it; `center` of mass [m] in the link's frame; `inertia`
-    [kg m^2] about the centre of mass, along the link's axes; the `line` of the file that it begins at.
+    """A rigid body with the frame of its joint: `mass` [kg], 0 where nothing is said of it; `center` of mass [m] in
+    that frame; `inertia` [kg m^2] about the centre of mass, along its axes; the `line` of the file that it begins at.
     """
 
     name: str
@@ -55,11 +53,9 @@ class Mimic(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """A joint. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
-
-    **Arguments:** `kind`: one of `KINDS`; `axis`: a unit vector in the joint's frame; `damping` [N m s/rad or N s/m];
-    `friction` [N m or N]; `stiffness` of a spring [N m/rad or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or
-    kg]: inertia of its motor, seen through its gears.
+    """A joint, one of `KINDS`. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
+    `axis`: a unit vector there; `damping` [N m s/rad or N s/m]; `friction` [N m or N]; `stiffness` of a spring [N m/rad
+    or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or kg]: inertia of its motor, seen through its gears.
     """
 
     name: str
@@ -125,10 +121,8 @@ def rotation_of(rpy) -> Matrix3:
 
 
 def rpy_of(rotation: Matrix3) -> Vector3:
-    """Roll, pitch and yaw [rad] of a rotation: the inverse of `rotation_of`.
-
-    Near a pitch of 90 deg only the sum or difference of roll and yaw is well defined. So the yaw is taken out of the
-    rotation before the roll is computed.
+    """Roll, pitch and yaw [rad] of a rotation. Near a pitch of 90 deg only the sum or difference of roll and yaw is
+    well defined, so the yaw is taken out of the rotation first.
     """
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     if np.hypot(rotation[1, 0], rotation[0, 0]) <= ROUNDING:
@@ -151,10 +145,7 @@ def is_identity(rotation: Matrix3) -> bool:
 
 
 def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot:
-    """The robot of these links and joints.
-
-    **Raises:** `ClearanceError` where they are no tree, or where a joint follows what it cannot.
-    """
+    """The robot of these links and joints. **Raises** where they are no tree, or a joint follows what it cannot."""
     if not links:
         raise ClearanceError("the robot has no <link>. Add one.")
     if len(links) > MOST_LINKS:
