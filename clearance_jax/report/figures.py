@@ -13,18 +13,9 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import Panel, curve, flights, of_points, panels, time_axis
 from clearance_jax.report.style import STYLED, legend_below, panel_grid
+from clearance_jax.results import play as pins
 from clearance_jax.results.first_fall import seconds
 from clearance_jax.results.places import names_of
-from clearance_jax.results.play import (
-    FACE,
-    PinPath,
-    at_steps,
-    is_pin,
-    middle_path,
-    outline_of,
-    spans,
-    station_paths,
-)
 
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
@@ -92,10 +83,10 @@ def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int)
 def _eccentricity(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     for joint in bearing_most(dataset):
-        time, places = at_steps(dataset, joint, "eccentricity")
+        time, places = pins.at_steps(dataset, joint, "eccentricity")
         places = places[:, :2]  # across the sleeve
         colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
-        outline = outline_of(dataset, joint)
+        outline = pins.outline_of(dataset, joint)
         if outline is not None and outline.height is None and not np.any(outline.depth):
             axis.axhline(outline.clearance * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
     axis.set(ylabel="eccentricity, mm")
@@ -105,7 +96,7 @@ def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     joints = names_of(dataset, "joint")
     for place, joint in enumerate(bearing_most(dataset)):
-        time, force = at_steps(dataset, joint, "contact_force")
+        time, force = pins.at_steps(dataset, joint, "contact_force")
         colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
             episodes = dataset["episode_joint"].values == joints.index(joint)
@@ -139,7 +130,7 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
 
 def _draw_states(axis, dataset: xr.Dataset, joint: str, shares: bool) -> None:
     """Draw a pin's path; `shares`: label the states with their fractions of the time."""
-    path = middle_path(dataset, joint)
+    path = pins.middle_path(dataset, joint)
     states = {code: state for code, state in enumerate(STATES) if np.any(path.state == code)}
     if shares:
         states = {code: (with_share(name, path.share(code)), colour) for code, (name, colour) in states.items()}
@@ -172,7 +163,7 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     if not joints:
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
     most = bearing_most(dataset)
-    drawn = [station_paths(dataset, joint) for joint in most if is_pin(outline_of(dataset, joint))]
+    drawn = [pins.station_paths(dataset, joint) for joint in most if pins.is_pin(pins.outline_of(dataset, joint))]
     drawn = [[paths[0], paths[-1]] if edges and len(paths) > 1 else paths for paths in drawn]
     orbits_of = [paths for paths in drawn if len(paths) > 1]
     single = [paths[0] for paths in drawn if len(paths) == 1]
@@ -204,10 +195,10 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     factor = time_axis(axis, float(dataset["time"][-1]))
     labelled: set[str] = set()
     for row, joint in enumerate(joints):
-        bearing, outline = spans(dataset, joint), outline_of(dataset, joint)
+        bearing, outline = pins.spans(dataset, joint), pins.outline_of(dataset, joint)
         names = PATTERNS if outline is not None and outline.edges else (PATTERNS[0], TOUCHING)
-        told = [(words, colour, bearing.pattern % FACE == code) for code, (words, colour) in enumerate(names)]
-        for words, colour, chosen in (*told, (*FACES, bearing.pattern >= FACE)):
+        told = [(words, colour, bearing.pattern % pins.FACE == code) for code, (words, colour) in enumerate(names)]
+        for words, colour, chosen in (*told, (*FACES, bearing.pattern >= pins.FACE)):
             if not np.any(chosen):
                 continue
             # One joint's shares of the time stand in the legend; of several they would not be the same.
@@ -227,7 +218,7 @@ def with_share(words: str, share: float) -> str:
     return f"{words} ({share:.0%})" if share >= TOLD else f"{words} (< 1%)"
 
 
-def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
+def _draw_orbits(figure: Any, paths: list[pins.PinPath]) -> None:
     """Draw paths beside each other; those of one joint have one scale."""
     columns, same_joint = min(ROW, len(paths)), len({path.joint for path in paths}) == 1
     axes = panel_grid(figure, len(paths), columns, sharex=same_joint, sharey=same_joint)
@@ -248,7 +239,7 @@ def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
 
 
-def draw_path(axis: Any, path: PinPath, states: Mapping[int, tuple[str, str]]) -> None:
+def draw_path(axis: Any, path: pins.PinPath, states: Mapping[int, tuple[str, str]]) -> None:
     """A pin's path: flights as curves, contacts as dots, the limit of travel; `states`: label and colour by state."""
     for code, (label, colour) in states.items():
         chosen = path.state == code

@@ -140,6 +140,11 @@ def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
     return values.reshape(code.size, *values.shape[code.ndim :])
 
 
+def axis_scale(dataset: xr.Dataset, name: str) -> AxisScale:
+    """How a number that varies is shown. **Raises** `ClearanceError` for another one."""
+    return display(number(dataset, name))
+
+
 def scaled(dataset: xr.Dataset, array: xr.DataArray, name: str | None = None) -> tuple[AxisScale, np.ndarray]:
     """How a number or a result is shown (`display`), and its values so, lane by lane (`of_lanes`)."""
     axis = display(array, name)

@@ -8,24 +8,12 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from clearance_jax import joints
 from clearance_jax.errors import ClearanceError, naming, suggest
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import play as keys
 from clearance_jax.io.keys.declare import Keys, keys_of
 from clearance_jax.io.table import TomlTable
-from clearance_jax.joints import (
-    AbstractClearance,
-    AbstractPin,
-    Fitting,
-    GuideClearance,
-    PressFit,
-    SleeveClearance,
-    SphericalClearance,
-    Tolerance,
-    angular_contact_pair,
-    crossed_roller,
-    rolling_bearing,
-)
 from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.joints.presets import PINS, flat_contact, round_contact
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
@@ -64,14 +52,14 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
             table.refuse("element", why=f"{why} Leave one of them out.")
         word, element = table.variant("element", keys.ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
-    if play.keys is keys.PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
+    if play.keys is keys.PIN and isinstance(clearance, joints.AbstractPin) and table.has("worn"):
         clearance = with_wear(clearance, table, path)
     with naming(table.where):
         check_demands(clearance)
     return {"clearance": clearance, "eccentricity": start}
 
 
-def _pin(table: TomlTable, usual: bool) -> AbstractPin:
+def _pin(table: TomlTable, usual: bool) -> joints.AbstractPin:
     if not table.has("bearing"):
         return _in_a_sleeve(PINS[table.get("kind")], table, usual)
     others = (key.name for key in keys.PIN.keys if key.name not in WITH_A_BEARING)
@@ -81,7 +69,7 @@ def _pin(table: TomlTable, usual: bool) -> AbstractPin:
         return BEARINGS_MADE[word](**inner.arguments("type"), friction=_friction(table))
 
 
-def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
+def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> joints.AbstractPin:
     fields = {name: key.required for name, key in keys_of(make).items() if name not in COMMON}
     for kind, other in PINS.items():
         for key in keys_of(other):
@@ -97,24 +85,24 @@ def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
         return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **sizes)
 
 
-def _ball(table: TomlTable, usual: bool) -> SphericalClearance:
+def _ball(table: TomlTable, usual: bool) -> joints.SphericalClearance:
     table.need("ball_radius")
     clearance = table.get(RADIAL)
     laws = _laws(table, round_contact(clearance) if usual else None)
-    return SphericalClearance(clearance, table.get("ball_radius"), *laws)
+    return joints.SphericalClearance(clearance, table.get("ball_radius"), *laws)
 
 
-def _guide(table: TomlTable, usual: bool) -> GuideClearance:
+def _guide(table: TomlTable, usual: bool) -> joints.GuideClearance:
     table.need("length", *(() if usual else ("height",)))
     length, width = table.get("length"), table.get("width")
     height = table.get("height") if table.has("height") else length
     flat = flat_contact(length, height, 2) if width is None else flat_contact(length, width, 4)
     laws, guide = _laws(table, flat if usual else None), table.get("guide_length")
-    return GuideClearance(table.get("side_clearance"), length, height, *laws, width, guide_length=guide)
+    return joints.GuideClearance(table.get("side_clearance"), length, height, *laws, width, guide_length=guide)
 
 
-BEARINGS_MADE: Any = {"radial": rolling_bearing, "crossed-roller": crossed_roller}
-BEARINGS_MADE |= {"angular-contact-pair": angular_contact_pair}
+BEARINGS_MADE: Any = {"radial": joints.rolling_bearing, "crossed-roller": joints.crossed_roller}
+BEARINGS_MADE |= {"angular-contact-pair": joints.angular_contact_pair}
 
 
 class PlayReader(NamedTuple):
@@ -122,20 +110,22 @@ class PlayReader(NamedTuple):
 
     keys: Keys
     makes: tuple[str, ...]
-    read: Callable[[TomlTable, bool], AbstractClearance]
+    read: Callable[[TomlTable, bool], joints.AbstractClearance]
     radii: bool = False
 
 
 PLAYS = {
     Revolute: PlayReader(keys.PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
-    Cylindrical: PlayReader(keys.SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, SleeveClearance), True),
+    Cylindrical: PlayReader(
+        keys.SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, joints.SleeveClearance), True
+    ),
     Spherical: PlayReader(keys.BALL, (RADIAL,), _ball),
     Prismatic: PlayReader(keys.GUIDE, ("side_clearance",), _guide),
 }
 """Readers by class of joint."""
 
 
-def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]:
+def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, joints.Tolerance | None]:
     """Radial clearance and pin radius [m], from a fit or from two of clearance, pin radius and sleeve radius."""
     pin, sleeve = table.get(PIN_RADIUS), table.get(SLEEVE)
     if usual and pin is None and sleeve is None and table.has("length"):
@@ -165,7 +155,7 @@ def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]
     return clearance, pin, None
 
 
-def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
+def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, joints.Tolerance]:
     table.refuse(RADIAL, DIAMETRAL, SLEEVE, why="has no effect beside a `fit`, which gives the clearance.")
     if not table.has("temperature"):
         table.refuse(*EXPANSIONS, why="has no effect without `temperature`: at 20 degC nothing expands.")
@@ -173,8 +163,8 @@ def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
         raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`, half the nominal diameter. Add it.")
     numbers = {key: table.get(key) for key in OF_A_FIT if key != "press" and table.has(key)}
     with naming(table.key("fit")):
-        press = PressFit(**table.table("press", keys.PRESS).arguments()) if table.has("press") else None
-        clearance, tolerance = Fitting(table.get("fit"), **numbers, press=press).radial_clearance(2 * pin)
+        press = joints.PressFit(**table.table("press", keys.PRESS).arguments()) if table.has("press") else None
+        clearance, tolerance = joints.Fitting(table.get("fit"), **numbers, press=press).radial_clearance(2 * pin)
     return clearance, pin, tolerance
 
 
@@ -210,7 +200,7 @@ def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
     return FRICTION_LAWS[word](**table.arguments("law"))
 
 
-def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:
+def with_wear(clearance: joints.AbstractPin, joint: TomlTable, path: Path) -> joints.AbstractPin:
     """The clearance with its sleeve worn as the table `worn` says, evenly along its length; `path`: of the scene."""
     where = joint.key("worn")
     table = joint.table("worn", keys.WORN)
