@@ -102,7 +102,8 @@ def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) ->
     from clearance_jax.solve.simulate import simulate as solution_of
 
     if solve.get("fidelity") == QUASI_STATIC:
-        return (solution_of(mechanism, end, **solve, throw=False),) * 2
+        solution = solution_of(mechanism, end, **solve, throw=False)
+        return solution, solution
     result = trace(mechanism, end, **solve, progress=progress)
     return result, result.solution
 

@@ -47,7 +47,7 @@ def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> N
         which = which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours)))
         frames.append((colours, which))
     palette = _palette(frames[:: -(-len(frames) // LOOKED_AT)])
-    first, *rest = (_paint(*frame, palette) for frame in frames)
+    first, *rest = (_paint(colours, which, palette) for colours, which in frames)
     lasts = max(round(1000 / fps), 20)  # ms; what is shorter browsers show slowly
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=lasts, loop=0)
 

@@ -71,10 +71,10 @@ def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
     kept = np.where(np.isin(np.arange(samples), whole), np.arange(samples), rng.choice(whole, samples))
     used = outcomes[:, kept]
     drawn = [_estimate(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
-    intervals = np.percentile(drawn, [2.5, 97.5], axis=0).swapaxes(0, 1)
+    of_first, of_total = np.percentile(drawn, [2.5, 97.5], axis=0).swapaxes(0, 1)
     failed, deviation = int(np.sum(~np.isfinite(outcomes))), blocks[: 2 * samples].std(axis=0)
-    moments = float(used[:2].mean()), float(used[:2].var())
-    return Indices(tuple(numbers), *_estimate(used), *intervals, deviation, *moments, failed)
+    (first, total), mean, variance = _estimate(used), float(used[:2].mean()), float(used[:2].var())
+    return Indices(tuple(numbers), first, total, of_first, of_total, deviation, mean, variance, failed)
 
 
 def is_sobol(values: xr.DataArray) -> bool:

@@ -128,7 +128,7 @@ PLAYS = {
 def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, joints.Tolerance | None]:
     """Radial clearance and pin radius [m], from a fit or from two of clearance, pin radius and sleeve radius."""
     pin, sleeve = table.get(PIN_RADIUS), table.get(SLEEVE)
-    if usual and pin is None and sleeve is None and table.has("length"):
+    if usual and table.has("length") and not (table.has(PIN_RADIUS) or table.has(SLEEVE)):
         pin = table.get("length") / 2
     if table.has("fit"):
         return _fit(table, pin)

@@ -150,7 +150,7 @@ def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None
     if table.has("cycles"):
         if wear is None:
             why = "has no effect without a section `wear`, which says how a joint wears. Add it."
-            table.refuse("cycles", why=why)
+            raise ClearanceError(f"{table.key('cycles')} {why}")
         model, options = wear.model, wear.options
         how = {name: getattr(model, name) for name in ("joint", "wear", "pressure", "cycle")}
         how |= {name: options[name] for name in ("sectors", "tolerance")}

@@ -7,7 +7,7 @@ import difflib
 import re
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -55,6 +55,10 @@ class Element(ElementTree.Element):
     """An element: its tag (`{namespace}name` where it has a namespace), `attrib`utes, the `line` that it begins at."""
 
     line = 0
+    if TYPE_CHECKING:  # its children are of its kind
+
+        def __iter__(self) -> Any: ...
+        def iter(self, tag: str | None = None) -> Any: ...
 
     @property
     def word(self) -> str:
@@ -69,7 +73,7 @@ class _Builder(ElementTree.TreeBuilder):
     line: Callable[[], int]
 
     def start(self, tag, attrs):
-        element = super().start(tag, attrs)
+        element: Any = super().start(tag, attrs)
         element.line, self.depth = self.line(), self.depth + 1
         if self.depth > DEEPEST:
             raise ClearanceError(f"line {element.line}: nested deeper than {DEEPEST} elements. Nest a few levels only.")
@@ -89,12 +93,13 @@ def read_xml(path: Path, what: str) -> tuple[str, Element]:
 
 def parse(text: str) -> Element:
     """The outermost element of an XML text; messages name the line only."""
-    builder = _Builder(Element)
+    builder: Any = _Builder(Element)
     parser = DefusedXMLParser(target=builder, forbid_dtd=True)
     builder.line = lambda: parser.parser.CurrentLineNumber
     try:
         parser.feed(text)
-        return parser.close()
+        top: Any = parser.close()
+        return top
     except DefusedXmlException:
         raise ClearanceError(
             f"line {builder.line()}: declares a document type (<!DOCTYPE ...>), which could define endless entities or "
