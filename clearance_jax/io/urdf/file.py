@@ -231,8 +231,8 @@ def _joint_of(element: xml.Element, where: str) -> str:
 
 def _number_in(element: xml.Element, where: str) -> float:
     """The number that an element holds as its text, without that of its children."""
-    xml.text = "".join([element.text or "", *(child.tail or "" for child in element)])
-    return xml.parse_number(xml.text.strip(), f"{where}: <{element.word}>")
+    content = "".join([element.text or "", *(child.tail or "" for child in element)])
+    return xml.parse_number(content.strip(), f"{where}: <{element.word}>")
 
 
 def _check(kind: str, stiffness: float, rotor: float, where: str) -> None:
