@@ -155,6 +155,7 @@ _KINDS = {
     for word, member in kinds(MANUFACTURE).items()
 }
 MANUFACTURE_TABLES = family("design.manufacture", "Manufacture", "kind", "how parts come out of manufacture", _KINDS)
+del _KINDS
 DESIGN_TABLES = (
     *(DESIGN, VARIABLE, *COST_TABLES.values(), PAYLOAD, LIMIT),
     *(*MANUFACTURE_TABLES.values(), VERIFY, TRADEOFF),

@@ -92,4 +92,5 @@ _KINDS = {
     for word, cls in (REDUCTIONS | COUNTS | RECURRENCES).items()
 }
 METRIC_KINDS = family("metric.NAME", "Metric", "kind", "what is asked of the motion", _KINDS)
+del _KINDS
 """Tables by kind of metric."""
