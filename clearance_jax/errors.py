@@ -34,12 +34,7 @@ def naming(where: str) -> Iterator[None]:
     except ClearanceError as error:
         if where in str(error):
             raise
-        raise ClearanceError(f"{where}: {error}") from None
-
-
-def must_be(where: str, what: str, value: object) -> ClearanceError:
-    """The error of a `value` that is not `what` it must be."""
-    return ClearanceError(f"{where} must be {what}, but it is {quote(value)}.")
+        raise error.at(where) from None
 
 
 def cut(text: str, longest: int) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, must_be, quote
+from clearance_jax.errors import ClearanceError, wrong_value, quote
 from clearance_jax.io.keys.kinds import check_text
 
 LARGEST_TOML, LARGEST_TABLE = 2_000_000, 50_000_000
@@ -142,7 +142,7 @@ def _header(line: CsvLine, meant: Meant) -> list[Head]:
     for i, cell in enumerate(cells, start=1):
         match, here = _HEAD.fullmatch(cell), f"{where}, column {i}"
         if match is None:
-            raise must_be(here, "a name with a unit in brackets, `hip [deg]`", cell)
+            raise wrong_value(here, "a name with a unit in brackets, `hip [deg]`", cell)
         name, unit = match[1].strip(), match[2]
         if not name:
             raise ClearanceError(f"{here} has no name. Name it, or take the comma beside it away.")
@@ -174,7 +174,7 @@ def _number(cell: str, where: str, gaps: bool) -> float:
         raise ClearanceError(f"{where} must be a number, but {content}.")
     value = float(cell)
     if not math.isfinite(value):
-        raise must_be(where, "finite", cell)
+        raise wrong_value(where, "finite", cell)
     return value
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from clearance_jax.errors import ClearanceError, must_be, quote, suggest
+from clearance_jax.errors import ClearanceError, wrong_value, quote, suggest
 from clearance_jax.io.keys.declare import Keys
 from clearance_jax.io.keys.kinds import Words, check_name
 
@@ -126,7 +126,7 @@ def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
 def check_table(values: Any, where: str) -> dict[str, Any]:
     """The values, which must be a table."""
     if not isinstance(values, dict):
-        raise must_be(where, "a table of keys", values)
+        raise wrong_value(where, "a table of keys", values)
     return values
 
 

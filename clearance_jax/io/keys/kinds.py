@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
-from clearance_jax.errors import ClearanceError, must_be, naming, quote, suggest
+from clearance_jax.errors import ClearanceError, wrong_value, naming, quote, suggest
 from clearance_jax.mechanism.placement import as_axis, as_inertia
 from clearance_jax.parameters import check_bounds, resolve_unit
 from clearance_jax.units import to_si
@@ -110,7 +110,7 @@ class Quantities(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise must_be(where, f"a list such as {self.example}", value)
+            raise wrong_value(where, f"a list such as {self.example}", value)
         return _in_si(value, resolve_unit(self.unit, words), where)
 
 
@@ -123,7 +123,7 @@ class AbstractComponents(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not self.shape["minItems"] <= len(value) <= self.shape["maxItems"]:
-            raise must_be(where, f"{self.form} such as {self.example}", value)
+            raise wrong_value(where, f"{self.form} such as {self.example}", value)
         return self.record(*(number or None for number in _in_si(value, self.unit, where)))
 
 
@@ -155,7 +155,7 @@ class Direction(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, (str, list)):
-            raise must_be(where, f"an axis such as {self.example}", value)
+            raise wrong_value(where, f"an axis such as {self.example}", value)
         with naming(where):
             return as_axis(_in_si(value, "", where) if isinstance(value, list) else value)
 
@@ -172,7 +172,7 @@ class Moments(Key):
         if not isinstance(value, list):
             return _bounded(value, self.unit, self.bounds, where)
         if len(value) not in (3, 6):
-            raise must_be(where, "one quantity, three (xx, yy, zz) or six (and xy, xz, yz)", value)
+            raise wrong_value(where, "one quantity, three (xx, yy, zz) or six (and xy, xz, yz)", value)
         with naming(where):
             return as_inertia(_in_si(value, self.unit, where))
 
@@ -191,9 +191,9 @@ class Whole(Key):
 
     def read(self, value, where, words):
         if isinstance(value, bool) or not isinstance(value, int) or value < self.least:
-            raise must_be(where, f"a whole number of at least {self.least}", value)
+            raise wrong_value(where, f"a whole number of at least {self.least}", value)
         if value > self.most:
-            raise must_be(where, f"a whole number of at most {self.most}", value)
+            raise wrong_value(where, f"a whole number of at most {self.most}", value)
         return value
 
 
@@ -207,7 +207,7 @@ class Wholes(Key):
     def read(self, value, where, words):
         whole = isinstance(value, list) and value and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
         if not whole or value[0] < 0 or any(a >= b for a, b in itertools.pairwise(value)):
-            raise must_be(where, f"a list of whole numbers that grow, such as {self.example}", value)
+            raise wrong_value(where, f"a list of whole numbers that grow, such as {self.example}", value)
         return tuple(value)
 
 
@@ -220,7 +220,7 @@ class Flag(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, bool):
-            raise must_be(where, "true or false", value)
+            raise wrong_value(where, "true or false", value)
         return value
 
 
@@ -234,7 +234,7 @@ class Text(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, str):
-            raise must_be(where, "a text in quotes", value)
+            raise wrong_value(where, "a text in quotes", value)
         return check_text(value, where, self.longest)
 
 
@@ -252,10 +252,10 @@ class Names(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise must_be(where, f"a list such as {self.example}", value)
+            raise wrong_value(where, f"a list such as {self.example}", value)
         for i, name in enumerate(value):
             if not isinstance(name, str):
-                raise must_be(f"{where}[{i}]", "a name in quotes", name)
+                raise wrong_value(f"{where}[{i}]", "a name in quotes", name)
         return tuple(check_text(name, f"{where}[{i}]") for i, name in enumerate(value))
 
 
@@ -276,7 +276,7 @@ class Word(Key):
     def read(self, value, where, words):
         if not isinstance(value, str) or value not in self.allowed:
             near = suggest(value if isinstance(value, str) else "", self.allowed)
-            raise ClearanceError(f"{must_be(where, 'one of the allowed words', value)} {near}")
+            raise ClearanceError(f"{wrong_value(where, 'one of the allowed words', value)} {near}")
         return value
 
 
@@ -299,12 +299,12 @@ def tables(help: str, example: str, absent: str = "", *, required: bool = False)
 def check_text(value: str, where: str, longest: int = LONGEST) -> str:
     """A text of one line. **Raises** `ClearanceError` if it is empty, too long or unprintable."""
     if not value.strip() or len(value) > longest or not value.isprintable():
-        raise must_be(where, f"a text of 1 to {longest} printable characters", value)
+        raise wrong_value(where, f"a text of 1 to {longest} printable characters", value)
     return value
 
 
 def check_name(value: str, where: str) -> str:
     """A name of a part, without `.` and `=`. **Raises** `ClearanceError` for another text."""
     if "." in value or "=" in value:
-        raise must_be(where, "named without `.` and `=`, which separate names and values", value)
+        raise wrong_value(where, "named without `.` and `=`, which separate names and values", value)
     return check_text(value, f"{where}, a name,")

@@ -14,7 +14,7 @@ import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser
 
-from clearance_jax.errors import ClearanceError, must_be, naming, quote, suggest
+from clearance_jax.errors import ClearanceError, wrong_value, naming, quote, suggest
 from clearance_jax.io.files import read_text
 from clearance_jax.io.keys.kinds import check_text
 from clearance_jax.io.urdf.robot import Triple
@@ -179,7 +179,7 @@ def numbers(
         for word in words:
             check_comma(word, place)
         form = "one number" if count == 1 else f"{count} numbers with spaces between them"
-        raise must_be(place, form, element.attrib[attribute])
+        raise wrong_value(place, form, element.attrib[attribute])
     return tuple(parse_number(word, place) for word in words)
 
 

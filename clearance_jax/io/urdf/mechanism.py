@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, must_be, naming, quote, suggest
+from clearance_jax.errors import ClearanceError, wrong_value, naming, quote, suggest
 from clearance_jax.io.keys.kinds import Word
 from clearance_jax.io.urdf.bodies import Assembly, Rigid, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
@@ -96,7 +96,7 @@ def _gravity(value: Any) -> Gravity:
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
-        raise must_be("`gravity`", "three finite numbers in m/s^2", value)
+        raise wrong_value("`gravity`", "three finite numbers in m/s^2", value)
     return Gravity(*_present(numbers))
 
 
