@@ -1,7 +1,8 @@
 """Errors of structure and values, which raise; failures inside a solve are result codes."""
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Set
+from contextlib import contextmanager
 from typing import Any
 
 # A message is one or two sentences; a longer one contains a long value or path from the input.
@@ -47,6 +48,17 @@ class WearFailure(ClearanceError):
 
 class WornThrough(WearFailure):
     """A part that does not reach the asked life; not a mistake in the input where parts scatter."""
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """A context in which messages of `ClearanceError` begin with a place (a file or a key)."""
+    try:
+        yield
+    except ClearanceError as error:
+        if where in str(error):
+            raise
+        raise error.at(where) from None
 
 
 def cut(text: str, longest: int) -> str:

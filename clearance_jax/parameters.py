@@ -44,24 +44,14 @@ def as_leaf(value: Any) -> Any:
 
 
 def outside(part: Any) -> Any:
-    """The same tree with NumPy's numbers, except tracers, for evaluation outside of a solve. With JAX's numbers every
-    product would be a compiled program.
-    """
+    """The tree with NumPy's numbers, but for tracers: outside of a solve JAX would compile a program for a product."""
     return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) and not isinstance(x, Tracer) else x, part)
 
 
 def physical(
-    unit: str,
-    help: str = "",
-    example: str = "",
-    absent: str = "",
-    *,
-    above: float | None = None,
-    least: float | None = None,
-    below: float | None = None,
-    instead: str = "",
-    **field,
-):
+    unit: str, *, above: float | None = None, least: float | None = None, below: float | None = None,
+    help: str = "", example: str = "", absent: str = "", instead: str = "", **field,
+):  # fmt: skip
     """A field of a class of your own that holds one physical number, or `None` where the quantity may be absent.
 
     **Arguments:**
@@ -88,9 +78,7 @@ def describe(help: str, example: str, absent: str = "", *, least: int = 0, most:
 
 
 def flatten(member: str | None = None, **field):
-    """A field whose own name is left out of dotted parameter names: its members appear as its owner's; `member`: of a
-    tuple the word before the name of a member that has one.
-    """
+    """A field left out of dotted names: its members are its owner's; `member`: of a tuple the word before a name."""
     return eqx.field(metadata={"flattened": True, "member": member}, **field)
 
 
@@ -203,7 +191,6 @@ def _extended(prefix: str, field: dataclasses.Field) -> str:
 
 @functools.cache
 def _fields(kind: type[eqx.Module]) -> tuple[dataclasses.Field, ...]:
-    """The fields of a class that may hold numbers."""
     return tuple(field for field in dataclasses.fields(kind) if not field.metadata.get("static", False))
 
 
@@ -262,21 +249,17 @@ def replace(module: Any, values: Mapping[str, Any]) -> Any:
         path, old = leaf.path, follow(module, leaf.path)
         new = jnp.asarray(value, dtype=float) if index is None else jnp.asarray(old).at[index].set(value)
         if np.ndim(new) < np.ndim(old):
-            raise ClearanceError(
-                f"`{name}` must have shape {np.shape(old)}, but a value of shape {np.shape(new)} was "
-                f"given. Name one entry as `{name}.0`."
-            ).about(name, np.shape(new))
+            given = f"a value of shape {np.shape(new)} was given. Name one entry as `{name}.0`."
+            raise ClearanceError(f"`{name}` must have shape {np.shape(old)}, but {given}").about(name, np.shape(new))
         module = eqx.tree_at(lambda m, path=path: follow(m, path), module, new)
     return module
 
 
 def values_of(module: eqx.Module, names: Sequence[str]) -> dict[str, Array]:
     """The present values of named parameters (`name.i`: one entry of an array)."""
-    known, out = parameters(module), {}
-    for name in names:
-        leaf, index = find(known, name)
-        out[name] = jnp.asarray(leaf.value if index is None else leaf.value[index], float)
-    return out
+    known = parameters(module)
+    each = {name: find(known, name) for name in names}
+    return {n: jnp.asarray(x.value if i is None else x.value[i], float) for n, (x, i) in each.items()}
 
 
 def units_of(module: eqx.Module, names: Iterable[str]) -> dict[str, str]:
@@ -301,8 +284,7 @@ def bounds_hold(module: eqx.Module) -> Flag:
     numbers = jnp.concatenate([value for value, _ in every])
     good = jnp.isfinite(numbers)
     for key, holds, _ in BOUNDS:
-        limits = [np.full(value.shape, np.nan if m.get(key) is None else m[key]) for value, m in every]
-        limit = np.concatenate(limits)
+        limit = np.concatenate([np.full(v.shape, np.nan if m.get(key) is None else m[key]) for v, m in every])
         good &= holds(numbers, jnp.asarray(limit)) | jnp.asarray(np.isnan(limit))
     together = [demand.holds for _, part in _parts(leaves(module)) for demand in part.demands()]
     return jnp.all(jnp.stack([jnp.all(good), *(jnp.all(jnp.asarray(holds)) for holds in together)]))
@@ -338,10 +320,7 @@ def check_values(module: eqx.Module) -> None:
 
 
 def check_demands(part: Parametrised, begin: str = "") -> None:
-    """Raise if numbers of a part contradict each other. Tracers pass.
-
-    **Arguments:** `begin`: the beginning of the part's names ("wrist.").
-    """
+    """Raise if numbers of a part contradict each other. Tracers pass. `begin`: begin of its names ("wrist.")."""
     with np.errstate(all="ignore"):  # of numbers near the largest ones
         demands = list(outside(part).demands())
     for demand in demands:
@@ -355,9 +334,10 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str, given: Any = None) -> None:
     """Raise for a number outside its field's bounds, naming its place `where`; `given`: how it was written."""
     value = np.asarray(value)
-    if all(np.all(holds) for _, _, holds in violations(value, metadata)):
+    checks = list(violations(value, metadata))
+    if all(np.all(holds) for *_, holds in checks):
         return
-    demanded = [f"{words} {limit:g} {unit}".rstrip() for words, limit, _ in violations(value, metadata)]
+    demanded = [f"{words} {limit:g} {unit}".rstrip() for words, limit, _ in checks]
     if metadata.get("above") is not None and metadata.get("below") is not None:
         demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]
     shown = quote(given)[1:-1] if isinstance(given, str) else f"{quote(value.tolist())} {unit}".rstrip()

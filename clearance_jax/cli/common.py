@@ -9,31 +9,26 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.console import Console
 from rich.markup import escape
+from typer import Argument, Option
 
 from clearance_jax.errors import ClearanceError, quote
 
 console, errors = Console(), Console(stderr=True)
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."),
-]
-Clearances = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--clearance",
-        metavar="JOINT:NUMBERS",
-        help="Give a joint play, e.g. axis_5:kind=sleeve,radial_clearance=0.05mm,length=40mm,"
-        "pin_radius=10mm or slide:side_clearance=0.1mm,length=60mm.",
-    ),
-]
-Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.")]
+SCENE = Argument(..., metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")
+SETTINGS = Option(
+    None, "--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."
+)
+_PLAY = (
+    "axis_5:kind=sleeve,radial_clearance=0.05mm,length=40mm,pin_radius=10mm or slide:side_clearance=0.1mm,length=60mm."
+)
+CLEARANCES = Option(None, "--clearance", metavar="JOINT:NUMBERS", help=f"Give a joint play, e.g. {_PLAY}")
+IDEAL = Option(False, "--ideal", help="Take every clearance away.")
+MAGNIFIED = Option(None, "--magnify", metavar="JOINT", help="The joint magnified (default: the one that bears most).")
 
 FIGURES = (".png", ".pdf", ".svg")
 DATASETS = (".nc",)
@@ -104,8 +99,8 @@ def check_distinct(**paths: Path | None) -> None:
     seen: dict[Path, str] = {}
     for word, path in paths.items():
         if path is not None and seen.setdefault(path.resolve(), word) != word:
-            text = f"The {seen[path.resolve()]} and the {word} are the same file `{path}`. Give two names."
-            raise ClearanceError(text)
+            both = f"The {seen[path.resolve()]} and the {word}"
+            raise ClearanceError(f"{both} are the same file `{path}`. Give two names.")
 
 
 def say(text: str) -> None:

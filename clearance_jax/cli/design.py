@@ -26,7 +26,8 @@ def run_design(
 ) -> None:
     """Run the design of a study, verify it and report it. Ctrl-C keeps the best design so far."""
     from clearance_jax.ask.answers import place_of
-    from clearance_jax.design.judge.findings import CUT_SHORT
+    from clearance_jax.design.judge.findings import CUT_SHORT, known_findings
+    from clearance_jax.design.search.run import INTERRUPTED
     from clearance_jax.design.search.yields import YieldWarning
     from clearance_jax.report.html import write_report
     from clearance_jax.runs.journal import RunWarning
@@ -43,17 +44,17 @@ def run_design(
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
         trade = {} if tradeoff and study.design.tradeoff is None else study.design.tradeoff
-        findings = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
-    for text in findings.notes:
-        say(text)
-    if findings.fits is not None:
-        say(str(findings.fits))
-    if findings.tradeoff is not None:
-        say(str(findings.tradeoff))
+        if design.stop_reason == INTERRUPTED:
+            findings = known_findings(design)
+        else:
+            findings = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
+    for text in (*findings.notes, findings.fits, findings.tradeoff):
+        if text is not None:
+            say(str(text))
     if report is not None:
         write_report(findings, report, study.name, study.text)
         say_written("report", report)
-    if _interruption(design) or CUT_SHORT in findings.notes:
+    if design.stop_reason == INTERRUPTED or CUT_SHORT in findings.notes:
         raise typer.Exit(130)
     if not findings.good:
         raise typer.Exit(1)
@@ -74,8 +75,7 @@ def _preparation(mechanism: Any) -> str:
     from clearance_jax.mechanism.state import layout
 
     count = len(layout(mechanism).velocities)
-    kind = "plane" if mechanism.is_plane else "spatial"
-    how_long = "about ten seconds" if mechanism.is_plane else "about a minute"
+    kind, how_long = ("plane", "about ten seconds") if mechanism.is_plane else ("spatial", "about a minute")
     if mechanism.is_plane and count > MANY:
         how_long = "minutes"
     return (
@@ -85,7 +85,6 @@ def _preparation(mechanism: Any) -> str:
 
 
 def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
-    """Search for the design, and show the best so far."""
     from clearance_jax.design.asked.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
 
@@ -111,12 +110,6 @@ def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
         raise typer.Exit(130) from None
 
 
-def _interruption(design) -> bool:
-    from clearance_jax.design.search.run import INTERRUPTED
-
-    return design.stop_reason == INTERRUPTED
-
-
 def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
     """The design and its certificate; prints the expected duration and shows the progress."""
     from clearance_jax.design.judge.verify import expected_evaluations
@@ -136,14 +129,10 @@ def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
 def _explain(
     study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: ProgressDisplay, pace: Pace
 ):
-    """The findings about the design: its certificate, a trade-off if it is asked for, and for a report all the others.
-    An interruption keeps those so far.
-    """
+    """The certificate, a trade-off if asked for, for a report all findings; an interruption keeps those so far."""
     from clearance_jax.design import findings
     from clearance_jax.design.judge.findings import CUT_SHORT, known_findings, with_tradeoff
 
-    if _interruption(design):
-        return known_findings(design)
     certificate, phases = None, set()
 
     def progress(name):

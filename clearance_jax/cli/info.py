@@ -2,29 +2,16 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.markup import escape
 from rich.table import Table
+from typer import Option
 
-from clearance_jax.cli.common import (
-    FIGURES,
-    Clearances,
-    Ideal,
-    SceneFile,
-    Settings,
-    change,
-    check_distinct,
-    check_writable,
-    console,
-    errors,
-    read_scene,
-    say,
-    write_figure,
-)
+from clearance_jax.cli import common
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, is_robot, say_held, usual_end
 from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.units import format_quantity
 
 # Numbers of one parameter that are listed, at most.
 LISTED = 12
@@ -33,45 +20,43 @@ MODES = 6
 
 
 def info(
-    scene_file: SceneFile,
-    settings: Settings = None,
-    clearance: Clearances = None,
-    ideal: Ideal = False,
-    budget: Annotated[
-        bool, typer.Option("--budget", help="Instead: what the error of a point is made of, and what would help.")
-    ] = False,
-    point: Annotated[str | None, typer.Option(help="The point of the budget (default: the only one).")] = None,
-    trajectory: Annotated[
-        Path | None, typer.Option(help="For the budget: drives the joints that a CSV file of times and values names.")
-    ] = None,
-    t1: Annotated[
-        str | None, typer.Option(help="End time of the budget, e.g. 0.5s (default: the scene's, or the trajectory's).")
-    ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Figure of the budget (.png, .pdf).")] = None,
+    scene_file: Path = common.SCENE,
+    settings: list[str] | None = common.SETTINGS,
+    clearance: list[str] | None = common.CLEARANCES,
+    ideal: bool = common.IDEAL,
+    budget: bool = Option(
+        False, "--budget", help="Instead: what the error of a point is made of, and what would help."
+    ),
+    point: str | None = Option(None, help="The point of the budget (default: the only one)."),
+    trajectory: Path | None = Option(
+        None, help="For the budget: drives the joints that a CSV file of times and values names."
+    ),
+    t1: str | None = Option(
+        None, help="End time of the budget, e.g. 0.5s (default: the scene's, or the trajectory's)."
+    ),
+    plot: Path | None = Option(None, help="Figure of the budget (.png, .pdf)."),
 ) -> None:
     """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name.
 
     With `--budget`, what the error of a point is made of: play, elasticity and dynamics, joint by joint.
     """
-    scene = read_scene(scene_file)
-    of_budget = {"--point": point, "--trajectory": trajectory, "--t1": t1, "--plot": plot}
+    scene = common.read_scene(scene_file)
+    of_budget = {"point": point, "trajectory": trajectory, "t1": t1, "plot": plot}
     if budget:
         if ideal:
             raise ClearanceError("`--budget` is about play, which `--ideal` takes away. Leave one of them out.")
-        how = {"trajectory": trajectory, "t1": t1, "point": point, "plot": plot}
-        return say_budget(scene, scene_file, settings, clearance, **how)
+        return say_budget(scene, scene_file, settings, clearance, **of_budget)
     for option, value in of_budget.items():
         if value is not None:
-            raise ClearanceError(f"`{option}` is about the error budget. Add `--budget`, or leave it out.")
-    mechanism = change(scene.mechanism, settings, ideal, clearance)
+            raise ClearanceError(f"`--{option}` is about the error budget. Add `--budget`, or leave it out.")
+    mechanism = common.change(scene.mechanism, settings, ideal, clearance)
     _print_terms(mechanism)
     for line in _modes_words(mechanism):
-        console.print(line, highlight=False)
-    console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
-    limits = _limits(mechanism)
-    if limits.row_count:
-        console.print(limits)
-    console.print(_parameters(mechanism))
+        common.console.print(line, highlight=False)
+    common.console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
+    for table in (_limits(mechanism), _parameters(mechanism)):
+        if table.row_count:
+            common.console.print(table)
     return None
 
 
@@ -79,35 +64,31 @@ def _print_terms(mechanism) -> None:
     from clearance_jax.mechanism.state import layout
 
     plan = layout(mechanism)
-    console.print(f"[bold]{escape(mechanism.name)}[/bold]")
+    common.console.print(f"[bold]{escape(mechanism.name)}[/bold]")
     for note in mechanism.notes:
-        console.print(escape(note), highlight=False, soft_wrap=True)
-    console.print(
-        f"states: {plan.size} (positions and speeds of {', '.join(plan.positions) or 'nothing'}"
-        + (f"; {plan.remembered} memory variables" if plan.remembered else "")
-        + ")"
-    )
+        common.console.print(escape(note), highlight=False, soft_wrap=True)
+    memory = f"; {plan.remembered} memory variables" if plan.remembered else ""
+    moving = ", ".join(plan.positions) or "nothing"
+    common.console.print(f"states: {plan.size} (positions and speeds of {moving}{memory})")
     for joint in mechanism.clearance_joints():
         clearance = joint.clearance
         friction = "no friction" if clearance.friction is None else type(clearance.friction).__name__
-        console.print(
+        common.console.print(
             f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
             f"(class {clearance.normal.smoothness}), {friction}{_made_words(clearance)}{_worn_words(clearance)}"
         )
     for line in _acting_words(mechanism):
-        console.print(line, highlight=False)
-    console.print(f"equations of motion: {mechanism.form}", highlight=False)
-    console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
+        common.console.print(line, highlight=False)
+    common.console.print(f"equations of motion: {mechanism.form}", highlight=False)
+    common.console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
     if mechanism.closures():
         from clearance_jax.dynamics.closures import mobility
 
-        console.print(f"free to move: {mobility(mechanism)}")
+        common.console.print(f"free to move: {mobility(mechanism)}")
 
 
 def _made_words(clearance) -> str:
     """The range of a clearance as made, if it comes from a fit or a bearing."""
-    from clearance_jax.units import format_quantity
-
     tolerance = getattr(clearance, "tolerance", None)
     if tolerance is None:
         return ""
@@ -117,10 +98,7 @@ def _made_words(clearance) -> str:
 
 
 def _worn_words(clearance) -> str:
-    """The wear of a sleeve, if it is worn."""
     import numpy as np
-
-    from clearance_jax.units import format_quantity
 
     depth = getattr(clearance, "depth", None)
     if depth is None:
@@ -130,7 +108,6 @@ def _worn_words(clearance) -> str:
 
 
 def _acting_words(mechanism) -> Iterator[str]:
-    """Lines about servos and controllers, loads, and payloads."""
     from clearance_jax.mechanism.state import effort_sources
 
     for source in effort_sources(mechanism):
@@ -140,18 +117,14 @@ def _acting_words(mechanism) -> Iterator[str]:
         yield f"load {wrench.name} on {wrench.body}"
     for body in mechanism.bodies:
         if not body.is_always_there:
-            times = [
-                f"{word} at {float(time):g} s"
-                for word, time in (("picked up", body.picked_up), ("put down", body.put_down))
-                if time is not None
-            ]
-            yield f"payload {body.name}, {', '.join(times)}"
+            times = {"picked up": body.picked_up, "put down": body.put_down}
+            words = (f"{word} at {float(time):g} s" for word, time in times.items() if time is not None)
+            yield f"payload {body.name}, {', '.join(words)}"
 
 
 def _modes_words(mechanism) -> Iterator[str]:
     """Lines about the modes of the play about the settled pose at t = 0, the lowest frequency first."""
     from clearance_jax.analysis.modes import WEAKLY_DAMPED, seated_modes
-    from clearance_jax.errors import ClearanceError
 
     if not mechanism.clearance_joints():
         return
@@ -173,7 +146,6 @@ def _modes_words(mechanism) -> Iterator[str]:
 
 
 def _limits(mechanism) -> Table:
-    """The table of the limits of drives."""
     table = Table("coordinate", "least", "greatest", "fastest", "strongest")
     for coordinate in mechanism.coordinates():
         limits = coordinate.motion.limits
@@ -215,23 +187,15 @@ def _parameters(mechanism) -> Table:
 
 
 def say_budget(
-    scene: Any,
-    scene_file: Path,
-    settings: list[str] | None,
-    clearance: list[str] | None,
-    *,
-    trajectory: Path | None,
-    t1: str | None,
-    point: str | None,
-    plot: Path | None,
+    scene: Any, scene_file: Path, settings: Any, clearance: Any, *, trajectory: Any, t1: Any, point: Any, plot: Any
 ) -> None:
     """Print the error budget of a point of a scene or a robot, and draw it if `plot` is given."""
-    check_distinct(scene=scene_file, trajectory=trajectory, plot=plot)
-    check_writable(plot, FIGURES)
+    common.check_distinct(scene=scene_file, trajectory=trajectory, plot=plot)
+    common.check_writable(plot, common.FIGURES)
     if point is not None and is_robot(scene_file):
         scene = scene._replace(mechanism=_with_point(scene.mechanism, scene_file, point))
     driven, lead, idle = driven_by(scene, scene_file, trajectory)
-    mechanism = change(driven, settings, False, clearance)
+    mechanism = common.change(driven, settings, False, clearance)
     name = _point(mechanism, point)
     options = usual_end(lead, idle) | scene.solve
     end = float(end_of(scene_file, options.get("t1") if t1 is None else t1))
@@ -240,17 +204,16 @@ def say_budget(
     from clearance_jax.design.asked.specification import KNOWN
     from clearance_jax.design.judge.budget import error_budget
 
-    with errors.status("compiling and solving (of an arm this takes about a minute)"):
+    with common.errors.status("compiling and solving (of an arm this takes about a minute)"):
         budget = error_budget(mechanism, name, end, **{n: options[n] for n in KNOWN if n in options})
-    say(str(budget))
+    common.say(str(budget))
     if plot is not None:
         from clearance_jax.report.design_figures import budget_figure
 
-        write_figure(budget_figure(budget), plot)
+        common.write_figure(budget_figure(budget), plot)
 
 
 def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
-    """The robot with a point at the frame of the named link."""
     from clearance_jax.io.urdf.mechanism import load_urdf
 
     return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)
@@ -262,10 +225,8 @@ def _point(mechanism: Any, asked: str | None) -> str:
     if asked is not None and asked not in names:
         raise unknown_name(f"`--point`: there is no point `{asked}`.", asked, names, "--point")
     if asked is None and len(names) != 1:
-        raise ClearanceError(
-            f"A budget is about one point, but the mechanism has {len(names)} ({', '.join(names)}). Say which one by "
-            "`--point NAME`."
-            if names
-            else "A budget is about the error of a point, but the mechanism has none. Give the scene a `point`."
-        )
+        about = "one point" if names else "the error of a point"
+        count = f"{len(names)} ({', '.join(names)})" if names else "none"
+        fix = "Say which one by `--point NAME`." if names else "Give the scene a `point`."
+        raise ClearanceError(f"A budget is about {about}, but the mechanism has {count}. {fix}")
     return names[0] if asked is None else asked

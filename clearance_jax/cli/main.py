@@ -4,8 +4,7 @@ import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Any, NoReturn
 
 import typer
 
@@ -38,7 +37,7 @@ app = typer.Typer(
 
 
 def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all of it. What is needed is compiled again.")] = False,
+    clear: bool = typer.Option(False, "--clear", help="Remove all of it. What is needed is compiled again."),
 ) -> None:
     """Show where compiled programs are kept between commands, and how much there is; or empty it."""
     home = files.user_cache()
@@ -50,15 +49,10 @@ def cache(
             raise ClearanceError(f"{left} files in `{programs}` and `{jax}` cannot be removed. Remove them by hand.")
         say(f"removed {kept[0] + compiled[0]} programs, {_bytes(kept[1] + compiled[1])}")
         return
-    _show("ready to run", programs, kept, f" of at most {_bytes(files.LARGEST)}")
-    _show("JAX's cache", jax, compiled, "")
-    why = files.unsafe(programs)
-    if why:
+    say(f"ready to run {programs}: {kept[0]} programs, {_bytes(kept[1])} of at most {_bytes(files.LARGEST)}")
+    say(f"JAX's cache  {jax}: {compiled[0]} programs, {_bytes(compiled[1])}")
+    if why := files.unsafe(programs):
         say(f"Nothing in `{programs}` is used: {why}.")
-
-
-def _show(what: str, folder: Path, size: tuple[int, int], most: str) -> None:
-    say(f"{what:<13}{folder}: {size[0]} programs, {_bytes(size[1])}{most}")
 
 
 def _bytes(count: int) -> str:
@@ -74,9 +68,7 @@ def _version(asked: bool) -> bool:
 
 @app.callback()
 def about(
-    _: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")
-    ] = False,
+    _: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version and end."),
 ) -> None:
     """Options before the command."""
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from clearance_jax.cli.common import say
 from clearance_jax.errors import ClearanceError
+from clearance_jax.units import to_si
 
 # Default duration of a held posture [s]: long enough for pins to come to rest at their walls.
 HELD = 0.1
@@ -13,15 +14,6 @@ HELD = 0.1
 def is_robot(scene_file: Any) -> bool:
     """Whether a file is a robot (URDF), not a scene."""
     return scene_file.suffix.lower() == ".urdf"
-
-
-def with_posture(mechanism: Any, names: Any) -> Any:
-    """The mechanism with constant drives that hold the named coordinates at their positions."""
-    from clearance_jax.mechanism.motion.drives import Constant
-    from clearance_jax.mechanism.variants import drivable
-
-    known = drivable(mechanism.joints)
-    return mechanism.with_drives({name: Constant(known[name].motion.position) for name in names})
 
 
 def undriven(mechanism: Any) -> tuple[str, ...]:
@@ -34,12 +26,9 @@ def undriven(mechanism: Any) -> tuple[str, ...]:
 def _idle(mechanism: Any, fixed: tuple[str, ...] = ()) -> list[tuple[Any, str]]:
     """Every joint with the name of a coordinate that is neither driven nor controlled nor `fixed`."""
     moved = {*fixed, *(reference.name for controller in mechanism.controllers for reference in controller.references)}
-    return [
-        (joint, coordinate.name)
-        for joint in mechanism.joints
-        for coordinate in joint.own_coordinates()
-        if coordinate.play is None and coordinate.motion.is_free and coordinate.name not in moved
-    ]
+    every = [(joint, coordinate) for joint in mechanism.joints for coordinate in joint.own_coordinates()]
+    free = [(joint, c.name) for joint, c in every if c.play is None and c.motion.is_free]
+    return [(joint, name) for joint, name in free if name not in moved]
 
 
 def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechanism: Any) -> None:
@@ -59,13 +48,21 @@ def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechani
 
 
 def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[Any, Any, tuple[str, ...]]:
-    """The mechanism with its drives; the trajectory that drives it (`None`: none); the names of the coordinates of a
-    robot that are held in place, as nothing drives them.
-    """
-    lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
-    driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
+    """The driven mechanism, its trajectory (`None`: none), and a robot's coordinates that nothing drives: held."""
+    from clearance_jax.io.trajectory import Trajectory, read_trajectory
+    from clearance_jax.mechanism.motion.drives import Constant
+    from clearance_jax.mechanism.variants import drivable
+
+    lead, driven = scene.trajectory, scene.mechanism
+    if trajectory is not None:
+        lead = Trajectory(trajectory, read_trajectory(trajectory, driven))
+    if lead is not None:
+        driven = driven.with_drives(lead.drives)
     idle = undriven(driven) if is_robot(scene_file) else ()
-    return with_posture(driven, idle) if idle else driven, lead, idle
+    if idle:
+        known = drivable(driven.joints)
+        driven = driven.with_drives({name: Constant(known[name].motion.position) for name in idle})
+    return driven, lead, idle
 
 
 def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
@@ -75,8 +72,6 @@ def usual_end(lead: Any, idle: tuple[str, ...]) -> dict[str, float]:
 
 def end_of(scene_file: Path, t1: Any) -> Any:
     """The end of a motion [s], from a number or a text with a unit. **Raises** `ClearanceError` if it is `None`."""
-    from clearance_jax.units import to_si
-
     if t1 is None:
         raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
     return to_si(t1, "s", "`--t1`") if isinstance(t1, str) else t1
@@ -94,9 +89,3 @@ def check_covered(lead: Any, options: dict[str, Any]) -> None:
         outside = f"t1 is {t1:.9g} s, but the trajectory `{lead.path}` ends at {last:.9g} s"
     if outside:
         raise ClearanceError(f"{outside}. Change the one or the other.")
-
-
-def _read_trajectory(path: Path, mechanism: Any) -> Any:
-    from clearance_jax.io.trajectory import Trajectory, read_trajectory
-
-    return Trajectory(path, read_trajectory(path, mechanism))

@@ -60,11 +60,8 @@ class Interruption:
 
 
 class ProgressDisplay:
-    """The progress of a command: on a terminal a line that changes; in a file or pipe a line for each phase, and one
-    after every interval while it lasts.
-
-    **Arguments:** `console` to write to; `parts`: whether the work reports which part of it is done; `every`: the
-    interval [s].
+    """Progress: on a terminal a line that changes; else a line for each phase, and one after `every` interval [s] of
+    it. `parts`: whether the work reports which part of it is done.
     """
 
     def __init__(self, console: Console, parts: bool = False, every: float = EVERY):
@@ -117,10 +114,7 @@ class ProgressDisplay:
 
 
 class Pace:
-    """A record of when evaluations were done, to estimate how long others will take. The first includes compiling.
-
-    **Arguments:** `check`: called after each evaluation; it may raise.
-    """
+    """When evaluations were done, to estimate how long others take; `check`: called after each one, and may raise."""
 
     def __init__(self, check: Callable[[], None] = lambda: None):
         self._times, self.check = [time.monotonic()], check

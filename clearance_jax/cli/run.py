@@ -1,25 +1,13 @@
 """`clearance run`: what a study file asks; a sweep and a calibration here, a design and wear in their own modules."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.markup import escape
+from typer import Argument, Exit, Option
 
 from clearance_jax._basis.extras import require
-from clearance_jax.cli.common import (
-    DATASETS,
-    FIGURES,
-    aloud,
-    check_distinct,
-    check_writable,
-    console,
-    errors,
-    say,
-    say_written,
-    set_up,
-    write_dataset,
-)
+from clearance_jax.cli import common
 from clearance_jax.cli.design import check_choices, run_design
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.cli.plot import check_film, check_folder, draw_sweep
@@ -27,91 +15,57 @@ from clearance_jax.cli.wear import run_wear
 from clearance_jax.errors import ClearanceError
 
 # The sections of a study that an option is for.
-FOR = {
-    "--output": ("sweep", "wear", "calibrate"),
-    "--resume": ("sweep", "wear"),
-    "--plot": ("sweep", "wear"),
-    "--movie": ("wear",),
-    "--cores": ("sweep",),
-    "--cluster": ("sweep", "design"),
-    "--report": ("design", "calibrate"),
-    "--record": ("design",),
-    "--method": ("design",),
-    "--fidelity": ("design",),
-    "--starts": ("design", "calibrate"),
-    "--no-verify": ("design",),
-    "--tradeoff": ("design",),
-}
+FOR = {"output": ("sweep", "wear", "calibrate"), "resume": ("sweep", "wear"), "plot": ("sweep", "wear")}
+FOR |= {"movie": ("wear",), "cores": ("sweep",), "cluster": ("sweep", "design"), "report": ("design", "calibrate")}
+FOR |= {"record": ("design",), "method": ("design",), "fidelity": ("design",), "starts": ("design", "calibrate")}
+FOR |= {"verify": ("design",), "tradeoff": ("design",)}
 # File endings that a store, which is a folder, must not have.
 OF_FILES = (".csv", ".txt", ".json", ".nc", ".h5", ".hdf5", ".parquet", ".xlsx", ".png", ".pdf")
 
 
 def run(
-    study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="Store of a sweep, or dataset of a life (default: STUDY with .zarr, or .nc), or of residuals.",
-        ),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a sweep, whose axes may have grown, or with a life.")
-    ] = False,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", help="Folder for the pictures of a sweep; figure of a life (.png, .pdf).")
-    ] = None,
-    movie: Annotated[Path | None, typer.Option(help="Film of a life (.gif, or .mp4).")] = None,
-    report: Annotated[
-        Path | None, typer.Option(help="Report of a design, with certificate, or of a calibration (.html).")
-    ] = None,
-    record: Annotated[
-        Path | None, typer.Option(help="Keep every evaluated design in this file; go on from it if it exists.")
-    ] = None,
-    method: Annotated[str | None, typer.Option(help="Solver of a design (default: the study's, or slsqp).")] = None,
-    fidelity: Annotated[
-        str | None,
-        typer.Option(help="Model of the motion of a design: dynamics, quasi-static, auto (default: the study's)."),
-    ] = None,
-    starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
-    verify: Annotated[bool, typer.Option(help="Prove a design by another solver (takes a while).")] = True,
-    tradeoff: Annotated[
-        bool,
-        typer.Option("--tradeoff", help="Say what other bounds of a design's limit would mean (a search for each)."),
-    ] = False,
-    cores: Annotated[int | None, typer.Option(help="How many cores a sweep takes (default: all).", min=1)] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(help='Solve by the dask scheduler at this address, tcp://node1:8786 ("local": processes here).'),
-    ] = None,
+    study_file: Path = Argument(..., metavar="STUDY", help="A study file (TOML with units)."),
+    output: Path | None = Option(
+        None,
+        "-o",
+        "--output",
+        help="Store of a sweep, or dataset of a life (default: STUDY with .zarr, or .nc), or of residuals.",
+    ),
+    resume: bool = Option(False, "--resume", help="Go on with a sweep, whose axes may have grown, or with a life."),
+    plot: Path | None = Option(None, help="Folder for the pictures of a sweep; figure of a life (.png, .pdf)."),
+    movie: Path | None = Option(None, help="Film of a life (.gif, or .mp4)."),
+    report: Path | None = Option(None, help="Report of a design, with certificate, or of a calibration (.html)."),
+    record: Path | None = Option(None, help="Keep every evaluated design in this file; go on from it if it exists."),
+    method: str | None = Option(None, help="Solver of a design (default: the study's, or slsqp)."),
+    fidelity: str | None = Option(
+        None, help="Model of the motion of a design: dynamics, quasi-static, auto (default: the study's)."
+    ),
+    starts: int | None = Option(None, help="Number of starts, the first in the middle.", min=1),
+    verify: bool = Option(True, help="Prove a design by another solver (takes a while)."),
+    tradeoff: bool = Option(
+        False, "--tradeoff", help="Say what other bounds of a design's limit would mean (a search for each)."
+    ),
+    cores: int | None = Option(None, help="How many cores a sweep takes (default: all).", min=1),
+    cluster: str | None = Option(
+        None, help='Solve by the dask scheduler at this address, tcp://node1:8786 ("local": processes here).'
+    ),
 ) -> None:
     """Do what a study asks: a sweep, a design, the life of a joint that wears, a calibration.
 
     Ctrl-C keeps what is done: the best design so far; a store or a journal that `--resume` goes on with.
     """
-    given = {
-        "--output": output,
-        "--resume": resume or None,
-        "--plot": plot,
-        "--movie": movie,
-        "--cores": cores,
-        "--cluster": cluster,
-        "--report": report,
-        "--record": record,
-        "--method": method,
-        "--fidelity": fidelity,
-        "--starts": starts,
-        "--no-verify": None if verify else True,
-        "--tradeoff": tradeoff or None,
-    }
+    given = dict(locals())  # every option by its name
     check_choices(method, fidelity)
-    check_writable(report, (".html", ".htm"))
-    check_writable(record)
+    common.check_writable(report, (".html", ".htm"))
+    common.check_writable(record)
     check_film(movie)
-    check_distinct(study=study_file, output=output, plot=plot, movie=movie, report=report, record=record)
-    set_up()
-    study = _load(study_file)
+    common.check_distinct(study=study_file, output=output, plot=plot, movie=movie, report=report, record=record)
+    common.set_up()
+    from clearance_jax.io.study.study import load_study
+    from clearance_jax.joints.checks import ImplausibleWarning
+
+    with common.aloud(ImplausibleWarning):
+        study = load_study(study_file)
     asked = _sections(study)
     _check_options(given, asked)
     if "sweep" in asked:
@@ -121,43 +75,33 @@ def run(
         run_sweep(study, study_file, store, resume=resume, cores=cores, cluster=cluster, plot=plot)
     if "wear" in asked:
         dataset = study_file.with_suffix(".nc") if output is None else output
-        check_writable(dataset, DATASETS)
-        check_writable(plot, FIGURES)
+        common.check_writable(dataset, common.DATASETS)
+        common.check_writable(plot, common.FIGURES)
         run_wear(study, study_file, dataset, resume=resume, plot=plot, movie=movie)
     if "calibrate" in asked:
-        check_writable(output, DATASETS)
+        common.check_writable(output, common.DATASETS)
         run_calibrate(study, output=output, report=report, starts=starts)
     if "design" in asked:
         how = {"method": method, "fidelity": fidelity, "starts": starts}
         run_design(study, report=report, verify=verify, tradeoff=tradeoff, cluster=cluster, record=record, **how)
 
 
-def _load(path: Path) -> Any:
-    from clearance_jax.io.study.study import load_study
-    from clearance_jax.joints.checks import ImplausibleWarning
-
-    with aloud(ImplausibleWarning):
-        return load_study(path)
-
-
 def _sections(study: Any) -> list[str]:
-    """The names of the sections of a study that ask for a computation."""
-    lives = study.wear is not None and study.wear.cycles is not None
-    asks = {"sweep": study.sweep is not None, "design": study.design is not None, "wear": lives}
-    asks["calibrate"] = study.calibrate is not None
-    return [section for section, is_asked in asks.items() if is_asked]
+    asked = [name for name in ("sweep", "design", "wear", "calibrate") if getattr(study, name) is not None]
+    return [name for name in asked if name != "wear" or study.wear.cycles is not None]
 
 
 def _check_options(given: dict[str, Any], asked: list[str]) -> None:
     """Raise `ClearanceError` for options that no section of the study takes, or that two sections would take."""
-    for option, value in given.items():
-        sections = [section for section in asked if section in FOR[option]]
-        if value is None:
+    for name, takers in FOR.items():
+        sections, option = [section for section in asked if section in takers], f"--{name}"
+        if given[name] in (None, name == "verify"):
             continue
         if not sections:
-            wanted = " or ".join(f"`{section}`" for section in FOR[option])
+            option = "--no-verify" if name == "verify" else option
+            wanted = " or ".join(f"`{section}`" for section in takers)
             raise ClearanceError(f"`{option}` has no effect: the study has no section {wanted}. Leave it out.")
-        if len(sections) > 1 and option in ("--output", "--plot", "--report", "--starts"):
+        if len(sections) > 1 and name in ("output", "plot", "report", "starts"):
             raise ClearanceError(f"`{option}` is for one result, but the study asks for {' and '.join(sections)}.")
 
 
@@ -177,8 +121,8 @@ def run_sweep(
     from clearance_jax.runs.journal import RunWarning
     from clearance_jax.sweep.run import sweep as swept
 
-    console.print(f"[bold]{escape(study.name)}[/bold]")
-    with aloud(RunWarning), ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
+    common.console.print(f"[bold]{escape(study.name)}[/bold]")
+    with common.aloud(RunWarning), ProgressDisplay(common.errors, parts=True) as shown, Interruption() as asked:
         shown.phase("compiling")
 
         def progress(now: Any) -> None:
@@ -186,21 +130,14 @@ def run_sweep(
             asked.check()
 
         try:
-            dataset = swept(
-                **study.sweep,
-                store=output,
-                resume=resume,
-                cores=cores,
-                cluster=cluster,
-                plan=lambda plan: say(str(plan)),
-                progress=progress,
-            )
+            how = {"resume": resume, "cores": cores, "cluster": cluster, "plan": lambda plan: common.say(str(plan))}
+            dataset = swept(**study.sweep, store=output, **how, progress=progress)
         except KeyboardInterrupt:
-            say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
-            raise typer.Exit(130) from None
+            common.say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
+            raise Exit(130) from None
     why = f": {dataset.attrs['failures']}" if dataset.attrs["failed"] else ""
-    say(f"{dataset.attrs['lanes']} samples, {dataset.attrs['failed']} failed{why}")
-    say_written("store", output)
+    common.say(f"{dataset.attrs['lanes']} samples, {dataset.attrs['failed']} failed{why}")
+    common.say_written("store", output)
     if plot is not None:
         draw_sweep(dataset, plot)
 
@@ -211,7 +148,7 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
     from clearance_jax.report.html import calibration_report
 
     given = study.calibrate | ({} if starts is None else {"starts": starts})
-    with ProgressDisplay(errors) as shown, Interruption() as asked:
+    with ProgressDisplay(common.errors) as shown, Interruption() as asked:
         shown.phase("compiling")
         points = []
 
@@ -223,16 +160,16 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
         try:
             calibration = calibrate(**given, progress=progress)
         except KeyboardInterrupt:
-            say("Interrupted before the first motion was compared: there is nothing to keep.")
-            raise typer.Exit(130) from None
-    console.print(f"[bold]{escape(study.name)}[/bold]")
-    say(calibration.message)
+            common.say("Interrupted before the first motion was compared: there is nothing to keep.")
+            raise Exit(130) from None
+    common.console.print(f"[bold]{escape(study.name)}[/bold]")
+    common.say(calibration.message)
     if output is not None:
-        write_dataset(calibration.residuals, output)
+        common.write_dataset(calibration.residuals, output)
     if report is not None:
         calibration_report(calibration, report, study.name, study.text)
-        say_written("report", report)
+        common.say_written("report", report)
     if asked.heard:
-        raise typer.Exit(130)
+        raise Exit(130)
     if not calibration.converged:
-        raise typer.Exit(1)
+        raise Exit(1)

@@ -2,32 +2,15 @@
 
 import warnings
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.markup import escape
+from typer import Exit, Option
 
-from clearance_jax.cli.common import (
-    DATASETS,
-    FIGURES,
-    Clearances,
-    Ideal,
-    SceneFile,
-    Settings,
-    aloud,
-    change,
-    check_distinct,
-    check_writable,
-    console,
-    errors,
-    read_scene,
-    warn,
-    write_dataset,
-    write_figure,
-)
+from clearance_jax.cli import common
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
-from clearance_jax.cli.plot import Magnified, check_film, write_film
+from clearance_jax.cli.plot import check_film, write_film
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
@@ -35,50 +18,47 @@ DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_00
 
 
 def simulate(
-    scene_file: SceneFile,
-    settings: Settings = None,
-    t1: Annotated[
-        str | None, typer.Option(help="End time with a unit, e.g. 0.5s (default: the scene's, or the trajectory's).")
-    ] = None,
-    rtol: Annotated[float | None, typer.Option(help="Accuracy, e.g. 1e-8 (default: the scene's).")] = None,
-    samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
-    solver: Annotated[str | None, typer.Option(help="tsit5, dopri8 for rtol of 1e-6 or less, or auto.")] = None,
-    start: Annotated[str | None, typer.Option(help="Where pins start: centre, or settled at their walls.")] = None,
-    fidelity: Annotated[
-        str | None, typer.Option(help="The model of the motion: dynamics, or quasi-static (a pose at every instant).")
-    ] = None,
-    trajectory: Annotated[
-        Path | None, typer.Option(help="Drives the joints that a CSV file of times and values names.")
-    ] = None,
-    clearance: Clearances = None,
-    ideal: Ideal = False,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file (NetCDF).")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Figure of the result (.png, .pdf).")] = None,
-    movie: Annotated[Path | None, typer.Option(help="Film of the motion (.gif, or .mp4 with ffmpeg).")] = None,
-    magnify: Magnified = None,
+    scene_file: Path = common.SCENE,
+    settings: list[str] | None = common.SETTINGS,
+    t1: str | None = Option(None, help="End time with a unit, e.g. 0.5s (default: the scene's, or the trajectory's)."),
+    rtol: float | None = Option(None, help="Accuracy, e.g. 1e-8 (default: the scene's)."),
+    samples: int | None = Option(None, help="Number of output times.", min=2),
+    solver: str | None = Option(None, help="tsit5, dopri8 for rtol of 1e-6 or less, or auto."),
+    start: str | None = Option(None, help="Where pins start: centre, or settled at their walls."),
+    fidelity: str | None = Option(
+        None, help="The model of the motion: dynamics, or quasi-static (a pose at every instant)."
+    ),
+    trajectory: Path | None = Option(None, help="Drives the joints that a CSV file of times and values names."),
+    clearance: list[str] | None = common.CLEARANCES,
+    ideal: bool = common.IDEAL,
+    output: Path | None = Option(None, "-o", "--output", help="Result file (NetCDF)."),
+    plot: Path | None = Option(None, help="Figure of the result (.png, .pdf)."),
+    movie: Path | None = Option(None, help="Film of the motion (.gif, or .mp4 with ffmpeg)."),
+    magnify: str | None = common.MAGNIFIED,
 ) -> None:
     """Simulate a scene, or a robot (URDF), and write a dataset, a figure, a film.
 
     Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """
-    scene = read_scene(scene_file)
+    scene = common.read_scene(scene_file)
     driven, lead, idle = driven_by(scene, scene_file, trajectory)
-    mechanism = change(driven, settings, ideal, clearance)
-    from clearance_jax.solve.law_validity import invalid, sunk
-    from clearance_jax.solve.simulate import EnergyWarning, doubt
+    mechanism = common.change(driven, settings, ideal, clearance)
+    from clearance_jax.results.dataset import to_dataset
+    from clearance_jax.results.episodes import ContactWarning
+    from clearance_jax.solve.simulate import EnergyWarning
 
-    check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
-    check_writable(output, DATASETS)
-    check_writable(plot, FIGURES)
+    common.check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
+    common.check_writable(output, common.DATASETS)
+    common.check_writable(plot, common.FIGURES)
     check_film(movie)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
-    usual = usual_end(lead, idle)
-    options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
+    given = usual_end(lead, idle) | scene.solve | {name: value for name, value in given.items() if value is not None}
+    options = _options(scene_file, given)
     check_covered(lead, options)
     end = options.pop("t1")
     say_held(idle, lead is None, end if lead is None and t1 is None else None, driven)
-    with ProgressDisplay(errors, parts=True) as shown, warnings.catch_warnings():
+    with ProgressDisplay(common.errors, parts=True) as shown, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # printed below, after the result
         shown.update("compiling and solving")
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
@@ -89,62 +69,43 @@ def simulate(
                 shown.update(part=done)
                 asked.check()
 
-            result = _solved(mechanism, end, solve, progress)
+            result, solution = _solved(mechanism, end, solve, progress)
         shown.update("observing", 0.0)
-        dataset = _observe(
-            mechanism,
-            result,
-            progress=lambda part: shown.update(part=part),
-            scene=scene.text,
-            settings=" ".join([*(settings or []), *(clearance or [])]),
-            trajectory="" if lead is None else str(lead.path),
-            solve=repr({"t1": end, **options}),
-        )
-    _report(mechanism, result, dataset)
-    warn(doubt(_solution(result)))
-    warn(invalid(_solution(result)))
-    if "penetration" in dataset:
-        deepest = dataset["penetration"].max("time")
-        warn(sunk(mechanism, dict(zip(dataset["joint"].values.tolist(), deepest.values.tolist(), strict=True))))
+        told = {"scene": scene.text, "settings": " ".join([*(settings or []), *(clearance or [])])}
+        told |= {"trajectory": "" if lead is None else str(lead.path), "solve": repr({"t1": end, **options})}
+        with common.aloud(ContactWarning):
+            dataset = to_dataset(mechanism, result, progress=lambda part: shown.update(part=part), **told)
+    _report(mechanism, result, solution, dataset)
+    _warn(mechanism, solution, dataset)
+    _write(dataset, output, plot, movie, magnify)
+    if result.message:
+        raise Exit(130 if result.message == "interrupted" else 1)
+
+
+def _write(dataset: Any, output: Path | None, plot: Path | None, movie: Path | None, magnify: str | None) -> None:
     if output is not None:
-        write_dataset(dataset, output)
+        common.write_dataset(dataset, output)
     if plot is not None:
         from clearance_jax.report.figures import overview
 
-        write_figure(overview(dataset), plot)
+        common.write_figure(overview(dataset), plot)
     if movie is not None:
         from clearance_jax.report.film import animate
 
         write_film(animate(dataset, magnify), movie)
-    if result.message:
-        raise typer.Exit(130 if result.message == "interrupted" else 1)
 
 
-def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) -> Any:
-    """Solve the motion: a `Trace` of the dynamics, or a `Solution` of quasi-static poses."""
+def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) -> tuple[Any, Any]:
+    """A `Trace` of the dynamics and its solution, or twice a `Solution` of quasi-static poses."""
     from clearance_jax.solve.drivers.trace import trace
     from clearance_jax.solve.settings import QUASI_STATIC
     from clearance_jax.solve.simulate import simulate as solution_of
 
     if solve.get("fidelity") == QUASI_STATIC:
-        return solution_of(mechanism, end, **solve, throw=False)
-    return trace(mechanism, end, **solve, progress=progress)
-
-
-def _solution(result: Any) -> Any:
-    """The solution of a trace; a solution as it is."""
-    from clearance_jax.solve.drivers.trace import Trace
-
-    return result.solution if isinstance(result, Trace) else result
-
-
-def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
-    """The dataset of a motion; prints a warning about contacts that add energy."""
-    from clearance_jax.results.dataset import to_dataset
-    from clearance_jax.results.episodes import ContactWarning
-
-    with aloud(ContactWarning):
-        return to_dataset(mechanism, result, **told)
+        solution = solution_of(mechanism, end, **solve, throw=False)
+        return solution, solution
+    result = trace(mechanism, end, **solve, progress=progress)
+    return result, result.solution
 
 
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
@@ -169,22 +130,33 @@ def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     return DEFAULTS | given | {"t1": end_of(scene_file, given.get("t1"))}
 
 
-def _report(mechanism, result, dataset) -> None:
+def _warn(mechanism: Any, solution: Any, dataset: Any) -> None:
+    from clearance_jax.solve.law_validity import invalid, sunk
+    from clearance_jax.solve.simulate import doubt
+
+    common.warn(doubt(solution))
+    common.warn(invalid(solution))
+    if "penetration" in dataset:
+        deepest = dataset["penetration"].max("time")
+        common.warn(sunk(mechanism, dict(zip(dataset["joint"].values.tolist(), deepest.values.tolist(), strict=True))))
+
+
+def _report(mechanism, result, solution, dataset) -> None:
     from clearance_jax.results.first_fall import loads, peak_words
 
-    solution = _solution(result)
     headline = f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s"
     if solution.validity is not None:
-        console.print(f"{headline}\nquasi-static: {escape(str(solution.validity))}", soft_wrap=True, highlight=False)
+        headline += f"\nquasi-static: {escape(str(solution.validity))}"
+        common.console.print(headline, soft_wrap=True, highlight=False)
     else:
         headline += f", {int(solution.steps)} steps ({int(solution.rejected)} rejected)"
-        console.print(f"{headline}, energy residual {float(solution.energy_residual):.1e}")
+        common.console.print(f"{headline}, energy residual {float(solution.energy_residual):.1e}")
     if result.rests:
-        console.print(f"start: {escape(result.rests)}", soft_wrap=True, highlight=False)
+        common.console.print(f"start: {escape(result.rests)}", soft_wrap=True, highlight=False)
     if "peak_force" in dataset:
         forces = loads(dataset) or "the surfaces never meet"
-        console.print(f"{dataset.sizes['episode']} contact episodes, {forces}", soft_wrap=True)
+        common.console.print(f"{dataset.sizes['episode']} contact episodes, {forces}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
             for name in ("speed", "acceleration"):
-                console.print(f"{point}: largest {name} {peak_words(dataset, name, point)}", soft_wrap=True)
+                common.console.print(f"{point}: largest {name} {peak_words(dataset, name, point)}", soft_wrap=True)

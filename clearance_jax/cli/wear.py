@@ -11,11 +11,13 @@ from clearance_jax.cli.common import aloud, console, errors, say, write_dataset,
 from clearance_jax.cli.pace import Interruption, ProgressDisplay, shown_duration
 from clearance_jax.cli.plot import write_film
 from clearance_jax.errors import ClearanceError
+from clearance_jax.units import format_quantity
 
 
 def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path | None, movie: Path | None) -> None:
     """Run the wear simulation of a study. Ctrl-C, or another end, leaves a journal that it can be resumed from."""
     from clearance_jax.runs.journal import RunWarning
+    from clearance_jax.wear.history import lived_so_far, simulate_wear
     from clearance_jax.wear.worn import SectorsWarning
 
     journal = study.wear.journal or output.with_suffix(".journal")
@@ -27,11 +29,18 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
     with ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
         try:
             with aloud(SectorsWarning), aloud(RunWarning):
-                dataset = _simulate(study, journal, _Told(shown, asked, study.wear.cycles))
+                told, given = _Told(shown, asked, study.wear.cycles), study.wear
+                how = {**given.options, "until": given.until, "journal": journal, "progress": told, **given.solve}
+                history = simulate_wear(given.model, given.cycles, **how)
+                shown.update("reading off")
+                dataset = _dataset(study, history)
         except (KeyboardInterrupt, ClearanceError):
             if not asked.heard:
                 raise
-            _keep(study, journal, output)
+            history = lived_so_far(study.wear.model, journal, study.wear.until)
+            if history is not None:
+                result = f"interrupted after {int(history.cycles[-1])} cycles"
+                write_dataset(_dataset(study, history, result=result), output)
             say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
             raise typer.Exit(130) from None
     for line in _words(dataset):
@@ -47,18 +56,6 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
         write_film(animate(dataset), movie)
 
 
-def _simulate(study: Any, journal: Path, told: "_Told") -> Any:
-    """Simulate the wear; the dataset of the result."""
-    from clearance_jax.wear.history import simulate_wear
-
-    given = study.wear
-    history = simulate_wear(
-        given.model, given.cycles, **given.options, until=given.until, journal=journal, progress=told, **given.solve
-    )
-    told.say("reading off")
-    return _dataset(study, history)
-
-
 def _dataset(study: Any, history: Any, **attributes: Any) -> Any:
     from clearance_jax.wear.record import to_dataset
 
@@ -68,23 +65,13 @@ def _dataset(study: Any, history: Any, **attributes: Any) -> Any:
     return to_dataset(history, given.model, name=study.name, **words, **texts, **attributes)
 
 
-def _keep(study: Any, journal: Path, output: Path) -> None:
-    """Write the part of the simulation that is done as a dataset."""
-    from clearance_jax.wear.history import lived_so_far
-
-    history = lived_so_far(study.wear.model, journal, study.wear.until)
-    if history is not None:
-        write_dataset(_dataset(study, history, result=f"interrupted after {int(history.cycles[-1])} cycles"), output)
-
-
 class _Told:
-    """Shows the progress of a wear simulation, and raises a lost Ctrl-C.
-
-    The remaining time is estimated from the last block. It is too long at first, as later blocks have more cycles.
+    """Shows the progress, and raises a lost Ctrl-C. The remaining time, by the last block, is too long at first: later
+    blocks have more cycles.
     """
 
     def __init__(self, shown: ProgressDisplay, asked: Interruption, cycles: int):
-        self._shown, self._over_time, self._cycles = shown, asked, cycles
+        self._shown, self._asked, self._cycles = shown, asked, cycles
         shown.phase("compiling")
         self._at, self._done = time.monotonic(), 0.0
 
@@ -92,19 +79,11 @@ class _Told:
         now = time.monotonic()
         left = (now - self._at) / max(done - self._done, 1e-12) * (1 - done)
         self._at, self._done = now, done
-        self._shown.update(part=done)
-        self.say(f"cycle {round(done * self._cycles)} of {self._cycles}, {shown_duration(left)} left")
-        self._over_time.check()
-
-    def say(self, text: str) -> None:
-        """Show what is being done."""
-        self._shown.update(text)
+        self._shown.update(f"cycle {round(done * self._cycles)} of {self._cycles}, {shown_duration(left)} left", done)
+        self._asked.check()
 
 
 def _words(dataset: Any) -> list[str]:
-    """The summary of the result, in lines."""
-    from clearance_jax.units import format_quantity
-
     told, last = dataset.attrs, dataset.isel(cycle=-1)
     deepest, first = float(last["deepest"]), float(dataset["radial_clearance"][0])
     lived, computed = told["cycles_lived"], told["cycles_computed"]

@@ -66,9 +66,6 @@ def read_text(path: Path, what: str, largest: int) -> str:
         raise ClearanceError(f"Cannot read the {what} `{path}`: it is not a text in UTF-8.") from None
 
 
-# CSV files with a header of times and named columns with units --------------------------------------------------------
-
-
 class Meant(NamedTuple):
     """Words for messages about a table: `what` it is, what a `column` beside the times holds, an `example` header."""
 
@@ -101,9 +98,7 @@ class CsvTable(NamedTuple):
 
 
 def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
-    """Read a CSV file in UTF-8 with a header. Empty lines and lines that begin with `#` are ignored. `gaps`: empty
-    cells and `nan` become NaN. **Raises** `ClearanceError` naming file, line and column.
-    """
+    """A CSV file in UTF-8 with a header; empty lines and `#` lines are ignored, `gaps` (empty, `nan`) become NaN."""
     head, *rows = _lines(path, meant)
     heads = _header(head, meant)
     values = np.array([_row(line, heads, meant, gaps) for line in rows]).reshape(-1, len(heads))
@@ -113,21 +108,19 @@ def read_columns(path: Path, meant: Meant, gaps: bool = False) -> CsvTable:
 def _lines(path: Path, meant: Meant) -> list[CsvLine]:
     """The lines with content: the header, then the rows."""
     text = read_text(path, meant.what, LARGEST_TABLE).removeprefix("\ufeff")
+    fix = f"Give a CSV file with a header such as {meant.example}."
     if "\0" in text:
-        text = f"`{path}` is no text, but binary data. Give a CSV file with a header such as {meant.example}."
-        raise ClearanceError(text)
+        raise ClearanceError(f"`{path}` is no text, but binary data. {fix}")
     numbered = enumerate(re.split(r"\r\n|\r|\n", text), start=1)
     lines = [CsvLine(x, f"`{path}`, line {n}") for n, x in numbered if x.strip() and not x.lstrip().startswith("#")]
     if not lines:
-        raise ClearanceError(f"`{path}` is empty. Give a CSV file with a header such as {meant.example}.")
+        raise ClearanceError(f"`{path}` is empty. {fix}")
     head, count = lines[0], len(lines) - 1
     if count > MOST_ROWS:
         raise ClearanceError(f"`{path}` has {count} rows, but at most {MOST_ROWS} are read. Thin it out.")
     if "," not in head.text and (mark := next((m for m in ";\t" if m in head.text), "")):
-        raise ClearanceError(
-            f"{head.where}: columns are separated by {quote(mark)}. Separate them by commas, and write decimals with "
-            "a point."
-        )
+        fix = "Separate them by commas, and write decimals with a point."
+        raise ClearanceError(f"{head.where}: columns are separated by {quote(mark)}. {fix}")
     return lines
 
 
@@ -143,31 +136,26 @@ def _cells(line: CsvLine, meant: Meant) -> list[str]:
 def _header(line: CsvLine, meant: Meant) -> list[Head]:
     cells, where = _cells(line, meant), line.where
     if all(_is_number(cell) for cell in cells):
-        text = f"{where} must be a header such as {meant.example}, but it has numbers only. Add one above it."
-        raise ClearanceError(text)
+        form = f"a header such as {meant.example}"
+        raise ClearanceError(f"{where} must be {form}, but it has numbers only. Add one above it.")
     columns: dict[str, Head] = {}
     for i, cell in enumerate(cells, start=1):
-        column = _head(cell, f"{where}, column {i}")
-        if column.name in columns:
-            raise ClearanceError(f"{column.where}: `{column.name}` has a column already. Take one of them away.")
-        columns[column.name] = column
+        match, here = _HEAD.fullmatch(cell), f"{where}, column {i}"
+        if match is None:
+            raise wrong_value(here, "a name with a unit in brackets, `hip [deg]`", cell)
+        name, unit = match[1].strip(), match[2]
+        if not name:
+            raise ClearanceError(f"{here} has no name. Name it, or take the comma beside it away.")
+        name = TIME if check_text(name, f"{here}, a name,").lower() == TIME else name
+        if name in columns:
+            raise ClearanceError(f"{here}: `{name}` has a column already. Take one of them away.")
+        columns[name] = Head(name, None if unit is None else unit.strip(), here)
     if TIME not in columns:
         raise ClearanceError(f"{where}: no column is called `{TIME}`. Call one so, as in {meant.example}.")
     if len(columns) < 2:
-        text = f"{where}: the header has no {meant.column} beside `{TIME}`. Add a column for each {meant.column}."
-        raise ClearanceError(text)
+        what = meant.column
+        raise ClearanceError(f"{where}: the header has no {what} beside `{TIME}`. Add a column for each {what}.")
     return list(columns.values())
-
-
-def _head(cell: str, where: str) -> Head:
-    match = _HEAD.fullmatch(cell)
-    if match is None:
-        raise wrong_value(where, "a name with a unit in brackets, `hip [deg]`", cell)
-    name, unit = match[1].strip(), match[2]
-    if not name:
-        raise ClearanceError(f"{where} has no name. Name it, or take the comma beside it away.")
-    check_text(name, f"{where}, a name,")
-    return Head(TIME if name.lower() == TIME else name, None if unit is None else unit.strip(), where)
 
 
 def _row(line: CsvLine, columns: list[Head], meant: Meant, gaps: bool) -> list[float]:

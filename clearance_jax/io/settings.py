@@ -6,8 +6,7 @@ The command line has `--set NAME=VALUE` and `--clearance JOINT:radial_clearance=
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.io.table import naming
+from clearance_jax.errors import ClearanceError, naming, quote
 from clearance_jax.joints.presets import Preset
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.variants import PRESETS, no_play_reason
@@ -16,11 +15,7 @@ from clearance_jax.units import to_si
 
 
 def parse_settings(texts: Iterable[str], mechanism: Mechanism) -> dict[str, float]:
-    """`NAME=VALUE` of the command line, in SI, checked against the parameters of a mechanism.
-
-    **Raises:** `ClearanceError` for an unknown name, one that is given twice, and a value without the right unit or out
-    of bounds.
-    """
+    """`NAME=VALUE` of the command line, in SI, checked against the parameters of a mechanism."""
     known, numbers = parameters(mechanism), {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -53,9 +48,7 @@ def _setting(known: Mapping[str, Leaf], name: str, value: Any, where: str) -> fl
 
 
 def with_play(mechanism: Mechanism, texts: Iterable[str]) -> Mechanism:
-    """The mechanism with the play that the texts give to its joints. **Raises:** `ClearanceError` naming the text, for
-    an unknown joint, number or unit, and for numbers that contradict each other.
-    """
+    """The mechanism with the play that the texts give to its joints. **Raises** `ClearanceError` naming the text."""
     joints: set[str] = set()
     for text in texts:
         where = f"`--clearance {quote(text)[1:-1]}`"

@@ -1,23 +1,18 @@
 """Tables of scene and study files, read by the declarations of their keys. Unknown keys are errors."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.io.keys.declare import Keys
-from clearance_jax.io.keys.kinds import Word, Words, check_name
+from clearance_jax.io.keys.kinds import Words, check_name
 
 NO_WORDS: Words = {}
 
 
 class TomlTable:
-    """A TOML table, its place in the file, and the declarations of its keys.
-
-    **Arguments:** `values` as read; `where` it stands, for messages; its `keys`; `words`: units that depend on what
-    else is given.
-
-    **Raises:** `ClearanceError` for what is no table, and for a key that is not declared.
+    """A TOML table: its `values` as read, `where` it stands in the file, for messages, the declarations of its `keys`,
+    and `words`: units that depend on what else is given. **Raises** for what is no table, and for an unknown key.
     """
 
     def __init__(self, values: Any, where: str, keys: Keys, words: Words = NO_WORDS):
@@ -45,7 +40,7 @@ class TomlTable:
     def refuse(self, *names: str, why: str) -> None:
         """Raise if one of the keys is present."""
         for name in names:
-            if self.has(name):
+            if name in self.values:
                 raise ClearanceError(f"{self.key(name)} {why}").about(self.key(name))
 
     def get(self, name: str, words: Words = NO_WORDS) -> Any:
@@ -84,6 +79,11 @@ class TomlTable:
         for inner, values, where in self.entries(name):
             yield check_name(inner, where), values, where
 
+    def tables(self, name: str, keys: Keys, words: Words = NO_WORDS) -> Iterator[tuple[str, "TomlTable"]]:
+        """As `parts`, of tables of one declaration: (name, table)."""
+        for inner, values, where in self.parts(name):
+            yield inner, TomlTable(values, where, keys, words)
+
 
 class Chosen(NamedTuple):
     """A table of one of several kinds, and the word that chose the kind."""
@@ -100,25 +100,15 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
         for name in values:
             check_renamed(name, where, first)
         raise unknown_name(f"{where} lacks the key `{head.name}`. Add it.", "", tables, below(where, head.name))
-    word = Word(head.help, head.example, allowed=tuple(tables)).read(
-        values.get(head.name, head.default), below(where, head.name), words
-    )
-    _check_kind(values, where, tables, word, head.name)
-    return Chosen(word, TomlTable(values, where, tables[word], words))
-
-
-def _check_kind(values: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
-    """Raise where keys belong to another kind."""
+    word = head.read(values.get(head.name, head.default), below(where, head.name), words)
     known = {name: {key.name for key in keys.keys} for name, keys in tables.items()}
     for key in values:
-        having = [name for name, keys in known.items() if key in keys]
+        having = ", ".join(f"`{name}`" for name, keys in known.items() if key in keys)
         if having and key not in known[word] and key not in tables[word].renamed:
-            fix = "change" if head in values else "add"
-            raise ClearanceError(
-                f"{below(where, key)} is not a known key of the {head} `{word}`, but of "
-                + ", ".join(f"`{name}`" for name in having)
-                + f". Remove it, or {fix} the key `{head}`."
-            ).about(below(where, key), allowed=having)
+            what = f"{below(where, key)} is not a known key of the {head.name} `{word}`, but of {having}"
+            fix = "change" if head.name in values else "add"
+            raise ClearanceError(f"{what}. Remove it, or {fix} the key `{head.name}`.")
+    return Chosen(word, TomlTable(values, where, tables[word], words))
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:
@@ -145,14 +135,3 @@ def below(where: str, name: str) -> str:
     """How a message names a key of what stands at `where`."""
     name = name if len(name) <= 60 and name.isprintable() else quote(name)
     return f"{where}.{name}" if not where.endswith(":") else f"{where} {name}"
-
-
-@contextmanager
-def naming(where: str) -> Iterator[None]:
-    """A context in which messages of `ClearanceError` begin with a place (a file or a key)."""
-    try:
-        yield
-    except ClearanceError as error:
-        if where in str(error):
-            raise
-        raise error.at(where) from None

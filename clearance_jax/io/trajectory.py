@@ -1,5 +1,6 @@
 """Reads trajectories, CSV files of times and joint coordinates, as drives, and writes them."""
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
-from clearance_jax.io.files import MOST_ROWS, TIME, CsvLine, Head, Meant, read_columns
+from clearance_jax.io.files import MOST_ROWS, TIME, Head, Meant, read_columns
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Spline
 from clearance_jax.mechanism.variants import drivable, gives_way, motor_of
@@ -50,14 +51,19 @@ def read_trajectory(
     """
     path = Path(path)
     columns, rows, table = read_columns(path, _TABLE)
-    units = _units(mechanism)
+    known = None if mechanism is None else drivable(mechanism.joints)
+    units = None if known is None else {name: "rad" if c.slides is None else "m" for name, c in known.items()}
     scales = np.array([_scale(column, units) for column in columns])
     if len(rows) < LEAST_ROWS:
         raise ClearanceError(f"`{path}` has {len(rows)} rows of numbers, but a spline needs {LEAST_ROWS}. Add some.")
     with np.errstate(over="ignore"):  # what becomes infinite in SI is found below
         table = table * scales
     times = table[:, [column.name for column in columns].index(TIME)]
-    _check_times(times, rows)
+    with np.errstate(all="ignore"):
+        stays = np.flatnonzero(~(np.diff(times) > 0)) + 1
+    for i in stays[:1]:
+        order = f"{times[i]:.9g} s follows {times[i - 1]:.9g} s"
+        raise ClearanceError(f"{rows[i].where}, column `{TIME}`: times must increase, but {order}.")
     with jax.ensure_compile_time_eval():  # numbers stay numbers inside a jitted function
         drives = {
             column.name: _spline(times, values, ends, f"`{path}`, column `{column.name}`")
@@ -73,17 +79,10 @@ def _of_motors(drives: dict[str, Spline], mechanism: Mechanism, path: Path) -> d
     for name, drive in drives.items():
         moved = motor_of(name) if gives_way(known[name].motion) else name
         if moved != name and moved in drives:
-            message = f"`{path}`: the columns `{name}` and `{moved}` move the same motor. Take one of them away."
-            raise ClearanceError(message).about(name, moved)
+            why = f"the columns `{name}` and `{moved}` move the same motor"
+            raise ClearanceError(f"`{path}`: {why}. Take one of them away.").about(name, moved)
         motors[moved] = drive
     return motors
-
-
-def _units(mechanism: Mechanism | None) -> dict[str, str] | None:
-    """The SI unit of every coordinate that can be driven; `None` where there is no mechanism."""
-    if mechanism is None:
-        return None
-    return {name: "rad" if c.slides is None else "m" for name, c in drivable(mechanism.joints).items()}
 
 
 def _scale(column: Head, units: Mapping[str, str] | None) -> float:
@@ -99,24 +98,11 @@ def _scale(column: Head, units: Mapping[str, str] | None) -> float:
     if column.unit is None:
         return 1.0
     for si in allowed:
-        try:
+        with contextlib.suppress(ClearanceError):
             return to_si(f"1 {column.unit}", si, column.where)
-        except ClearanceError:
-            continue
     meant = " or ".join(MEANT[si] for si in allowed)
     message = f"{column.where}: `{column.name}` must be in a unit of {meant}, not in {quote(column.unit)}."
     raise ClearanceError(message).about(column.name, column.unit)
-
-
-def _check_times(times: np.ndarray, lines: list[CsvLine]) -> None:
-    with np.errstate(all="ignore"):
-        stays = np.flatnonzero(~(np.diff(times) > 0))
-    if stays.size:
-        i = int(stays[0]) + 1
-        raise ClearanceError(
-            f"{lines[i].where}, column `{TIME}`: times must increase, but {times[i]:.9g} s follows "
-            f"{times[i - 1]:.9g} s."
-        )
 
 
 def _spline(times: np.ndarray, values: np.ndarray, ends: str, where: str) -> Spline:

@@ -18,7 +18,6 @@ def _short(name: str) -> str:
 
 
 def _unit_of(signal: xr.DataArray, largest: float) -> tuple[float, str]:
-    """Factor and unit in which values of a signal are shown, by the largest of them."""
     unit = str(signal.attrs["units"])
     return length_unit(largest) if unit == "m" else (1.0, unit)
 

@@ -1,6 +1,4 @@
-"""Figures of a design: errors over time, contributions, trade-off, convergence, paths of pins, the mechanism with its
-names; and of an error budget.
-"""
+"""Figures of a design and its mechanism: errors, contributions, trade-off, convergence, pins; of an error budget."""
 
 import itertools
 import textwrap
@@ -43,12 +41,8 @@ MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 
 # Of an error budget: the size of the mark of the largest share [point]. Areas of marks are proportional to shares.
 LARGEST = 34.0
 # Words and colours of the models of an error budget.
-MODELS = {
-    "dynamics": ("dynamics", "C3"),
-    "quasi_static": ("quasi-static", "k"),
-    "play": ("play alone", "C0"),
-    "elasticity": ("elasticity alone", "C1"),
-}
+MODELS = {"dynamics": ("dynamics", "C3"), "quasi_static": ("quasi-static", "k"), "play": ("play alone", "C0")}
+MODELS |= {"elasticity": ("elasticity alone", "C1")}
 
 
 def new_figure(height: float = HEIGHT) -> tuple[Figure, Axes]:
@@ -173,7 +167,10 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     else:
         figure = Figure(figsize=(WIDTH, 4.9), layout="constrained")
         axes, below = figure.subplots(2, height_ratios=(3, 1))
-        _along_the_sleeve(below, path.time, pin.place[:, 2], pin.outline.axial)
+        below.plot(time_axis(below, float(path.time[-1])) * path.time, 1e6 * pin.place[:, 2], lw=0.8)
+        for side in (-1, 1):
+            below.axhline(side * 1e6 * pin.outline.axial, color="k", ls="--", lw=0.8)
+        below.set_ylabel("along z, µm")
     states = {0: ("path", "0.6"), 1: ("in contact", "tab:red")}
     if pin is not None and pin.outline.length is not None:  # an end beyond the circle is in contact
         states = {}
@@ -184,16 +181,6 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     axes.set(xlabel="along the sleeve's x, µm", ylabel="along its y, µm")
     figure.legend(loc="outside lower center", ncol=3, columnspacing=1, handlelength=1.2)
     return figure
-
-
-def _along_the_sleeve(axes: Axes, times: np.ndarray, places: np.ndarray, clearance: float) -> None:
-    axes.plot(time_axis(axes, float(times[-1])) * times, 1e6 * places, lw=0.8)
-    for side in (-1, 1):
-        axes.axhline(side * 1e6 * clearance, color="k", ls="--", lw=0.8)
-    axes.set_ylabel("along z, µm")
-
-
-# The mechanism --------------------------------------------------------------------------------------------------------
 
 
 @PAGE
@@ -213,7 +200,12 @@ def mechanism(outline: Outline) -> Figure:
     left, bottom = 0.5 * (low + high - page)
     axes.set(xlim=(left, left + page[0]), ylim=(bottom, bottom + page[1]))
     _write_names(figure, axes, outline, SAME * size)
-    _scale_bar(axes, size)
+    # A bar of a round length below the mechanism.
+    length = round_down(0.4 * size)
+    text = f"{1e3 * length:g} mm" if length < 1 else f"{length:g} m"
+    left, bottom = left + 0.03 * size, bottom + 0.05 * size
+    axes.plot([left, left + length], [bottom, bottom], color="k", lw=2, solid_capstyle="butt")
+    axes.annotate(text, (left + length, bottom), (5, 0), textcoords="offset points", va="center")
     return figure
 
 
@@ -244,18 +236,6 @@ def _write_names(figure: Figure, axes: Axes, outline: Outline, same: float) -> N
             "\n".join(names), where, best - middle, textcoords="offset points", ha="center", va="center", zorder=5,
             linespacing=1.1, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
         )  # fmt: skip
-
-
-def _scale_bar(axes: Axes, size: float) -> None:
-    """A bar of a round length below the mechanism."""
-    length = round_down(0.4 * size)
-    text = f"{1e3 * length:g} mm" if length < 1 else f"{length:g} m"
-    left, bottom = axes.get_xlim()[0] + 0.03 * size, axes.get_ylim()[0] + 0.05 * size
-    axes.plot([left, left + length], [bottom, bottom], color="k", lw=2, solid_capstyle="butt")
-    axes.annotate(text, (left + length, bottom), (5, 0), textcoords="offset points", va="center")
-
-
-# An error budget ------------------------------------------------------------------------------------------------------
 
 
 @STYLED

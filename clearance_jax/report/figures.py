@@ -12,30 +12,16 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import Panel, curve, flights, of_points, panels, time_axis
-from clearance_jax.report.style import STYLED, legend_below
+from clearance_jax.report.style import STYLED, legend_below, panel_grid
+from clearance_jax.results import play as pins
 from clearance_jax.results.first_fall import seconds
 from clearance_jax.results.places import names_of
-from clearance_jax.results.play import (
-    FACE,
-    BearingSpans,
-    PinPath,
-    at_steps,
-    is_pin,
-    middle_path,
-    outline_of,
-    spans,
-    station_paths,
-)
 
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 # Words and colours of contact patterns, faces apart. A joint without edges has only the first and `TOUCHING`.
-PATTERNS = (
-    ("apart", "0.88"),
-    ("at one edge", "tab:orange"),
-    ("along a line", "tab:green"),
-    ("at two opposite edges", "tab:red"),
-)
+PATTERNS = ("apart", "0.88"), ("at one edge", "tab:orange"), ("along a line", "tab:green")
+PATTERNS += (("at two opposite edges", "tab:red"),)
 TOUCHING = ("in contact", "tab:red")
 FACES = ("on a face", "tab:purple")
 # Of the height of a joint's row: its bar, and the one of its faces below.
@@ -55,14 +41,11 @@ def overview(dataset: xr.Dataset) -> Figure:
     **Raises:** `ClearanceError` for a dataset that is no motion, or shows nothing.
     """
     joints = names_of(dataset, "joint")
-    shown = (
-        [Panel(ECCENTRICITY, _eccentricity), Panel("contact force", _force), *of_points(dataset)]
-        if joints
-        else panels(dataset)
-    )
+    of_contacts = [Panel(ECCENTRICITY, _eccentricity), Panel("contact force", _force)]
+    shown = [*of_contacts, *of_points(dataset)] if joints else panels(dataset)
     if "time" not in dataset.coords or not shown:
-        text = "There is nothing to draw: this is no result of `clearance simulate`, or nothing in it moves."
-        raise ClearanceError(text)
+        why = "this is no result of `clearance simulate`, or nothing in it moves"
+        raise ClearanceError(f"There is nothing to draw: {why}.")
     columns = 2 if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
     rows, across = -(-len(shown) // columns), 1 if len(joints) <= 2 else 2
     size = (11 + 2.2 * across, 7.5) if joints else (4.5 * columns, 3.5 * rows)
@@ -83,8 +66,7 @@ def overview(dataset: xr.Dataset) -> Figure:
 
 
 def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int) -> None:
-    """The paths of pins, in a grid with one legend."""
-    axes = figure.subplots(-(-len(joints) // across), across, squeeze=False).flat
+    axes = panel_grid(figure, len(joints), across).flat
     if len(joints) == 1:
         pin_path(axes[0], dataset, joints[0])
         return
@@ -94,8 +76,6 @@ def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int)
         axis.set_title(joint, fontsize=9)
         axis.tick_params(labelsize=7)
         named |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    for axis in list(axes)[len(joints) :]:
-        axis.set_axis_off()
     figure.suptitle("pin centres in their sleeves: e_y over e_x, µm", fontsize=10)
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
 
@@ -103,10 +83,10 @@ def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int)
 def _eccentricity(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     for joint in bearing_most(dataset):
-        time, places = at_steps(dataset, joint, "eccentricity")
+        time, places = pins.at_steps(dataset, joint, "eccentricity")
         places = places[:, :2]  # across the sleeve
         colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
-        outline = outline_of(dataset, joint)
+        outline = pins.outline_of(dataset, joint)
         if outline is not None and outline.height is None and not np.any(outline.depth):
             axis.axhline(outline.clearance * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
     axis.set(ylabel="eccentricity, mm")
@@ -116,19 +96,13 @@ def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     joints = names_of(dataset, "joint")
     for place, joint in enumerate(bearing_most(dataset)):
-        time, force = at_steps(dataset, joint, "contact_force")
+        time, force = pins.at_steps(dataset, joint, "contact_force")
         colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
             episodes = dataset["episode_joint"].values == joints.index(joint)
-            axis.plot(
-                dataset["peak_time"].values[episodes] * factor,
-                dataset["peak_force"].values[episodes],
-                "v",
-                ms=4,
-                color=colour,
-                mfc="none",
-                label="refined peaks" if place == 0 else None,
-            )
+            times, peaks = (dataset[name].values[episodes] for name in ("peak_time", "peak_force"))
+            label = "refined peaks" if place == 0 else None
+            axis.plot(factor * times, peaks, "v", ms=4, color=colour, mfc="none", label=label)
     axis.set(ylabel="normal force, N", ylim=(0, None))
     _fit_peaks(axis, dataset)
     legend_below(axis, fontsize=8)
@@ -142,16 +116,9 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
     peak, sampled = float(dataset["peak_force"][largest]), float(np.percentile(dataset["contact_force"], 99.9))
     if peak > 4 * sampled > 0:
         axis.set_ylim(0, 1.6 * sampled)
-        axis.text(
-            0.5,
-            0.85,
-            f"largest peak {peak:.4g} N at {seconds(float(dataset['peak_time'][largest]))} (above the axis)",
-            transform=axis.transAxes,
-            ha="center",
-            va="top",
-            fontsize=8,
-            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
-        )
+        text = f"largest peak {peak:.4g} N at {seconds(float(dataset['peak_time'][largest]))} (above the axis)"
+        style = {"ha": "center", "va": "top", "fontsize": 8, "transform": axis.transAxes}
+        axis.text(0.5, 0.85, text, bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5}, **style)
 
 
 def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
@@ -163,12 +130,10 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
 
 def _draw_states(axis, dataset: xr.Dataset, joint: str, shares: bool) -> None:
     """Draw a pin's path; `shares`: label the states with their fractions of the time."""
-    path = middle_path(dataset, joint)
-    states = {
-        code: (with_share(name, path.share(code)) if shares else name, colour)
-        for code, (name, colour) in enumerate(STATES)
-        if np.any(path.state == code)
-    }
+    path = pins.middle_path(dataset, joint)
+    states = {code: state for code, state in enumerate(STATES) if np.any(path.state == code)}
+    if shares:
+        states = {code: (with_share(name, path.share(code)), colour) for code, (name, colour) in states.items()}
     draw_path(axis, path, states)
 
 
@@ -181,8 +146,8 @@ def save_figure(figure: Figure, path) -> None:
         partial.replace(path)
     except (OSError, ValueError) as error:
         partial.unlink(missing_ok=True)
-        text = f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
-        raise ClearanceError(text) from error
+        fix = "Choose another path ending in .png or .pdf."
+        raise ClearanceError(f"Cannot write the figure `{path}`: {error}. {fix}") from error
 
 
 @STYLED
@@ -198,7 +163,8 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     if not joints:
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
     most = bearing_most(dataset)
-    drawn = [_paths(dataset, joint, edges) for joint in most if is_pin(outline_of(dataset, joint))]
+    drawn = [pins.station_paths(dataset, joint) for joint in most if pins.is_pin(pins.outline_of(dataset, joint))]
+    drawn = [[paths[0], paths[-1]] if edges and len(paths) > 1 else paths for paths in drawn]
     orbits_of = [paths for paths in drawn if len(paths) > 1]
     single = [paths[0] for paths in drawn if len(paths) == 1]
     orbits_of += [single] if single else []
@@ -229,8 +195,12 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     factor = time_axis(axis, float(dataset["time"][-1]))
     labelled: set[str] = set()
     for row, joint in enumerate(joints):
-        bearing = spans(dataset, joint)
-        for words, colour, chosen in _tell(dataset, joint, bearing):
+        bearing, outline = pins.spans(dataset, joint), pins.outline_of(dataset, joint)
+        names = PATTERNS if outline is not None and outline.edges else (PATTERNS[0], TOUCHING)
+        told = [(words, colour, bearing.pattern % pins.FACE == code) for code, (words, colour) in enumerate(names)]
+        for words, colour, chosen in (*told, (*FACES, bearing.pattern >= pins.FACE)):
+            if not np.any(chosen):
+                continue
             # One joint's shares of the time stand in the legend; of several they would not be the same.
             label = words if len(joints) > 1 else with_share(words, bearing.share(chosen))
             where = (row + BAR / 2, FACE_BAR) if words == FACES[0] else (row - BAR / 2, BAR)
@@ -243,31 +213,15 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(PATTERNS) + 1, frameon=False, borderpad=0)
 
 
-def _tell(dataset: xr.Dataset, joint: str, bearing: BearingSpans) -> list[tuple[str, str, np.ndarray]]:
-    """Words, colour and spans of every contact pattern that occurs."""
-    radial = bearing.pattern % FACE
-    outline = outline_of(dataset, joint)
-    names = PATTERNS if outline is not None and outline.edges else (PATTERNS[0], TOUCHING)
-    told = [(words, colour, radial == code) for code, (words, colour) in enumerate(names)]
-    told.append((*FACES, bearing.pattern >= FACE))
-    return [entry for entry in told if np.any(entry[2])]
-
-
 def with_share(words: str, share: float) -> str:
     """Words, and the fraction of the time."""
     return f"{words} ({share:.0%})" if share >= TOLD else f"{words} (< 1%)"
 
 
-def _paths(dataset: xr.Dataset, joint: str, edges: bool) -> list[PinPath]:
-    paths = station_paths(dataset, joint)
-    return [paths[0], paths[-1]] if edges and len(paths) > 1 else paths
-
-
-def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
+def _draw_orbits(figure: Any, paths: list[pins.PinPath]) -> None:
     """Draw paths beside each other; those of one joint have one scale."""
     columns, same_joint = min(ROW, len(paths)), len({path.joint for path in paths}) == 1
-    rows = -(-len(paths) // columns)
-    axes = figure.subplots(rows, columns, sharex=same_joint, sharey=same_joint, squeeze=False)
+    axes = panel_grid(figure, len(paths), columns, sharex=same_joint, sharey=same_joint)
     for path, axis in zip(paths, axes.flat, strict=False):
         draw_path(axis, path, BEARING)
         named = path.joint
@@ -275,8 +229,6 @@ def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
             edge = ", edge" if path.height in (paths[0].height, paths[-1].height) else ""
             named = f"z = {1e3 * path.height:+.3g} mm{edge}".replace("-", "−")
         axis.set_title(f"{named}: bears {path.share(1):.0%}", fontsize=9)
-    for axis in axes.flat[len(paths) :]:
-        axis.set_axis_off()
     for axis in axes[:, 0]:
         axis.set_ylabel("e_y, µm")
     for axis in axes[-1]:
@@ -287,10 +239,8 @@ def _draw_orbits(figure: Any, paths: list[PinPath]) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
 
 
-def draw_path(axis: Any, path: PinPath, states: Mapping[int, tuple[str, str]]) -> None:
-    """Draw the path of a pin's centre: flights as curves, contacts as dots, and the limit of its travel; `states`:
-    label and colour by contact state.
-    """
+def draw_path(axis: Any, path: pins.PinPath, states: Mapping[int, tuple[str, str]]) -> None:
+    """A pin's path: flights as curves, contacts as dots, the limit of travel; `states`: label and colour by state."""
     for code, (label, colour) in states.items():
         chosen = path.state == code
         if code == 0:

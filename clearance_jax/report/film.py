@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -39,46 +39,37 @@ _BITS = np.array([1 << 16, 1 << 8, 1])
 LASTS = 10.0
 
 
-class GifFrame(NamedTuple):
-    """A picture: its `colours`, packed to one number each, and `which` of them every pixel has, (height, width)."""
-
-    colours: np.ndarray
-    which: np.ndarray
-
-
 def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> None:
     """Write pictures (height, width, 3 or 4), of bytes each, as a GIF that repeats."""
-    frames = [_frame(picture) for picture in pictures]
+    frames = []  # colours, packed to one number each, and which of them every pixel has, (height, width)
+    for picture in pictures:
+        colours, which = np.unique(picture[..., :3] @ _BITS, return_inverse=True)
+        which = which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours)))
+        frames.append((colours, which))
     palette = _palette(frames[:: -(-len(frames) // LOOKED_AT)])
-    first, *rest = (_paint(frame, palette) for frame in frames)
+    first, *rest = (_paint(colours, which, palette) for colours, which in frames)
     lasts = max(round(1000 / fps), 20)  # ms; what is shorter browsers show slowly
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=lasts, loop=0)
 
 
-def _frame(picture: np.ndarray) -> GifFrame:
-    colours, which = np.unique(picture[..., :3] @ _BITS, return_inverse=True)
-    return GifFrame(colours, which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours))))
-
-
-def _palette(frames: list[GifFrame]) -> np.ndarray:
+def _palette(frames: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """The colours that most of the pixels have: areas keep theirs, their blurred edges get the nearest."""
-    seen = np.concatenate([frame.colours for frame in frames])
-    counts = np.concatenate([np.bincount(frame.which.ravel()) for frame in frames])
+    seen = np.concatenate([colours for colours, _ in frames])
+    counts = np.concatenate([np.bincount(which.ravel()) for _, which in frames])
     colours, which = np.unique(seen, return_inverse=True)
     totals = np.bincount(which, counts)
     return _parts(colours[np.argsort(-totals, kind="stable")[:COLOURS]])
 
 
-def _paint(frame: GifFrame, palette: np.ndarray) -> Image.Image:
+def _paint(colours: np.ndarray, which: np.ndarray, palette: np.ndarray) -> Image.Image:
     """A frame in the nearest colours of a palette. (Pillow's own choice turns white into a light grey.)"""
-    near = np.asarray(KDTree(palette).query(_parts(frame.colours))[1]).astype(np.uint8)
-    painted = Image.fromarray(near[frame.which])
+    near = np.asarray(KDTree(palette).query(_parts(colours))[1]).astype(np.uint8)
+    painted = Image.fromarray(near[which])
     painted.putpalette(palette.astype(np.uint8).tobytes())
     return painted
 
 
 def _parts(colours: np.ndarray) -> np.ndarray:
-    """Red, green and blue, (colours, 3)."""
     return colours[:, None] // _BITS % 256
 
 
@@ -126,14 +117,13 @@ class AbstractFilm(abc.ABC):
                         writer.grab_frame()
             partial.replace(path)
         except OSError as error:
-            text = f"Cannot write the film `{path}`: {error.strerror or error}. Choose another path."
-            raise ClearanceError(text) from None
+            why = error.strerror or error
+            raise ClearanceError(f"Cannot write the film `{path}`: {why}. Choose another path.") from None
         finally:
             partial.unlink(missing_ok=True)
         return path
 
     def _show(self, progress: Callable[[float], None] | None) -> Iterator[int]:
-        """Every frame, after one another, on the figure."""
         for k in range(len(self)):
             self.show(k)
             yield k
@@ -141,7 +131,6 @@ class AbstractFilm(abc.ABC):
                 progress((k + 1) / len(self))
 
     def _repr_html_(self) -> str:
-        """The film as a GIF, for a notebook."""
         with TemporaryDirectory() as folder:
             data = self.save(Path(folder) / "film.gif").read_bytes()
         return f'<img alt="{escape(self.name)}" src="data:image/gif;base64,{base64.b64encode(data).decode()}">'
@@ -174,13 +163,7 @@ class Film(AbstractFilm):
     """
 
     def __init__(
-        self,
-        dataset: xr.Dataset,
-        joint: str | None,
-        frames: np.ndarray,
-        fps: float,
-        slowdown: float,
-        factor: float | None,
+        self, dataset: xr.Dataset, joint: str | None, frames: np.ndarray, fps: float, slowdown: float, factor: Any
     ):
         self.frames, self.fps, self.slowdown, self.joint = frames, fps, slowdown, joint
         self.time, self.name = dataset["time"].values, str(dataset.attrs.get("mechanism", ""))
@@ -205,7 +188,9 @@ class Film(AbstractFilm):
         for cursor in self._cursors:
             cursor.set_xdata([now, now])
         speed = f"slowed {self.slowdown:g} times" if self.slowdown >= 1 else f"{1 / self.slowdown:g} times as fast"
-        self._clock.set_text(f"{self.name}   t = {now:.{_digits(factor * self.time[-1])}f} {unit}, {speed}")
+        # So many decimals that it shows a thousandth of the whole.
+        digits = int(np.clip(3 - np.floor(np.log10(factor * self.time[-1])), 0, 6))
+        self._clock.set_text(f"{self.name}   t = {now:.{digits}f} {unit}, {speed}")
         return self.figure
 
     def __repr__(self) -> str:
@@ -220,11 +205,12 @@ class Film(AbstractFilm):
         parts: Any = self.figure.subfigures(2, 1, height_ratios=(4.6, 1.6))
         upper, lower = parts
         left, right = upper.subfigures(1, 2, width_ratios=(1.1, 1.0))
-        views = [
-            Skeleton(left.add_subplot(projection=projection), places(dataset), self.joint),
-            *_views(right, enlarged),
-        ]
-        right.suptitle(f"{self.joint}: {_scale_words(enlarged)}", color="tab:red", fontsize=10)
+        skeleton = Skeleton(left.add_subplot(projection=projection), places(dataset), self.joint)
+        size = f"{1e6 * enlarged.outline.clearance:g} µm"
+        known = f"{size} to either side" if enlarged.outline.height is not None else f"dashed: clearance {size}"
+        title = f"{self.joint}: play × {enlarged.factor:g} ({known})"
+        views = [skeleton, *_views(right, enlarged)]
+        right.suptitle(title, color="tab:red", fontsize=10)
         force, bar = lower.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         factor = time_axis(bar, float(self.time[-1]))
         curve(force, factor * self.time, dataset["contact_force"].sel(joint=self.joint).values, "")
@@ -234,25 +220,13 @@ class Film(AbstractFilm):
         return views, [axis.axvline(0.0, color="k", lw=1.2, zorder=9) for axis in (force, bar)]
 
 
-def _scale_words(joint: JointPlay) -> str:
-    """The magnification and the size of the play, in words."""
-    size = f"{1e6 * joint.outline.clearance:g} µm"
-    known = f"{size} to either side" if joint.outline.height is not None else f"dashed: clearance {size}"
-    return f"play × {joint.factor:g} ({known})"
-
-
 def _views(figure: Any, joint: JointPlay) -> list:
-    """Views of a joint: one section of a pin without tilt, two of a ball, both ends and sides of a sleeve, the sides of
-    a block.
-    """
+    """One section of a pin without tilt, two of a ball, ends and sides of a sleeve, the sides of a block."""
     outline = joint.outline
     if outline.height is not None:
         ways = "xy" if outline.width is not None else "x"
-        axes = np.atleast_1d(figure.subplots(len(ways), 1))
-        return [
-            Side(_title(axis, f"along the guide, {way} up"), joint, "xy".index(way))
-            for axis, way in zip(axes, ways, strict=True)
-        ]
+        axes = figure.subplots(len(ways), 1, squeeze=False)[:, 0]
+        return [Side(_title(axes[up], f"along the guide, {way} up"), joint, up) for up, way in enumerate(ways)]
     if outline.length is not None:
         sides, ends = figure.subplots(2, 2)
         views: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
@@ -302,7 +276,9 @@ def animate(
             raise wrong_value(f"`{name}`", bound, value, shown=f"{value:g}")
     if "time" not in dataset.coords:
         raise ClearanceError("There is nothing to film: this is no result of a simulation.")
-    name = _most_loaded(dataset) if joint is None else require_joint(dataset, joint)
+    name = None if joint is None else require_joint(dataset, joint)
+    if joint is None and "contact_force" in dataset:
+        name = str(dataset["joint"].values[int(dataset["contact_force"].values.mean(axis=0).argmax())])
     chosen = _within(dataset["time"].values, span)
     lasts = float(np.ptp(dataset["time"].values[chosen]))
     slowdown = slowdown or round_down(LASTS / lasts)
@@ -311,14 +287,7 @@ def animate(
     return Film(dataset, name, frames, (len(frames) - 1) / (slowdown * lasts), slowdown, exaggeration)
 
 
-def _most_loaded(dataset: xr.Dataset) -> str | None:
-    if "contact_force" not in dataset:
-        return None
-    return str(dataset["joint"].values[int(dataset["contact_force"].values.mean(axis=0).argmax())])
-
-
 def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
-    """Indices of the samples in a span of time [s]."""
     first, last = (time[0], time[-1]) if span is None else span
     chosen = np.flatnonzero((time >= first) & (time <= last))
     if len(chosen) < 2:
@@ -327,8 +296,3 @@ def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
             f"The result has {len(time)}, from {time[0]:g} s to {time[-1]:g} s."
         ).about("span", len(chosen))
     return chosen
-
-
-def _digits(last: float) -> int:
-    """Decimals of a clock that runs to `last`, so that it shows a thousandth of it."""
-    return int(np.clip(3 - np.floor(np.log10(last)), 0, 6))

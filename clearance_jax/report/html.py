@@ -67,28 +67,11 @@ def breakable(text: Any) -> Markup:
     return Markup(re.sub(r"(?<=[A-Za-z0-9])([._])(?=[A-Za-z])", r"\1<wbr>", str(escape(text))))
 
 
-FILTERS = (
-    quantity,
-    percent,
-    instant,
-    pressure,
-    span,
-    deviations,
-    settings,
-    breakable,
-)
-FIGURES = (
-    design_figures.mechanism,
-    design_figures.pin_in_sleeve,
-    design_figures.over_time,
-    design_figures.contributions,
-    design_figures.trade,
-    design_figures.intervals,
-    design_figures.convergence,
-    calibration_figures.signal_fit,
-    calibration_figures.interval_widths,
-    calibration_figures.correlations,
-)
+FILTERS = (quantity, percent, instant, pressure, span, deviations, settings, breakable)
+FIGURES = {
+    design_figures: ("mechanism", "pin_in_sleeve", "over_time", "contributions", "trade", "intervals", "convergence"),
+    calibration_figures: ("signal_fit", "interval_widths", "correlations"),
+}
 
 
 def write_report(findings: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:
@@ -121,18 +104,11 @@ def render(findings: Findings, title: str = "Tolerance design", study: str = "")
 
 def _environment() -> jinja2.Environment:
     """The templates, with what they may call; names of a study are text there, never markup."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("clearance_jax.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    how: Any = {"autoescape": True, "undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("clearance_jax.report"), **how)
     environment.filters |= {function.__name__: function for function in FILTERS}
-    environment.globals |= {function.__name__: function for function in FIGURES} | {
-        "embedded": embed,
-        "infinity": math.inf,
-    }
+    environment.globals |= {name: getattr(module, name) for module, names in FIGURES.items() for name in names}
+    environment.globals |= {"embedded": embed, "infinity": math.inf}
     return environment
 
 
@@ -142,7 +118,6 @@ def embed(figure: Figure, caption: str) -> Markup:
     # Without a date the same design gives the same file; text stays text, which can be searched and read aloud.
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": caption}):
         figure.savefig(text, format="svg", metadata={"Date": None})
-    svg = text.getvalue()
     described = f'<svg role="img" aria-label="{escape(caption)}"'
-    svg = svg[svg.index("<svg") :].replace("<svg", described, 1)
+    svg = described + text.getvalue().partition("<svg")[2]
     return Markup(f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>")

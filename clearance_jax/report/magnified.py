@@ -28,9 +28,7 @@ def round_factor(value: float) -> float:
 
 
 def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> JointPlay:
-    """A joint with its play magnified, by default so that it is visible. **Raises** `ClearanceError` for a joint
-    without a view.
-    """
+    """A joint with its play magnified, by default so that it is seen. **Raises** for a joint without a view."""
     joint = play(dataset, name)
     if joint is None:
         raise ClearanceError(
@@ -41,9 +39,7 @@ def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Join
 
 
 def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple[Polygon, Circle]:
-    """Draw a section of a sleeve with its bore (2, points) and a pin [m]; returns the patches of bore and pin, to be
-    moved.
-    """
+    """Draw a section of a sleeve with its bore (2, points) and a pin [m]; returns their patches, to be moved."""
     axis.add_patch(Circle((0, 0), outside, fc=SLEEVE, ec="none", zorder=0))
     wall = axis.add_patch(Polygon(bore.T, closed=True, fc="white", ec=EDGE, lw=1.2, zorder=1))
     pin = axis.add_patch(Circle((0, 0), radius, fc=PIN, ec=EDGE, lw=1.2, alpha=0.9, zorder=2))
@@ -53,10 +49,7 @@ def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple
 
 
 class CrossSection:
-    """A section across the joint: the sleeve, the pin, and the path of the pin's centre so far.
-
-    **Arguments:** `station`: at which of its heights; `axes`: which two of the sleeve's axes to look at.
-    """
+    """A section at a height (`station`), along two of the sleeve's `axes`, and the path of the pin's centre so far."""
 
     def __init__(self, axis: Any, joint: JointPlay, station: int = 0, axes: tuple[int, int] = (0, 1)):
         self.joint, self.station, depth, outline = joint, station, joint.wear_depth(station), joint.outline
@@ -89,10 +82,7 @@ class CrossSection:
 
 
 class Side:
-    """A section along the joint's axis, which is horizontal: the sleeve's walls and faces, the pin between them.
-
-    **Arguments:** `up`: which of the sleeve's axes across is upright, 0 or 1.
-    """
+    """A section along the joint's axis, which is horizontal; `up`: which of the sleeve's axes is upright, 0 or 1."""
 
     def __init__(self, axis: Any, joint: JointPlay, up: int):
         outline = joint.outline
@@ -109,10 +99,8 @@ class Side:
         for low in (wall, -wall - thick):
             axis.add_patch(Rectangle((-self.face, low), 2 * self.face, thick, fc=SLEEVE, ec=EDGE, lw=1.0))
         self.outlines = self._pin()
-        self.patches = [
-            axis.add_patch(Polygon(points, closed=True, fc=PIN, ec=EDGE, lw=1.2, alpha=0.9, zorder=2))
-            for points in self.outlines
-        ]
+        how: Any = {"closed": True, "fc": PIN, "ec": EDGE, "lw": 1.2, "alpha": 0.9, "zorder": 2}
+        self.patches = [axis.add_patch(Polygon(points, **how)) for points in self.outlines]
         self.line = axis.plot([], [], color=PATH, lw=0.9, ls="-.", zorder=4)[0]
         axis.axhline(0, color="0.5", lw=0.6, ls=(0, (8, 3, 2, 3)), zorder=1)
         self.walls = axis.plot([], [], "o", ms=6, color=CONTACT, zorder=7)[0]
@@ -158,13 +146,10 @@ class Side:
     def move(self, points: np.ndarray, i: int) -> np.ndarray:
         """Points of the pin (along, across) at sample `i`, with the motion magnified."""
         along, across = points.T
-        k, place, slope = self.joint.factor, self.joint.place[i], self.slopes[i, self.up]
-        return np.stack(
-            [along + k * (self._slid(i) - slope * across), across + k * (place[self.up] + slope * along)], 1
-        )
+        k, up, slope = self.joint.factor, self.joint.place[i, self.up], self.slopes[i, self.up]
+        return np.stack([along + k * (self._slid(i) - slope * across), across + k * (up + slope * along)], 1)
 
     def _slid(self, i: int) -> float:
-        """The axial displacement [m]."""
         return float(self.joint.place[i, 2]) if self.joint.place.shape[1] > 2 else 0.0
 
     def _on_faces(self, i: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,4 @@
-"""Panels of a motion from a dataset: coordinates, points, efforts of drives, reactions in joints;
-curves of more points than a picture has columns, and smooth ones through few.
-"""
+"""Panels of a motion from a dataset; curves of more points than a picture has columns, and smooth ones through few."""
 
 from collections.abc import Callable
 from functools import partial
@@ -90,15 +88,11 @@ def _list(dataset: xr.Dataset) -> str:
 
 
 def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str, str]) -> list[Panel]:
-    """A panel for the entries of each unit."""
     if variable not in dataset:
         return []
-    units, names, parts = dataset[f"{dim}_unit"].values, dataset[dim].values, []
-    for unit, title in titles.items():
-        members = [str(name) for name in names[units == unit]]
-        if members:
-            parts.append(Panel(title, partial(_curves, variable, dim, members, unit)))
-    return parts
+    units, names = dataset[f"{dim}_unit"].values, dataset[dim].values
+    members = {unit: [str(name) for name in names[units == unit]] for unit in titles}
+    return [Panel(titles[u], partial(_curves, variable, dim, some, u)) for u, some in members.items() if some]
 
 
 def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
@@ -114,7 +108,6 @@ def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, da
 
 
 def _path(axis: Any, dataset: xr.Dataset) -> None:
-    """Draw the paths of points, each with a dot at its start."""
     for name in dataset["point"].values:
         places = dataset["position"].sel(point=name).values.T
         colour = axis.plot(*places, lw=0.8, label=str(name))[0].get_color()
@@ -151,10 +144,8 @@ def envelope(time: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.nda
 
 
 def flights(time: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Every free flight as a smooth path from the contact that it leaves to the one that it meets, (points, 2), with a
-    row of NaN after each.
-
-    **Arguments:** increasing times (n,), places (n, 2), and whether each is free (n,).
+    """Every free flight as a smooth path from contact to contact, (points, 2), with a row of NaN after each; of times
+    (n,), places (n, 2), and whether each is free (n,).
     """
     edge = np.diff(np.concatenate([[0], free.astype(int), [0]]))
     paths = [np.zeros((0, 2))]

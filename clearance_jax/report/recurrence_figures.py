@@ -1,7 +1,5 @@
 """Figures of a sweep of a driven mechanism: bifurcation diagrams, Poincare sections, Lyapunov exponents."""
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -9,23 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.style import STYLED, legend_below
-from clearance_jax.report.sweep_axes import (
-    CODE,
-    Exponent,
-    display,
-    exponent_of,
-    lanes_of,
-    number,
-    of_lanes,
-    result,
-    scale,
-    slice_grid,
-    spread_places,
-    tidy,
-    variables,
-    words,
-)
+from clearance_jax.report import sweep_axes as sweep
+from clearance_jax.report.style import STYLED, legend_below, panel_grid
 
 # A diagram of more points than this is drawn with smaller ones; areas of both [pt^2].
 MANY, LARGE, SMALL = 20_000, 4.0, 0.5
@@ -40,12 +23,9 @@ SIGNS = {-1: "exponent negative", 0: "exponent zero", 1: "exponent positive"}
 
 
 def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
-    """The quantities of a Poincare section, each with its name and unit, over the lanes and the instants.
-
-    **Raises:** `ClearanceError` for a result that is none.
-    """
-    points = result(dataset, name)
-    dims = [str(dim) for dim in points.dims if dim not in lanes_of(dataset)]
+    """The quantities of a Poincare section (else it **raises**), with name and unit, over lanes and instants."""
+    points = sweep.result(dataset, name)
+    dims = [str(dim) for dim in points.dims if dim not in sweep.lanes_of(dataset)]
     if len(dims) == 1:
         return [points]
     if len(dims) != 2:
@@ -55,7 +35,7 @@ def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
     units = units if len(units) == points.sizes[dims[1]] else units[:1] * points.sizes[dims[1]]
     labels = points[dims[1]].values  # where there are no labels, whole numbers
     return [
-        points.isel({dims[1]: k}).rename(str(label)).assign_attrs(units=units[k], long_name=words(str(label)))
+        points.isel({dims[1]: k}).rename(str(label)).assign_attrs(units=units[k], long_name=sweep.words(str(label)))
         for k, label in enumerate(labels)
     ]
 
@@ -84,9 +64,9 @@ def bifurcation(
 
 def _over(dataset: xr.Dataset, axis: str | None, height: float) -> tuple[Figure, xr.Dataset, str]:
     """A figure of this height [inch], the lanes along a number (by default the first that varies), and its name."""
-    dataset = tidy(dataset)
-    axis = variables(dataset)[0] if axis is None else axis
-    dataset, where = slice_grid(dataset, axis)
+    dataset = sweep.tidy(dataset)
+    axis = sweep.variables(dataset)[0] if axis is None else axis
+    dataset, where = sweep.slice_grid(dataset, axis)
     figure = Figure(figsize=(9, height), layout="constrained")
     if where:
         figure.suptitle(where, fontsize=9)
@@ -97,45 +77,40 @@ def draw_bifurcation(
     axes: Axes, dataset: xr.Dataset, points: xr.DataArray, axis: str, exponent: str | None = None
 ) -> None:
     """The diagram; where the exponent is known, in colours by its sign."""
-    across, up = display(number(dataset, axis)), display(points)
-    x, y = across.factor * of_lanes(dataset, number(dataset, axis)), up.factor * of_lanes(dataset, points)
+    across, x = sweep.scaled(dataset, sweep.number(dataset, axis))
+    up, y = sweep.scaled(dataset, points)
     size = SMALL if y.size > MANY else LARGE
     kinds = [(np.ones(len(x), bool), "black", None)]
     if exponent is not None:
-        rate = exponent_of(dataset, exponent)
-        kinds = [(rate.sign == k, COLOURS[k], label) for k, label in _words(rate).items()]
+        rate = sweep.exponent_of(dataset, exponent)
+        there = np.unique(rate.sign[np.isfinite(rate.value.values.ravel())])
+        words = SIGNS if rate.uncertainty is None else KNOWN
+        kinds = [(rate.sign == k, COLOURS[int(k)], words[int(k)]) for k in there]
     for chosen, colour, label in kinds:
         where = np.broadcast_to(x[chosen, None], y[chosen].shape)
         axes.scatter(where, y[chosen], s=size, lw=0, color=colour, label=label, rasterized=True)
     axes.set(xlabel=across.label, ylabel=f"{up.label}\nonce a period")
-    axes.set_xscale(scale(x))
+    axes.set_xscale(sweep.scale(x))
     axes.margins(x=0.01)
     if exponent is not None:
         legend_below(axes, markerscale=np.sqrt(30 / size))
 
 
-def _words(rate: Exponent) -> dict[int, str]:
-    """Legend texts by sign, for the signs of the exponent that occur."""
-    there = np.unique(rate.sign[np.isfinite(rate.value.values.ravel())])
-    return {int(k): (SIGNS if rate.uncertainty is None else KNOWN)[int(k)] for k in there}
-
-
 def draw_exponent(axes: Axes, dataset: xr.Dataset, name: str, axis: str) -> None:
     """An exponent over a number, in colours by its sign, with its uncertainty where that is known."""
-    rate = exponent_of(dataset, name)
-    across, up = display(number(dataset, axis)), display(rate.value, "largest Lyapunov\nexponent")
-    x, y = across.factor * of_lanes(dataset, number(dataset, axis)), up.factor * of_lanes(dataset, rate.value)
+    rate = sweep.exponent_of(dataset, name)
+    across, x = sweep.scaled(dataset, sweep.number(dataset, axis))
+    up, y = sweep.scaled(dataset, rate.value, "largest Lyapunov\nexponent")
     colours = np.array([COLOURS[int(k)] for k in rate.sign])
     if rate.uncertainty is not None:
-        axes.vlines(
-            x, *(y + s * of_lanes(dataset, rate.uncertainty) for s in (-1, 1)), color=colours, lw=0.6, alpha=0.5
-        )
-    if lanes_of(dataset) == (axis,) and len(x) <= COLUMNS:  # more would be nothing but line
+        beside = sweep.of_lanes(dataset, rate.uncertainty)
+        axes.vlines(x, y - beside, y + beside, color=colours, lw=0.6, alpha=0.5)
+    if sweep.lanes_of(dataset) == (axis,) and len(x) <= COLUMNS:  # more would be nothing but line
         axes.plot(x, y, lw=0.5, color="0.3")
     axes.scatter(x, y, s=4 * LARGE if len(x) <= COLUMNS else LARGE, lw=0, color=colours, zorder=3)
     axes.axhline(0, color="black", lw=0.8)
     axes.set(xlabel=across.label, ylabel=up.label)
-    axes.set_xscale(scale(x))
+    axes.set_xscale(sweep.scale(x))
     axes.margins(x=0.01)
 
 
@@ -161,25 +136,22 @@ def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exp
 
     **Raises:** `ClearanceError` for a section of one quantity.
     """
-    dataset = tidy(dataset)
+    dataset = sweep.tidy(dataset)
     parts = section(dataset, name)[:2]
     if len(parts) < 2:
         raise ClearanceError(f"The section `{name}` is of one quantity: in a plane it takes two.")
-    chosen = spread_places(dataset[CODE].size, MOST_SECTIONS) if lanes is None else lanes
+    chosen = sweep.spread_places(dataset[sweep.CODE].size, MOST_SECTIONS) if lanes is None else lanes
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = Figure(figsize=(3.3 * columns, 2.8 * rows + 0.3), layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False).ravel()
-    rate = None if exponent is None else exponent_of(dataset, exponent)
-    across, up = (display(part) for part in parts)
-    x, y = (axis.factor * of_lanes(dataset, part) for axis, part in zip((across, up), parts, strict=True))
+    panels = panel_grid(figure, len(chosen), columns).ravel()
+    rate = None if exponent is None else sweep.exponent_of(dataset, exponent)
+    (across, x), (up, y) = (sweep.scaled(dataset, part) for part in parts)
     for panel, lane in zip(panels, chosen, strict=False):
         colour = "black" if rate is None else COLOURS[int(rate.sign[lane])]
         panel.scatter(x[lane], y[lane], s=LARGE if len(x[lane]) > FEW else 4 * LARGE, lw=0, color=colour)
         _widen(panel, x, y)
         panel.set_title(_tell(dataset, lane, rate), fontsize=9)
-    for panel in panels[len(chosen) :]:
-        panel.set_axis_off()
     figure.supxlabel(across.label, fontsize=9)
     figure.supylabel(up.label, fontsize=9)
     return figure
@@ -192,17 +164,15 @@ def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
         if limits[1] - limits[0] < least:
             put(middle - 0.5 * least, middle + 0.5 * least)
     panel.ticklabel_format(useOffset=False)
-    panel.xaxis.set_major_locator(MaxNLocator(nbins=5))
-    panel.yaxis.set_major_locator(MaxNLocator(nbins=5))
+    for ticks in (panel.xaxis, panel.yaxis):
+        ticks.set_major_locator(MaxNLocator(nbins=5))
 
 
-def _tell(dataset: xr.Dataset, lane: int, rate: Exponent | None) -> str:
-    """The numbers and the exponent of a lane, in words."""
+def _tell(dataset: xr.Dataset, lane: int, rate: sweep.Exponent | None) -> str:
     told = []
-    for name in variables(dataset):
-        axis = display(number(dataset, name))
-        value = axis.factor * of_lanes(dataset, number(dataset, name))[lane]
-        told.append(f"{axis.name} {value:.4g} {axis.unit}".strip())
+    for name in sweep.variables(dataset):
+        axis, values = sweep.scaled(dataset, sweep.number(dataset, name))
+        told.append(f"{axis.name} {values[lane]:.4g} {axis.unit}".strip())
     if rate is not None:
         beside = "" if rate.uncertainty is None else f" ± {rate.uncertainty.values.ravel()[lane]:.2g}"
         told.append(f"exponent {rate.value.values.ravel()[lane]:+.3g}{beside} 1/s")

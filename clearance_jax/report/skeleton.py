@@ -1,6 +1,4 @@
-"""Draws a mechanism on axes, in the plane or in space: bodies, joints, springs, the paths of points. Films move it; a
-still picture shows one sample.
-"""
+"""Draws a mechanism on axes, in the plane or in space: bodies, joints, springs, paths of points; films move it."""
 
 import itertools
 from typing import Any
@@ -26,10 +24,8 @@ LINK: Any = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zo
 
 
 class Skeleton:
-    """Axes with a mechanism on it; `show(i)` puts it where it is at sample `i`.
-
-    **Arguments:** `axis`: axes, of projection "3d" where places have three; `joint`: the joint to point at; `whole`:
-    whether the paths of points are drawn from the first sample to the last, not so far.
+    """Axes (of projection "3d" in space) with a mechanism on it; `show(i)` puts it where it is at sample `i`. `joint`:
+    the joint to point at; `whole`: whether paths of points are drawn from first to last, not so far.
     """
 
     def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):
@@ -45,11 +41,15 @@ class Skeleton:
         for name, pair in places.pairs.items():
             self._pair(name, pair)
         for name, mark in places.joints.items():
-            edge, size, width = ("tab:red", 8, 1.3) if name in places.loose else ("k", 5, 1.3)
-            size, width = (12, 2.2) if name == joint else (size, width)
+            edge, size = ("tab:red", 8) if name in places.loose else ("k", 5)
+            size, width = (12, 2.2) if name == joint else (size, 1.3)
             self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
         self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
-        self._label = None if joint is None else (self._name_of(joint), places.joints[joint])
+        self._label = None
+        if joint is not None:
+            mark, box = places.joints[joint], {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}
+            style: Any = {"textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red", "bbox": box}
+            self._label = axis.annotate(joint, self._on_page(places.at[0, mark]), xytext=(9, 9), **style), mark
         self.show(0)
 
     @property
@@ -63,7 +63,8 @@ class Skeleton:
         for line, marks in self._lines:
             _put(line, at[marks])
         for plate, marks in self._plates:
-            plate.set_xy(_around(at[marks]))
+            away = at[marks] - at[marks].mean(axis=0)  # in the order in which they lie around their middle
+            plate.set_xy(at[marks][np.argsort(np.arctan2(away[:, 1], away[:, 0]))])
         for block, guide, name, mark in self._sliders:
             x, y = self.places.slides[name][i]
             turned = self.size * np.array([[x, y], [-y, x]])
@@ -81,7 +82,6 @@ class Skeleton:
         return self.axis.plot(*(none if places is None else places).T, **style)[0]
 
     def _line(self, marks: list[int], **style: Any) -> None:
-        """A line through marks that moves with them."""
         self._lines.append((self._plot(self.places.at[0, marks], **style), marks))
 
     def _support(self, at: np.ndarray, floor: float) -> None:
@@ -103,19 +103,12 @@ class Skeleton:
             self._line([mark for other in marks[1:] for mark in (marks[0], other)], color=colour, **LINK)
 
     def _pair(self, name: str, pair: list[int]) -> None:
-        """Draw a spring, or a slide: a block between rails."""
         self._line(pair, color="0.45", lw=1.2, ls=(0, (4, 2)), zorder=1)
         if name in self.places.slides and self.in_space:
             self._line(pair[1:], marker="s", ms=15, mfc="0.85", mec="0.4", zorder=1.5)
         elif name in self.places.slides:
             block = self.axis.add_patch(Polygon(CORNERS, closed=True, fc="0.85", ec="0.4", zorder=1.5))
             self._sliders.append((block, self._plot(color="0.4", lw=1.5, zorder=0.6), name, pair[1]))
-
-    def _name_of(self, joint: str) -> Any:
-        """The name of a joint beside it."""
-        style: Any = {"xytext": (9, 9), "textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red"}
-        style |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}}
-        return self.axis.annotate(joint, self._on_page(self.places.at[0, self.places.joints[joint]]), **style)
 
     def _on_page(self, place: np.ndarray) -> tuple[float, float]:
         """A place projected to the axes' plane."""
@@ -129,9 +122,3 @@ def _put(line: Any, places: np.ndarray) -> None:
         line.set_data_3d(*places.T)
     else:
         line.set_data(*places.T)
-
-
-def _around(places: np.ndarray) -> np.ndarray:
-    """Places (k, 2) in the order in which they lie around their middle."""
-    away = places - places.mean(axis=0)
-    return places[np.argsort(np.arctan2(away[:, 1], away[:, 0]))]

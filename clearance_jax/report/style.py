@@ -12,13 +12,19 @@ BELOW = 0.45
 
 
 def legend_below(axis: Any, columns: int = 3, **how: Any) -> None:
-    """A legend of at most so many columns below the axes, for which a constrained layout makes room; `how`: as
-    `Axes.legend`'s.
-    """
+    """A legend of at most so many columns below the axes, with room made for it; `how`: as `Axes.legend`'s."""
     handles, _ = axis.get_legend_handles_labels()
     down = axis.transAxes + ScaledTranslation(0.0, -BELOW, axis.figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": down, "borderaxespad": 0.0}
     axis.legend(**where, ncols=min(columns, max(len(handles), 1)), **how)
+
+
+def panel_grid(figure: Any, count: int, columns: int, **how: Any) -> np.ndarray:
+    """Axes (rows, columns) for `count` panels, of which the others are hidden; `how`: as `Figure.subplots`'."""
+    panels = figure.subplots(-(-count // columns), columns, squeeze=False, **how)
+    for panel in panels.flat[count:]:
+        panel.set_axis_off()
+    return panels
 
 
 def length_unit(largest: float) -> tuple[float, str]:

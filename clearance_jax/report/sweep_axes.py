@@ -50,18 +50,14 @@ def tidy(dataset: xr.Dataset) -> xr.Dataset:
         along = [name for name in variables(dataset) if dataset[name].dims == (dim,)]
         if along == [dim]:  # in whatever order it was given
             dataset = dataset.sortby(dim)
-        if not along or not all(_monotone(dataset[name].values) for name in along):
+        steps = [np.diff(dataset[name].values) for name in along]
+        if not along or not all(np.all(step > 0) or np.all(step < 0) for step in steps):
             continue
         kept = dim if dim in along else along[0]
         if dim not in along:  # it counts lanes, which says no more than a number in its place
             dataset = dataset.drop_vars(dim, errors="ignore").swap_dims({dim: kept})
         dataset = dataset.drop_vars([name for name in along if name != kept])
     return dataset
-
-
-def _monotone(values: np.ndarray) -> bool:
-    steps = np.diff(values)
-    return bool(np.all(steps > 0) or np.all(steps < 0))
 
 
 def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -74,13 +70,10 @@ def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
 def variables(dataset: xr.Dataset) -> tuple[str, ...]:
     """The numbers that vary over the lanes, in the order of their dimensions."""
     lanes = lanes_of(dataset)
-    entries = [
-        (lanes.index(str(coordinate.dims[0])), str(name))
-        for name, coordinate in dataset.coords.items()
-        # What only counts its lanes is whole numbers.
-        if np.issubdtype(coordinate.dtype, np.floating) and coordinate.dims and set(coordinate.dims) <= set(lanes)
-    ]
-    return tuple(name for _, name in sorted(entries, key=lambda entry: entry[0]))
+    # What only counts its lanes is whole numbers.
+    floats = {str(name): x.dims for name, x in dataset.coords.items() if np.issubdtype(x.dtype, np.floating)}
+    varied = [name for name, dims in floats.items() if dims and set(dims) <= set(lanes)]
+    return tuple(sorted(varied, key=lambda name: lanes.index(str(floats[name][0]))))
 
 
 def results(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -112,9 +105,7 @@ class Exponent(NamedTuple):
 
     @property
     def sign(self) -> np.ndarray:
-        """Of every lane, shape (lanes,): 1 where it is positive beyond its uncertainty, -1 where it is negative beyond
-        it, 0 where it may be zero, or is not there.
-        """
+        """Of every lane, (lanes,): 1 or -1 where it is beyond its uncertainty, 0 where it may be zero or is missing."""
         values = self.value.values.astype(float).ravel()
         least = 0.0 if self.uncertainty is None else BEYOND * self.uncertainty.values.astype(float).ravel()
         return np.where(values > least, 1, np.where(values < -least, -1, 0))
@@ -147,6 +138,17 @@ def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
     code = dataset[CODE]
     values = array.broadcast_like(code).transpose(*code.dims, ...).values.astype(float)
     return values.reshape(code.size, *values.shape[code.ndim :])
+
+
+def axis_scale(dataset: xr.Dataset, name: str) -> AxisScale:
+    """How a number that varies is shown. **Raises** `ClearanceError` for another one."""
+    return display(number(dataset, name))
+
+
+def scaled(dataset: xr.Dataset, array: xr.DataArray, name: str | None = None) -> tuple[AxisScale, np.ndarray]:
+    """How a number or a result is shown (`display`), and its values so, lane by lane (`of_lanes`)."""
+    axis = display(array, name)
+    return axis, axis.factor * of_lanes(dataset, array)
 
 
 def display(array: xr.DataArray, name: str | None = None) -> AxisScale:
@@ -195,9 +197,7 @@ def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
 
 
 def slice_grid(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
-    """The lanes along one axis of a grid, at the middle of the others, and this position in words; all lanes if there
-    is no grid.
-    """
+    """The lanes along one axis of a grid, at the middle of the others, and that in words; without a grid all lanes."""
     if axis not in lanes_of(dataset):
         return dataset, ""
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim != axis}

@@ -1,5 +1,6 @@
 """Figures of a sweep: heat maps, curves with bands, response surfaces, parallel coordinates, sensitivity indices."""
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,26 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report import sweep_axes as sweep
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
-from clearance_jax.report.style import STYLED, legend_below
-from clearance_jax.report.sweep_axes import (
-    CODE,
-    AxisScale,
-    display,
-    endings,
-    lanes_of,
-    number,
-    of_lanes,
-    place_words,
-    result,
-    results,
-    results_of,
-    scale,
-    spread_places,
-    tidy,
-    variables,
-    words,
-)
+from clearance_jax.report.style import STYLED, legend_below, panel_grid
 from clearance_jax.results.sobol import Indices
 
 COLOURS, FAILED = "viridis", "0.8"
@@ -55,14 +39,12 @@ def figures(
 
     **Raises:** `ClearanceError` for a dataset that is no sweep, or in which no sample has a result.
     """
-    kept = [*results(dataset), *results_of(dataset, "PoincareSection"), *results_of(dataset, "LyapunovExponent")]
-    dataset = tidy(dataset[[CODE, *kept]].load())  # a store is read once
-    numbers = [name for name in variables(dataset) if dataset[name].size > 1]
-    axes = [name for name in lanes_of(dataset) if name in numbers]
-    plain, points, rates = (
-        [name for name in names if np.isfinite(dataset[name].values).any()]
-        for names in (results(dataset), results_of(dataset, "PoincareSection"), results_of(dataset, "LyapunovExponent"))
-    )
+    recurrences = (sweep.results_of(dataset, kind) for kind in ("PoincareSection", "LyapunovExponent"))
+    kinds = sweep.results(dataset), *recurrences
+    dataset = sweep.tidy(dataset[[sweep.CODE, *itertools.chain(*kinds)]].load())  # a store is read once
+    numbers = [name for name in sweep.variables(dataset) if dataset[name].size > 1]
+    axes = [name for name in sweep.lanes_of(dataset) if name in numbers]
+    plain, points, rates = ([name for name in names if np.isfinite(dataset[name].values).any()] for names in kinds)
     if not numbers or not (plain or points or rates):
         raise ClearanceError("There is nothing to draw: nothing varies in this sweep, or no sample has a result.")
     plain, out = [name for name in plain if name not in rates], {}
@@ -82,16 +64,12 @@ def figures(
     for name in rates:
         out |= {f"{name} over {axis}": exponents(dataset, name, axis) for axis in numbers}
     for name, sobol in (indices or {}).items():
-        out[f"{name}: sensitivity indices"] = sensitivities(sobol, (local or {}).get(name), words(name))
+        out[f"{name}: sensitivity indices"] = sensitivities(sobol, (local or {}).get(name), sweep.words(name))
     return out
 
 
-# A result over two numbers ------------------------------------------------------------------------------------------
-
-
 def _grid(dataset: xr.Dataset, name: str, x: str | None, y: str | None) -> tuple[str, str, xr.DataArray]:
-    """Two axes of a grid, and a result over them."""
-    axes = [dim for dim in lanes_of(dataset) if dim in variables(dataset) and dataset.sizes[dim] > 1]
+    axes = [dim for dim in sweep.lanes_of(dataset) if dim in sweep.variables(dataset) and dataset.sizes[dim] > 1]
     if len(axes) < 2:
         raise ClearanceError(f"This sweep has {len(axes)} axes: a picture of `{name}` over two takes a grid of two.")
     x = axes[0] if x is None else x
@@ -99,7 +77,7 @@ def _grid(dataset: xr.Dataset, name: str, x: str | None, y: str | None) -> tuple
     for axis in (x, y):
         if axis not in axes:
             raise ClearanceError(f"`{axis}` is no axis of this grid. Its axes: {', '.join(axes)}.")
-    return x, y, result(dataset, name)
+    return x, y, sweep.result(dataset, name)
 
 
 @STYLED
@@ -109,17 +87,18 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
 
     **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`, `y`: names of the axes, by default the first two.
     """
-    dataset = tidy(dataset)
+    dataset = sweep.tidy(dataset)
     x, y, values = _grid(dataset, name, x, y)
-    others = [dim for dim in lanes_of(dataset) if dim not in (x, y)]
+    others = [dim for dim in sweep.lanes_of(dataset) if dim not in (x, y)]
     middle = {dim: dataset.sizes[dim] // 2 for dim in others[1:]}
-    places = [{others[0]: k} | middle for k in spread_places(dataset.sizes[others[0]], PANELS)] if others else [{}]
+    shown = sweep.spread_places(dataset.sizes[others[0]], PANELS) if others else []
+    places = [{others[0]: k} | middle for k in shown] or [{}]
     columns = 2 if len(places) == 4 else min(3, len(places))
     rows = -(-len(places) // columns)
     size = (6.4, 4.4) if len(places) == 1 else (3.4 * columns + 0.8, 2.9 * rows + 0.2)
     figure = Figure(figsize=size, layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(values)
+    panels = panel_grid(figure, len(places), columns, sharex=True, sharey=True)
+    across, up, of = sweep.axis_scale(dataset, x), sweep.axis_scale(dataset, y), sweep.display(values)
     norm = Normalize(*(of.factor * f(values.values) for f in (np.nanmin, np.nanmax)))
     for panel, place in zip(panels.ravel(), places, strict=False):
         cells = of.factor * values.isel(place).transpose(y, x).values
@@ -127,16 +106,14 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
         panel.grid(visible=False)
         edges = across.factor * dataset[x].values, up.factor * dataset[y].values
         panel.pcolormesh(*edges, cells, norm=norm, cmap=COLOURS, shading="nearest", rasterized=True)
-        panel.set(xscale=scale(edges[0]), yscale=scale(edges[1]))
-        panel.set_title(place_words(dataset, place), fontsize=9)
-    for panel in panels.ravel()[len(places) :]:
-        panel.set_axis_off()
+        panel.set(xscale=sweep.scale(edges[0]), yscale=sweep.scale(edges[1]))
+        panel.set_title(sweep.place_words(dataset, place), fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(across.label)
     for panel in panels[:, 0]:
         panel.set_ylabel(up.label)
     figure.colorbar(ScalarMappable(norm, COLOURS), ax=panels, label=of.label)
-    counts = zip(endings(dataset), ("failed", "not run yet"), strict=True)
+    counts = zip(sweep.endings(dataset), ("failed", "not run yet"), strict=True)
     missing = " and ".join(f"{count} {what}" for count, what in counts if count)
     if missing:
         figure.suptitle(f"of {values.size} samples {missing} (grey)", fontsize=9)
@@ -149,10 +126,10 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
 
     **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`, `y`: names of the axes, by default the first two.
     """
-    dataset = tidy(dataset)
+    dataset = sweep.tidy(dataset)
     x, y, values = _grid(dataset, name, x, y)
-    place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim not in (x, y)}
-    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(values)
+    place = {dim: dataset.sizes[dim] // 2 for dim in sweep.lanes_of(dataset) if dim not in (x, y)}
+    across, up, of = sweep.axis_scale(dataset, x), sweep.axis_scale(dataset, y), sweep.display(values)
     height = of.factor * values.isel(place).transpose(y, x).values
     where = np.meshgrid(across.factor * dataset[x].values, up.factor * dataset[y].values)
     figure = Figure(figsize=(7, 5.4), layout="constrained")
@@ -169,11 +146,8 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     axes.set_zticks([tick for tick in MaxNLocator(nbins=6).tick_values(low, high) if low <= tick <= high])
     axes.view_init(elev=26, azim=-128)
     figure.colorbar(drawn, ax=axes, shrink=0.7, pad=0.02, label=of.label)
-    axes.set_title(place_words(dataset, place), fontsize=9)
+    axes.set_title(sweep.place_words(dataset, place), fontsize=9)
     return figure
-
-
-# A result over one number -------------------------------------------------------------------------------------------
 
 
 @STYLED
@@ -184,8 +158,8 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
     **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`: name of the number, by default the first that
     varies; `by`: name of an axis whose values have a curve each.
     """
-    dataset = tidy(dataset)
-    x = variables(dataset)[0] if x is None else x
+    dataset = sweep.tidy(dataset)
+    x = sweep.variables(dataset)[0] if x is None else x
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     draw_curves(figure.subplots(), dataset, name, x, by)
     return figure
@@ -194,16 +168,16 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
 def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | None = None) -> None:
     """Draw `curves` on given axes."""
     if by is None:
-        few = [dim for dim in lanes_of(dataset) if dim != x and 1 < dataset.sizes[dim] <= CURVES]
-        by = few[0] if x in lanes_of(dataset) and few else None
-    across, of = display(number(dataset, x)), display(result(dataset, name))
-    places = [None] if by is None else spread_places(dataset.sizes[by], CURVES)
+        few = [dim for dim in sweep.lanes_of(dataset) if dim != x and 1 < dataset.sizes[dim] <= CURVES]
+        by = few[0] if x in sweep.lanes_of(dataset) and few else None
+    across, of = sweep.axis_scale(dataset, x), sweep.display(sweep.result(dataset, name))
+    places = [None] if by is None else sweep.spread_places(dataset.sizes[by], CURVES)
     for i, k in enumerate(places):
         part = dataset if k is None else dataset.isel({by: [k]})
-        label = None if k is None else place_words(dataset, {by: k})
+        label = None if k is None else sweep.place_words(dataset, {by: k})
         _band(axes, part, name, x, across, of, f"C{i}", label, alone=len(places) == 1)
     axes.set(xlabel=across.label, ylabel=of.label)
-    axes.set_xscale(scale(dataset[x].values) if x in lanes_of(dataset) else "linear")
+    axes.set_xscale(sweep.scale(dataset[x].values) if x in sweep.lanes_of(dataset) else "linear")
     axes.margins(x=0.01)
     handles, _ = axes.get_legend_handles_labels()
     if handles:
@@ -211,10 +185,10 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
 
 
 def _band(
-    axes: Any, part: xr.Dataset, name: str, x: str, across: AxisScale, of: AxisScale, colour, label, alone: bool
+    axes: Any, part: xr.Dataset, name: str, x: str, across: Any, of: Any, colour: str, label: Any, alone: bool
 ) -> None:
     """Draw the medians as a curve, with quantile bands where a place has several results."""
-    where, values = of_lanes(part, number(part, x)), of_lanes(part, result(part, name))
+    where, values = sweep.of_lanes(part, sweep.number(part, x)), sweep.of_lanes(part, sweep.result(part, name))
     places, groups = _groups(where, values, on_axis=x in part.dims)
     middles = np.array([np.median(group) if group.size else np.nan for group in groups])
     spread = max(group.size for group in groups) > 1
@@ -224,18 +198,15 @@ def _band(
             edges = [np.quantile(group, [low, high]) if group.size else [np.nan] * 2 for group in groups]
             told = f"{low:.0%} to {high:.0%} of the samples" if alone else None
             below, above = of.factor * np.array(edges).T
-            axes.fill_between(
-                across.factor * places, below, above, color=colour, alpha=dark if alone else FAINT, lw=0, label=told
-            )
+            how = {"color": colour, "alpha": dark if alone else FAINT, "lw": 0, "label": told}
+            axes.fill_between(across.factor * places, below, above, **how)
     style = "-" if len(places) > 40 else ".-"
     told = "median" if spread and label is None else label
     axes.plot(across.factor * places, of.factor * middles, style, color=colour, lw=1.2, label=told)
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Finite results grouped by the values of an axis, or by equally full bins of a scattered number: values and
-    groups.
-    """
+    """Values and groups: finite results by the values of an axis, or by equally full bins of a scattered number."""
     if on_axis:
         places = np.unique(where)
         return places, [values[(where == place) & np.isfinite(values)] for place in places]
@@ -245,9 +216,6 @@ def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.nd
     return np.array([np.mean(where[members]) for members in bins]), [values[members] for members in bins]
 
 
-# Results over all numbers -------------------------------------------------------------------------------------------
-
-
 @STYLED
 def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | None = None) -> Figure:
     """Every lane as a line through its numbers and results. Each of these has an axis of its own.
@@ -255,32 +223,32 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     **Arguments:** `dataset`: of a sweep; `colour`: the number or result that colours the lines; `names`: what has an
     axis, in this order, by default all that varies, and all results of one number a lane.
     """
-    dataset = tidy(dataset)
-    names = [*variables(dataset), *results(dataset)] if names is None else names
-    how = {name: display(dataset[name]) for name in {*names, colour}}
-    columns = {name: axis.factor * of_lanes(dataset, dataset[name]) for name, axis in how.items()}
+    dataset = sweep.tidy(dataset)
+    names = [*sweep.variables(dataset), *sweep.results(dataset)] if names is None else names
+    how, columns = {}, {}
+    for name in {*names, colour}:
+        how[name], columns[name] = sweep.scaled(dataset, dataset[name])
     whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
     if not whole.size:
         raise ClearanceError("There is nothing to draw: no sample has all of these results.")
     # The highest on top; of many lanes some, evenly chosen by that.
     order = whole[np.argsort(columns[colour][whole], kind="stable")]
-    order = order[spread_places(len(order), LINES)]
+    order = order[sweep.spread_places(len(order), LINES)]
     figure = Figure(figsize=(1.2 + 1.7 * len(names), 4.2), layout="constrained")
     axes = figure.subplots()
-    scaled = []
+    heights = []
     for i, name in enumerate(names):
         low, high = columns[name][whole].min(), columns[name][whole].max()
-        scaled.append((columns[name][order] - low) / (high - low if high > low else 1.0))
+        heights.append((columns[name][order] - low) / (high - low if high > low else 1.0))
         axes.axvline(i, color="0.2", lw=0.8)
         for height, value, side in ((-0.02, low, "top"), (1.02, high, "bottom")):
             axes.text(i, height, f"{value:.3g}", ha="center", va=side)
-    lines = np.stack([np.broadcast_to(np.arange(len(names)), (len(order), len(names))), np.stack(scaled, 1)], axis=-1)
+    lines = np.stack([np.broadcast_to(np.arange(len(names)), (len(order), len(names))), np.stack(heights, 1)], axis=-1)
     drawn = LineCollection(list(lines), cmap=COLOURS, lw=0.7, alpha=max(0.15, min(0.8, 60 / len(order))))
     drawn.set_array(columns[colour][order])
     axes.add_collection(drawn)
-    labels = [
-        how[name].name.replace(" ", "\n", 1) + (f",\n{how[name].unit}" if how[name].unit else "") for name in names
-    ]
+    shown = [how[name] for name in names]
+    labels = [axis.name.replace(" ", "\n", 1) + f",\n{axis.unit}" * bool(axis.unit) for axis in shown]
     axes.set(xlim=(-0.3, len(names) - 0.7), ylim=(-0.1, 1.1), yticks=[], xticks=range(len(names)), xticklabels=labels)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
@@ -312,21 +280,12 @@ def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, 
         if interval is not None:
             axes.hlines(where, interval[0], interval[1], color="black", lw=0.9)
     axes.axvline(0, color="black", lw=0.8)
-    axes.set(yticks=range(count), yticklabels=[words(name) for name in found.names], ylim=(count - 0.5, -0.5))
+    axes.set(yticks=range(count), yticklabels=[sweep.words(name) for name in found.names], ylim=(count - 0.5, -0.5))
     axes.set_xlabel(f"part of the variance{f' of {of}' if of else ''}")
     axes.grid(axis="y", visible=False)
     figure.legend(loc="outside upper center", ncols=len(bars), frameon=False)
     return figure
 
 
-__all__ = [
-    "bifurcation",
-    "curves",
-    "exponents",
-    "figures",
-    "heat_map",
-    "parallel_coordinates",
-    "response_surface",
-    "sections",
-    "sensitivities",
-]
+__all__ = ["bifurcation", "curves", "exponents", "figures", "heat_map", "parallel_coordinates", "response_surface"]
+__all__ += ["sections", "sensitivities"]

@@ -1,6 +1,4 @@
-"""Figures of a life of wear from a dataset (`wear.to_dataset`): profiles at several ages, growth of clearance and
-depth, the criterion; a film of the profile; and maps of what has worn off along a sleeve.
-"""
+"""Figures of a life of wear (`wear.to_dataset`): profiles, growth, the criterion; a film; maps along a sleeve."""
 
 from typing import Any
 
@@ -43,6 +41,11 @@ def overview(dataset: xr.Dataset) -> Figure:
     return figure
 
 
+def _new_figure() -> tuple[Figure, Any]:
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    return figure, figure.add_subplot()
+
+
 @STYLED
 def intervals(dataset: xr.Dataset, name: str) -> Figure:
     """Life over a number that varies, the maintenance interval; `dataset`: of `ServiceLives.to_dataset`."""
@@ -51,8 +54,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
     order = np.argsort(dataset[name].values, kind="stable")
     told = display(dataset[name], name)
     x, y = told.factor * dataset[name].values[order], dataset["life"].values[order]
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
-    axis = figure.add_subplot()
+    figure, axis = _new_figure()
     draw_lives(axis, x, y, dataset.attrs["cycles"])
     if not np.isfinite(y).all():
         legend_below(axis, fontsize=8)
@@ -72,8 +74,7 @@ def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str
 @STYLED
 def failures(found: Any) -> Figure:
     """The probability of failure over the life, with its confidence band (`wear.Failures`)."""
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
-    axis = figure.add_subplot()
+    figure, axis = _new_figure()
     band = f"{100 * found.confidence:g} % confidence"
     axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
     axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
@@ -94,10 +95,7 @@ def is_life(dataset: xr.Dataset) -> bool:
 
 
 def profiles(axis: Any, dataset: xr.Dataset) -> None:
-    """Depths over the angle at several ages, evenly over the life.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """Depths over the angle at ages evenly over the life of a `dataset` (of `wear.to_dataset`), on an `axis`."""
     angle = np.degrees(dataset["angle"].values)
     factor, unit = length_unit(float(dataset["deepest"].max()))
     for age, colour in _ages(dataset):
@@ -109,10 +107,7 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def bore(axis: Any, dataset: xr.Dataset) -> None:
-    """The bore at several ages around its pin, with clearance and wear magnified.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """The bore at several ages around its pin, with clearance and wear magnified. Arguments as of `profiles`."""
     radius, factors = float(dataset.attrs["pin_radius"]), _factors(dataset)
     for age, colour in _ages(dataset):
         axis.plot(*_bore(dataset, age, factors), color=colour, lw=1.2)
@@ -123,18 +118,11 @@ def bore(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def growth(axis: Any, dataset: xr.Dataset) -> None:
-    """How depth and clearance grow over the cycles.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
-    cycle, clearance = dataset["cycle"].values, dataset["radial_clearance"].values
-    factor, unit = length_unit(float(dataset["deepest"].max()))
-    for name, values in (
-        ("largest depth", dataset["deepest"].values),
-        ("mean depth", dataset["mean_depth"].values),
-        ("radial clearance, grown by", clearance - clearance[0]),
-    ):
-        axis.plot(cycle, factor * values, "o-", ms=2.5, lw=1, label=name)
+    """How depth and clearance grow over the cycles. Arguments as of `profiles`."""
+    clearance, (factor, unit) = dataset["radial_clearance"].values, length_unit(float(dataset["deepest"].max()))
+    curves = {"largest depth": dataset["deepest"].values, "mean depth": dataset["mean_depth"].values}
+    for name, values in {**curves, "radial clearance, grown by": clearance - clearance[0]}.items():
+        axis.plot(dataset["cycle"].values, factor * values, "o-", ms=2.5, lw=1, label=name)
     axis.set_ylabel(unit)
     axis.set_title("growth")
     _over_life(axis, dataset)
@@ -142,10 +130,7 @@ def growth(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def criterion(axis: Any, dataset: xr.Dataset) -> None:
-    """The number that the end of the life watches, over the cycles, with its bound.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """The number that the end of the life watches, over the cycles, with its bound. Arguments as of `profiles`."""
     watched = dataset["watched"]
     told = display(watched)
     axis.plot(dataset["cycle"], told.factor * watched, "o-", ms=2.5, lw=1)
@@ -156,10 +141,7 @@ def criterion(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def volume(axis: Any, dataset: xr.Dataset) -> None:
-    """The volume worn off over the cycles.
-
-    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
-    """
+    """The volume worn off over the cycles. Arguments as of `profiles`."""
     axis.plot(dataset["cycle"], 1e9 * dataset["volume"], "o-", ms=2.5, lw=1)
     axis.set(title="volume worn off", ylabel="mm³")
     _over_life(axis, dataset)
@@ -178,7 +160,6 @@ def _last(dataset: xr.Dataset) -> float:
 
 
 def _ages(dataset: xr.Dataset) -> list[tuple[float, Any]]:
-    """Ages with a colour each."""
     ages = np.linspace(0.0, _last(dataset), AGES)
     return list(zip(ages, mpl.colormaps["viridis"](np.linspace(0.9, 0.0, AGES)), strict=True))
 
@@ -223,9 +204,17 @@ class WearFilm(AbstractFilm):
             self.figure = Figure(figsize=(9, 5), dpi=DPI, layout="constrained")
             parts: Any = self.figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
             left, right = parts
-            self._ring(left.subplots())
+            ring, radius, new = left.subplots(), float(dataset.attrs["pin_radius"]), self._outline(0.0)
+            far = float(np.hypot(*self._outline(_last(dataset))).max()) + WALL * radius
+            self._wall, _ = bushing(ring, new, radius, far)
+            ring.plot(*new, color=EDGE, lw=0.8, ls="--")
+            ring.set_title(_magnification_words(self._factors), fontsize=9)
             upper, lower = right.subplots(2, 1)
-            self._curve = self._over_angle(upper, unit)
+            angle, last = np.degrees(dataset["angle"].values), _depth(dataset, _last(dataset))
+            upper.plot(angle, self._micro * last, color=PALE, lw=1)
+            upper.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}", xlim=(0, 360), ylim=(0, None))
+            upper.set_xticks(np.arange(0, 361, 90))
+            self._curve = upper.plot(angle, 0 * last, color="tab:blue", lw=1.2)[0]
             growth(lower, dataset)
             self._cursor = lower.axvline(0.0, color="k", lw=1.2)
             self._clock = self.figure.suptitle("", fontsize=11)
@@ -237,32 +226,18 @@ class WearFilm(AbstractFilm):
     def show(self, k: int) -> Figure:
         """Draw frame `k`."""
         age = float(self.ages[k])
-        self._wall.set_xy(_bore(self.dataset, age, self._factors).T)
+        self._wall.set_xy(self._outline(age).T)
         self._curve.set_ydata(self._micro * _depth(self.dataset, age))
         self._cursor.set_xdata([age, age])
         self._clock.set_text(f"{self.name}   {age:.0f} cycles")
         return self.figure
 
-    def _ring(self, axis: Any) -> None:
-        """The pin, its sleeve cut across, and its bore before it wore."""
-        radius, last = float(self.dataset.attrs["pin_radius"]), _last(self.dataset)
-        far = float(np.hypot(*_bore(self.dataset, last, self._factors)).max()) + WALL * radius
-        new = _bore(self.dataset, 0.0, self._factors)
-        self._wall, _ = bushing(axis, new, radius, far)
-        axis.plot(*new, color=EDGE, lw=0.8, ls="--")
-        axis.set_title(_magnification_words(self._factors), fontsize=9)
-
-    def _over_angle(self, axis: Any, unit: str) -> Any:
-        angle, last = np.degrees(self.dataset["angle"].values), _depth(self.dataset, _last(self.dataset))
-        axis.plot(angle, self._micro * last, color=PALE, lw=1)
-        axis.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}", xlim=(0, 360), ylim=(0, None))
-        axis.set_xticks(np.arange(0, 361, 90))
-        return axis.plot(angle, 0 * last, color="tab:blue", lw=1.2)[0]
+    def _outline(self, age: float) -> np.ndarray:
+        return _bore(self.dataset, age, self._factors)
 
 
 def animate(dataset: xr.Dataset, *, frames: int = FRAMES, fps: float = SLOW) -> WearFilm:
-    """A film of the wear of a sleeve over its life, in even steps of cycles: `film.save("wear.gif")`. A notebook shows
-    it.
+    """A film of the wear of a sleeve over its life, in even steps of cycles: `film.save("wear.gif")`.
 
     **Arguments:** `dataset`: of `wear.to_dataset`; `frames`: how many, at least 2; `fps`: how many of them a second, >
     0.

@@ -38,10 +38,8 @@ Progress = Callable[[float], None]
 
 
 def in_blocks(program, mechanism: Mechanism, *arrays, size: int = BLOCK, progress: Progress | None = None) -> Any:
-    """`program(mechanism, *arrays)` over the arrays' leading axis, as NumPy arrays (a tree of them).
-
-    **Arguments:** `program`: jitted, with as many results as it is given entries; `progress`: called with the fraction
-    done.
+    """`program(mechanism, *arrays)`, jitted, over the arrays' leading axis, as NumPy arrays (a tree of them);
+    `progress`: called with the fraction done.
     """
     count = len(arrays[0])
     out = None
@@ -51,7 +49,8 @@ def in_blocks(program, mechanism: Mechanism, *arrays, size: int = BLOCK, progres
         now = program(mechanism, *blocks)
         if out is None:
             out = jax.tree.map(lambda x: np.empty((count, *x.shape[1:]), x.dtype), now)
-        jax.tree.map(lambda whole, x, part=part: _put(whole, part, x), out, now)
+        for whole, x in zip(jax.tree.leaves(out), jax.tree.leaves(now), strict=True):
+            whole[part] = np.asarray(x)[: part.stop - part.start]
         if progress is not None:
             progress(part.stop / count if count else 1.0)
     return out
@@ -66,14 +65,8 @@ def _pad(block: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([block, np.repeat(last, missing, axis=0)])
 
 
-def _put(whole: np.ndarray, part: slice, block: Array) -> None:
-    whole[part] = np.asarray(block)[: part.stop - part.start]
-
-
 def _batch(function):
-    """A jitted program over blocks, from a function of a prepared mechanism and one state. In space the mechanism is a
-    table, which compiles faster.
-    """
+    """A jitted program over blocks of states; in space the mechanism is a table, which compiles faster."""
 
     def block(mechanism, *arrays):
         return jax.vmap(partial(function, mechanism.prepare().as_small_program()))(*arrays)
@@ -108,11 +101,8 @@ def _along(
 
 
 def _inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> dict[str, Any]:
-    """The contacts, and velocity and acceleration of the points, at a fraction s of the step of size h that starts at a
-    step end.
-
-    One step of order eight leads there, whatever the solver: inside long steps an interpolated penetration would be
-    right to six digits only.
+    """Contacts, and velocity and acceleration of points, at a fraction s of the step of size h from a step end, by one
+    step of order eight: inside long steps an interpolated penetration would be right to six digits only.
     """
     # The end of a step up to a drive's break is recorded just past the break: the step itself is that much shorter.
     part, y = s * jnp.maximum(h - 16 * jnp.finfo(h.dtype).eps * jnp.abs(time), 0.0), y[: layout(mechanism).size]

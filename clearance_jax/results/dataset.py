@@ -92,7 +92,13 @@ def to_dataset(
     shown = joints or mechanism.points
     traced = solution if isinstance(solution, Trace) and shown and solution.time.size > 1 else None
     solved = solution.solution if isinstance(solution, Trace) else solution
-    time, y = _samples(solved)
+    if solved.time.ndim != 1:
+        raise ClearanceError(
+            f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one motion: "
+            "`jax.tree.map(lambda x: x[i], solution)`."
+        )
+    reached = np.isfinite(np.asarray(solved.time))
+    time, y = np.asarray(solved.time)[reached], np.asarray(solved.y)[reached]
     share = 1.0 if traced is None else _LOOKED_AT * time.size / (time.size + traced.time.size)
     alone = traced is None or not joints or time.size > blocks.SHARED
     program = blocks.observed if alone else blocks.observed_with_rates
@@ -113,25 +119,21 @@ def to_dataset(
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
     labelled = labels(mechanism) | mark_labels(mechanism)
-    data = {
-        **_variables("time", seen, VARIABLES, labelled),
-        **_variables("step", steps, STEPS, labelled),
-        **_variables("episode", table, EPISODES, labelled),
-        **_variables("after", {name: extremes[name] for name in extremes if name != "after"}, EXTREMES, labelled),
-    }
+    after = extremes.pop("after", None)
+    data = _variables("time", seen, VARIABLES, labelled) | _variables("step", steps, STEPS, labelled)
+    data |= _variables("episode", table, EPISODES, labelled) | _variables("after", extremes, EXTREMES, labelled)
     used = {dim for dims, _, _ in data.values() for dim in dims}
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
-    if extremes:
-        coords["after"] = ("after", extremes["after"], {"units": "s"})
-    attrs = _attributes(mechanism, solved, solution.message or "successful")
-    if mechanism.notes:
-        attrs["notes"] = "; ".join(mechanism.notes)
-    if solved.rests:
-        attrs["start"] = solved.rests
-    if solved.validity is not None:
-        attrs["validity"] = str(solved.validity)
-    return xr.Dataset(data, coords, attrs | provenance)
+    if after is not None:
+        coords["after"] = ("after", after, {"units": "s"})
+    attrs: dict[str, Any] = {"software": f"clearance_jax {__version__}", "mechanism": mechanism.name}
+    attrs |= {"result": solution.message or "successful", "accepted_steps": int(solved.steps)}
+    attrs |= {"rejected_steps": int(solved.rejected), "energy_residual": float(solved.energy_residual)}
+    attrs |= _numbers(mechanism)
+    validity = "" if solved.validity is None else str(solved.validity)
+    more = {"notes": "; ".join(mechanism.notes), "start": solved.rests, "validity": validity}
+    return xr.Dataset(data, coords, attrs | {name: text for name, text in more.items() if text} | provenance)
 
 
 def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
@@ -142,18 +144,6 @@ def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, A
     coords: dict[str, Any] = {name: label for name, label in labelled.items() if label[1]}
     coords["time"] = ("time", time, {"units": "s"})
     return xr.Dataset(_variables("time", picture, VARIABLES, labelled), coords, _numbers(mechanism))
-
-
-def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and states that the solve reached."""
-    if solved.time.ndim != 1:
-        raise ClearanceError(
-            f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one motion: "
-            "`jax.tree.map(lambda x: x[i], solution)`."
-        )
-    time, y = np.asarray(solved.time), np.asarray(solved.y)
-    reached = np.isfinite(time)
-    return time[reached], y[reached]
 
 
 def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> dict[str, np.ndarray]:
@@ -174,56 +164,30 @@ def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]
     for joint in range(seen["penetration"].shape[1]):
         ends = episodes.StepEnds(t, *(seen[name][:, joint] for name in _OF_CONTACTS))
         spans = episodes.spans(t, ends.penetration)
-        inside = _inside(mechanism, y, joint, ends)
+
+        def inside(step, s, joint=joint):
+            contact = blocks.inside_steps(mechanism, t, y, step, s)["contact"]
+            return episodes.Inside(*(values[:, joint] for values in contact))
+
         top, work = peaks(ends, spans, inside), works(ends, spans, inside)
         if message := doubt(mechanism.clearance_joints()[joint].name, work.restitution):
             warnings.warn(message, ContactWarning, stacklevel=3)
         columns = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
         tables.append(columns | episodes.table(ends, spans) | {"restitution": work.restitution})
         impacts.append((t[spans.first], episodes.impact_ends(t, ends.penetration_rate, spans)))
-    steps = {
-        "step_time": t,
-        "step_eccentricity": seen["eccentricity"],
-        "step_force": seen["contact_force"],
-        "step_state": _states(t, seen["penetration"], impacts),
-    }
+    steps = {"step_time": t, "step_eccentricity": seen["eccentricity"], "step_force": seen["contact_force"]}
+    steps["step_state"] = _states(t, seen["penetration"], impacts)
     if "pin_tilt" in seen:
         steps |= {"step_pattern": seen["contact_pattern"], "step_tilt": seen["pin_tilt"]}
     return steps, {name: np.concatenate([rows[name] for rows in tables]) for name in EPISODES}, impacts
 
 
-def _inside(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.StepEnds) -> episodes.Look:
-    """A function that evaluates the contact of a joint inside steps; `joint`: its index among the clearance joints."""
-
-    def look(step, s):
-        contact = blocks.inside_steps(mechanism, ends.time, y, step, s)["contact"]
-        return blocks.Inside(*(values[:, joint] for values in contact))
-
-    return look
-
-
 def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndarray:
-    """The contact states of every joint (time, joint)."""
     return np.stack([episodes.contact_states(time, penetration[:, j], *ends) for j, ends in enumerate(impacts)], axis=1)
 
 
-def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[str, Any]:
-    """The attributes of a dataset: version, result, counts and all numbers of the mechanism."""
-    return {
-        "software": f"clearance_jax {__version__}",
-        "mechanism": mechanism.name,
-        "result": message,
-        "accepted_steps": int(solved.steps),
-        "rejected_steps": int(solved.rejected),
-        "energy_residual": float(solved.energy_residual),
-        **_numbers(mechanism),
-    }
-
-
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
-    """All numbers of the mechanism; of every clearance joint its kind, `clearance.NAME`, its static options, and its
-    outline, `outline.NAME`.
-    """
+    """All numbers of the mechanism; of every clearance joint its kind, static options, and outline (`outline.NAME`)."""
     numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
         numbers[f"clearance.{joint.name}"] = joint.clearance.kind
@@ -236,13 +200,10 @@ def _numbers(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:
-    """Progress of a part of the whole."""
     return None if progress is None else lambda fraction: progress(begin + fraction * (end - begin))
 
 
 def _variables(first: str, values: dict[str, Any], described: dict[str, Variable], labelled) -> dict[str, tuple]:
     """Xarray's (dimensions, values, attributes) of every value; `first` is the leading dimension."""
-    return {
-        name: ((first, *described[name].dims), value, attributes(described[name], labelled))
-        for name, value in values.items()
-    }
+    about = {name: (described[name].dims, attributes(described[name], labelled)) for name in values}
+    return {name: ((first, *dims), values[name], told) for name, (dims, told) in about.items()}

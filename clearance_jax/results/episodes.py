@@ -58,9 +58,7 @@ Look = Callable[[np.ndarray, np.ndarray], Inside]
 
 
 class Spans(NamedTuple):
-    """Episodes by indices of step ends: the first touch and the last one, the separation; `lasting`: contact goes on
-    there.
-    """
+    """Episodes by indices of step ends: first touch, last touch or separation; `lasting`: contact goes on there."""
 
     first: np.ndarray
     last: np.ndarray
@@ -208,15 +206,11 @@ def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[ContactPowers, 
 
 
 def _exchange(powers: ContactPowers) -> tuple[np.ndarray, np.ndarray]:
-    """The work taken up and given back between instants: of the cubic through powers and rates at both; of a parabola,
-    where one of the rates is not known.
-    """
+    """Work taken up and given back between instants, of the cubic through powers and rates (a parabola of one rate)."""
     h, begin, rise = np.diff(powers.time), powers.power[:-1], np.diff(powers.power)
     first, last = powers.rate[:-1] * h, powers.rate[1:] * h
-    first, last = (
-        np.where(powers.known[:-1], first, 2 * rise - last),
-        np.where(powers.known[1:], last, 2 * rise - first),
-    )
+    known, later = powers.known[:-1], powers.known[1:]
+    first, last = np.where(known, first, 2 * rise - last), np.where(later, last, 2 * rise - first)
     square, cubic = 3 * rise - 2 * first - last, first + last - 2 * rise
     x = np.linspace(0, 1, PARTS + 1)[:, None]
     done = np.diff(h * x * (begin + x * (first / 2 + x * (square / 3 + x * cubic / 4))), axis=0)

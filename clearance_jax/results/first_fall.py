@@ -37,24 +37,19 @@ class Loads(NamedTuple):
 
 
 def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
-    """When the first fall of each joint's pin ends [s]; minus infinity for a pin that does not fall.
-
-    **Arguments:** a dataset of a trace.
-    """
+    """When the first fall of each joint's pin in a trace ends [s]; minus infinity for one that does not fall."""
     return first_falls_over(dataset["step_time"].values, dataset["step_state"].values)
 
 
 def first_falls_over(time: np.ndarray, states: np.ndarray) -> np.ndarray:
     """As `first_fall_ends`, from the times [s] and contact states (steps, joints) of the step ends."""
-    return np.array([_end(time, column) for column in states.T])
-
-
-def _end(time: np.ndarray, states: np.ndarray) -> float:
-    touches = np.flatnonzero(states > 0)
-    if states[0] > 0 or touches.size == 0:
-        return -np.inf
-    over = touches[0] + np.flatnonzero(states[touches[0] :] != 2)
-    return float(time[over[0]]) if over.size else np.inf
+    ends = np.full(states.shape[1], -np.inf)
+    for joint, column in enumerate(states.T):
+        touches = np.flatnonzero(column > 0)
+        if column[0] == 0 and touches.size:
+            over = touches[0] + np.flatnonzero(column[touches[0] :] != 2)
+            ends[joint] = time[over[0]] if over.size else np.inf
+    return ends
 
 
 def loads(dataset: xr.Dataset) -> Loads | None:
@@ -93,28 +88,19 @@ def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
 
 
 def _all(dataset: xr.Dataset) -> list[ForcePeak]:
-    """The peak of every episode, and of every joint the highest force at a step end after its first fall (an episode
-    may last from the fall to after it).
-    """
+    """Every episode's peak, and every joint's highest peak after its first fall (an episode may last beyond that)."""
     joints, time = dataset["joint"].values, dataset["step_time"].values
-    out = [
-        ForcePeak(float(force), float(at), str(joints[int(joint)]))
-        for joint, at, force in zip(
-            *(dataset[name].values for name in ("episode_joint", "peak_time", "peak_force")), strict=True
-        )
-    ]
+    columns = (dataset[name].values for name in ("episode_joint", "peak_time", "peak_force"))
+    rows = zip(*columns, strict=True)
+    out = [ForcePeak(float(force), float(at), str(joints[int(joint)])) for joint, at, force in rows]
     for joint, end, forces in zip(joints, first_fall_ends(dataset), dataset["step_force"].values.T, strict=True):
-        forces = np.where((time > end) & _peaks(forces), forces, 0.0)
+        # A peak is where a force stops rising: the decay of an impact's force is none.
+        peaks = (np.diff(forces, prepend=forces[0]) > 0) & (np.diff(forces, append=-np.inf) <= 0)
+        forces = np.where((time > end) & peaks, forces, 0.0)
         k = int(np.argmax(forces))
         if np.isfinite(end) and forces[k] > 0:
             out.append(ForcePeak(float(forces[k]), float(time[k]), str(joint)))
     return out
-
-
-def _peaks(forces: np.ndarray) -> np.ndarray:
-    """Where a force stops rising: the decay of an impact's force is no peak."""
-    rises = np.diff(forces, prepend=forces[0]) > 0
-    return rises & (np.diff(forces, append=-np.inf) <= 0)
 
 
 def _words(load: ForcePeak) -> str:

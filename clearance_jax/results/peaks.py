@@ -1,10 +1,10 @@
-"""The largest contact force of every episode, speed and acceleration of every point: at a step end, or inside a step,
-where the motion is integrated anew.
+"""The largest contact force of every episode, speed and acceleration of every point, inside steps too.
 
 Samples miss them: an acceleration in an impact lasts microseconds. What is known at the step ends tells which steps may
-hold the largest one; in these, and only these, it is asked for at a few places.
+hold the largest one; in these the motion is integrated anew, and looked at in a few places.
 """
 
+import itertools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -47,9 +47,7 @@ class StepPoint(NamedTuple):
 
 
 def cubic_top(value0, slope0, value1, slope1) -> tuple[np.ndarray, np.ndarray]:
-    """Place in [0, 1] and height of the top of the cubic through values and slopes; NaN where it does not rise at its
-    start and fall at its end.
-    """
+    """Place in [0, 1] and height of the top of a cubic by values and slopes; NaN without a rise, then a fall."""
     turns = (slope0 > 0) & (slope1 < 0)
     a, b, rise = np.where(turns, slope0, 1.0), np.where(turns, slope1, -1.0), np.where(turns, value1 - value0, 0.0)
     # p(x) = f0 + a x + square x^2 + cubic x^3; p' changes sign once, from a > 0 to b < 0.
@@ -77,10 +75,7 @@ def peaks(seen: StepEnds, spans: Spans, look: Look) -> EpisodePeaks:
 
 
 def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Steps that may hold an episode's largest force, and their episodes.
-
-    **Arguments:** `highest`: of each episode the step end of largest force, by its place in the `row`.
-    """
+    """Steps that may hold an episode's largest force, and their episodes; `highest`: its largest step end in `row`."""
     index, span = row.index, row.span
     begin, end = index[:-1], index[1:]
     h = seen.time[end] - seen.time[begin]
@@ -99,10 +94,8 @@ def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.nd
 
 
 def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
-    """Place (0 to 1) and height of the largest force found inside each step.
-
-    Each place asked for is the top of the cubic on what is left of the step around the top (its middle, where there is
-    no such cubic), and becomes the left or right end of what is left.
+    """Place (0 to 1) and height of the largest force inside each step. Each place asked for is the top of the cubic on
+    what is left of the step around the top (or its middle), and becomes an end of what is left.
     """
     h = seen.time[steps + 1] - seen.time[steps]
     left = StepPoint(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
@@ -136,11 +129,8 @@ class Extreme(NamedTuple):
 
 
 def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], falls_over: float) -> dict[str, Any]:
-    """Dataset variables: the largest speed and acceleration of every point, over the whole motion and, if pins fall at
-    the start, after the first falls.
-
-    **Arguments:** `seen`: `velocity` and `acceleration` at the step ends; `falls_over`: when the last first fall ends
-    [s], minus infinity where no pin falls.
+    """Variables: the largest speed and acceleration of every point, over the whole motion, and after first falls (the
+    last ends at `falls_over` [s]; minus infinity: none); `seen`: `velocity` and `acceleration` at the step ends.
     """
     time, y = np.asarray(trace.time), np.asarray(trace.y)
     later = int(np.searchsorted(time, falls_over, side="right"))
@@ -152,15 +142,12 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
         def look(step, s, name=name):
             return np.linalg.norm(blocks.inside_steps(mechanism, time, y, step, s)[name], axis=-1)
 
-        for begin in begins:
-            for point in range(sizes.shape[1]):
-                rows.append(
-                    largest(
-                        time[begin:],
-                        sizes[begin:, point],
-                        lambda step, s, begin=begin, point=point, look=look: look(step + begin, s)[:, point],
-                    )
-                )
+        for begin, point in itertools.product(begins, range(sizes.shape[1])):
+
+            def look_at(step, s, begin=begin, point=point, look=look):
+                return look(step + begin, s)[:, point]
+
+            rows.append(largest(time[begin:], sizes[begin:, point], look_at))
         shape = len(begins), sizes.shape[1]
         out[f"largest_{called}"] = np.array([row.value for row in rows]).reshape(shape)
         out[f"largest_{called}_time"] = np.array([row.time for row in rows]).reshape(shape)
@@ -168,10 +155,7 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
 
 
 def largest(time: np.ndarray, values: np.ndarray, look: LookInto) -> Extreme:
-    """The largest value of a quantity.
-
-    **Arguments:** `time` [s] and `values` at the step ends; `look`: what looks into steps.
-    """
+    """The largest value of a quantity, by times [s] and `values` at the step ends; `look`: what looks into steps."""
     steps = _candidates(values)
     places = np.arange(1, SPOTS + 1) / SPOTS
     step, place, value = _best(look, np.repeat(steps, SPOTS), np.tile(places, steps.size))
@@ -189,9 +173,7 @@ def largest(time: np.ndarray, values: np.ndarray, look: LookInto) -> Extreme:
 
 
 def _candidates(values: np.ndarray) -> np.ndarray:
-    """Steps inside which the quantity may exceed its largest value at a step end. The bound is the change in the step
-    and its neighbours.
-    """
+    """Steps inside which it may exceed its largest value at step ends, by the changes there and beside."""
     change = np.abs(np.diff(values))
     beside = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
     reach = np.maximum(values[:-1], values[1:]) + beside

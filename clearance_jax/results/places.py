@@ -92,42 +92,26 @@ def places(dataset: xr.Dataset) -> Places:
             "This result does not say where the mechanism's parts are: it was written by an older version. "
             "Simulate again."
         )
-    names, owners, joined, points, loose = (
-        names_of(dataset, label) for label in ("mark", "mark_body", "any_joint", "point", "joint")
-    )
+    labels = "mark", "mark_body", "any_joint", "point", "joint"
+    names, owners, joined, points, loose = (names_of(dataset, label) for label in labels)
     bodies: dict[str, list[int]] = {}
     for mark, owner in enumerate(owners):
         bodies.setdefault(owner, []).append(mark)
     ends = {name: [mark for mark, other in enumerate(names) if other == name] for name in names}
     at = dataset["mark_position"].values
-    placed = Places(
-        dataset["time"].values,
-        at,
-        bodies.pop(GROUND, []),
-        bodies,
-        # A joint has a mark on its parent, then one on its child.
-        {name: ends[name][-1] for name in joined},
-        {name: ends[name][0] for name in points},
-        {},
-        {},
-        frozenset(loose),
-    )
+    # A joint has a mark on its parent, then one on its child.
+    of_joints, of_points = {name: ends[name][-1] for name in joined}, {name: ends[name][0] for name in points}
+    ground, time = bodies.pop(GROUND, []), dataset["time"].values
+    placed = Places(time, at, ground, bodies, of_joints, of_points, {}, {}, frozenset(loose))
     apart = {name: np.diff(at[:, pair[:2]], axis=1)[:, 0] for name, pair in ends.items() if len(pair) > 1}
     apart = {name: between for name, between in apart.items() if np.abs(between).max() > APART * placed.size}
-    return placed._replace(
-        pairs={name: ends[name][:2] for name in apart},
-        slides={
-            name: _directions(between, owners[ends[name][0]] == GROUND)
-            for name, between in apart.items()
-            if name in joined
-        },
-    )
+    fixed = {name: owners[ends[name][0]] == GROUND for name in apart if name in joined}
+    slides = {name: _directions(apart[name], is_fixed) for name, is_fixed in fixed.items()}
+    return placed._replace(pairs={name: ends[name][:2] for name in apart}, slides=slides)
 
 
 def _directions(between: np.ndarray, fixed: bool) -> np.ndarray:
-    """Unit vectors along vectors (times, axes). A short vector, whose direction play disturbs, gets that of the last
-    long one; if `fixed`, all get that of the longest.
-    """
+    """Unit vectors along (times, axes), a short one that of the last long one; if `fixed` all that of the longest."""
     length = np.linalg.norm(between, axis=1)
     long = length >= (1.0 if fixed else 0.1) * length.max()
     last = np.maximum.accumulate(np.where(long & (not fixed), np.arange(len(long)), np.argmax(long)))
@@ -144,13 +128,9 @@ def outline(dataset: xr.Dataset) -> Outline:
         along = int(np.argmin(high - low))
         axes, seen = [k for k in range(3) if k != along], "xyz"[along]
     flat = places(dataset.isel(axis=axes))
-    return Outline(flat, int(np.argmax(_thickness(flat.at))), seen)
-
-
-def _thickness(points: np.ndarray) -> np.ndarray:
-    """The thickness of sets of points (n, k, 2): their smaller singular value about the mean."""
-    away = points - points.mean(axis=1, keepdims=True)
-    return np.linalg.svd(away, compute_uv=False)[:, -1]
+    # The thickness of a set of points is their smaller singular value about the mean.
+    thickness = np.linalg.svd(flat.at - flat.at.mean(axis=1, keepdims=True), compute_uv=False)[:, -1]
+    return Outline(flat, int(np.argmax(thickness)), seen)
 
 
 class Mark(NamedTuple):

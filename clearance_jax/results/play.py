@@ -24,9 +24,7 @@ def outline_attributes(joint: str, outline: JointOutline | None) -> dict[str, An
 
 
 def outline_of(dataset: xr.Dataset, joint: str) -> JointOutline | None:
-    """The outline of a joint, its `depth` refined, (1 or heights, sectors), and zero for a round wall. `None`: the
-    dataset does not say it.
-    """
+    """A joint's outline, `depth` refined, (1 or heights, sectors), zero for a round wall; `None`: not known."""
     given = {name: dataset.attrs.get(f"outline.{joint}.{name}") for name in JointOutline._fields}
     numbers: dict[str, Any] = {name: _plain(name, x) for name, x in given.items() if x is not None}
     if not {"radius", "clearance"} <= numbers.keys():
@@ -44,9 +42,7 @@ def _plain(name: str, number: Any) -> Any:
 
 
 class BearingSpans(NamedTuple):
-    """Consecutive time spans [s] with a constant contact pattern of a joint (in the plane 0 apart, 1 in contact), shape
-    (spans,) each.
-    """
+    """Time spans [s] of constant contact pattern (in the plane 0 apart, 1 in contact), shape (spans,) each."""
 
     begin: np.ndarray
     end: np.ndarray
@@ -103,10 +99,9 @@ def at_step(name: str) -> str:
 
 
 class JointPlay(NamedTuple):
-    """Motion and `outline` of a clearance joint for drawing.
-
-    Over the samples the `place` of the pin in its sleeve [m], (times, 2 or 3), its `tilt`, the components of its axis
-    across the sleeve, (times, 2), and its `turn` [rad], (times,), if known. `factor`: by which the play is magnified.
+    """Motion and `outline` of a clearance joint: over the samples the `place` of the pin in its sleeve [m], (times, 2
+    or 3), its `tilt`, components of its axis across the sleeve, (times, 2), and its `turn` [rad], (times,), if known.
+    `factor`: by which the play is magnified.
     """
 
     place: np.ndarray
@@ -139,9 +134,7 @@ class JointPlay(NamedTuple):
 
 
 def pin_travel(clearance: float, depth: np.ndarray) -> np.ndarray:
-    """The boundary of what a pin's centre can reach in its sleeve [m], (2, points): a circle, extended by a `depth` of
-    wear [m], (sectors,).
-    """
+    """What a pin's centre can reach in its sleeve [m], (2, points): a circle, wider by wear `depth` [m], (sectors,)."""
     around = np.linspace(0, 2 * np.pi, max(361, depth.size + 1))
     far = np.full(around.shape, clearance)
     if np.any(depth > 0):
@@ -152,9 +145,7 @@ def pin_travel(clearance: float, depth: np.ndarray) -> np.ndarray:
 
 
 def penetration(places: np.ndarray, clearance: float, depth: np.ndarray) -> np.ndarray:
-    """Penetration [m] into the wall of a pin with its centre at `places` [m], (..., 2), for a clearance [m] and a
-    `depth` of wear [m], (..., sectors).
-    """
+    """Penetration [m] of a pin centred at `places` [m], (..., 2), by clearance and wear `depth` [m], (..., sectors)."""
     if not np.any(depth > 0):
         return np.hypot(places[..., 0], places[..., 1]) - clearance
     angle = 2 * np.pi * np.arange(depth.shape[-1]) / depth.shape[-1]
@@ -173,7 +164,7 @@ def play(dataset: xr.Dataset, joint: str) -> JointPlay | None:
 
 
 def _tilt(dataset: xr.Dataset, joint: str, outline: JointOutline) -> np.ndarray | None:
-    """Components of the pin's axis across the sleeve, (times, 2); `None` for a plane block that closes a loop."""
+    """The pin's axis across the sleeve, (times, 2); `None` for a plane block that closes a loop."""
     if "pin_tilt" in dataset:
         return dataset["pin_tilt"].sel(joint=joint).values
     tilt, turn = np.zeros((dataset.sizes["time"], 2)), f"{joint}.tilt_y"
@@ -204,9 +195,7 @@ class PinPath(NamedTuple):
 
 
 def _series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, ...]:
-    """Times [s] and values of variables in a joint, at the samples and at the step ends if these are known (an impact
-    may be shorter than the time between samples).
-    """
+    """Times [s] and values in a joint at samples and known step ends (an impact may lie between samples)."""
     here, rows = dataset.sel(joint=joint), [("time", *names)]
     if "step_time" in dataset:
         rows.append(("step_time", *(at_step(name) for name in names)))
@@ -232,10 +221,7 @@ def is_pin(outline: JointOutline | None) -> bool:
 
 
 def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
-    """The path at every station of a sleeve, with free and contact there; of a pin that cannot tilt there is one.
-
-    **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
-    """
+    """The path at every station of a sleeve, with free and contact there (one, if it cannot tilt). **Raises** else."""
     pin = play(dataset, require_joint(dataset, joint))
     if pin is None or not is_pin(pin.outline):
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
@@ -251,9 +237,7 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
 
 
 def along_sleeve(place: np.ndarray, tilt: np.ndarray, heights: np.ndarray, through: bool) -> np.ndarray:
-    """The pin's centre at heights [m], (times, heights, 2), from the place of its middle [m], (times, 3), and its
-    `tilt` (times, 2). Heights are along the sleeve if the pin goes `through`, else along the pin.
-    """
+    """The pin's centre at heights [m], (times, heights, 2), along the sleeve, or if not `through` along the pin."""
     if not through:
         return place[:, None, :2] + tilt[:, None] * heights[:, None]
     slope = tilt / np.sqrt(1 - np.sum(tilt**2, axis=1, keepdims=True))

@@ -41,9 +41,7 @@ class Indices(NamedTuple):
     failed: int
 
     def linear(self, derivatives: Mapping[str, Any]) -> Numbers:
-        """What the first-order indices would be if the result were as linear everywhere as its local `derivatives` (by
-        name, in SI units) say: (derivative x deviation)^2 / variance.
-        """
+        """First-order indices of a result linear by `derivatives` (SI): (derivative x deviation)^2 / variance."""
         missing = [name for name in self.names if name not in derivatives]
         if missing:
             raise ClearanceError(f"There is no derivative by `{missing[0]}`.")
@@ -72,19 +70,11 @@ def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
     rng = np.random.default_rng(seed)
     kept = np.where(np.isin(np.arange(samples), whole), np.arange(samples), rng.choice(whole, samples))
     used = outcomes[:, kept]
-    first, total = _estimate(used)
-    low, high = _confidence(used, rng)
-    return Indices(
-        names=tuple(numbers),
-        first=first,
-        total=total,
-        first_interval=np.stack([low[0], high[0]]),
-        total_interval=np.stack([low[1], high[1]]),
-        deviation=blocks[: 2 * samples].std(axis=0),
-        mean=float(used[:2].mean()),
-        variance=float(used[:2].var()),
-        failed=int(np.sum(~np.isfinite(outcomes))),
-    )
+    drawn = [_estimate(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
+    of_first, of_total = np.percentile(drawn, [2.5, 97.5], axis=0).swapaxes(0, 1)
+    failed, deviation = int(np.sum(~np.isfinite(outcomes))), blocks[: 2 * samples].std(axis=0)
+    (first, total), mean, variance = _estimate(used), float(used[:2].mean()), float(used[:2].var())
+    return Indices(tuple(numbers), first, total, of_first, of_total, deviation, mean, variance, failed)
 
 
 def is_sobol(values: xr.DataArray) -> bool:
@@ -140,11 +130,3 @@ def _estimate(used: np.ndarray) -> np.ndarray:
     parts = {"f_A": used[:1], "f_B": used[1:2], "f_AB": used[2:, None]}
     indices: Any = stats.sobol_indices(func=parts, n=used.shape[1])
     return np.stack([np.atleast_1d(indices.first_order), np.atleast_1d(indices.total_order)])
-
-
-def _confidence(used: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of 95 % of both kinds of indices, (2, numbers) each, by bootstrap."""
-    samples = used.shape[1]
-    drawn = [_estimate(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
-    low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
-    return low, high

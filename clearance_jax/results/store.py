@@ -39,9 +39,7 @@ def load_dataset(path: str | Path) -> xr.Dataset:
 
 
 def open_sweep(path: str | Path) -> xr.Dataset:
-    """Open the store of a sweep. Data are read when they are used, also while the sweep runs: what is missing is NaN.
-    **Raises** `ClearanceError` for another folder.
-    """
+    """Open a sweep's store; data are read when used, also while it runs (NaN: missing). **Raises** if it is none."""
     try:
         dataset = xr.open_zarr(path, consolidated=True)
     except ImportError:

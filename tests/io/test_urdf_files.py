@@ -170,9 +170,9 @@ def test_declared_encodings_and_marks_do_not_matter(written):
 
 def test_elements_know_their_lines(written):
     _, top = read_xml(written("<a>\n<b/>\n\n<c\n x='1'><d/></c></a>"), "file")
-    b, c = top.children
-    assert (top.line, b.line, c.line, c.children[0].line) == (1, 2, 4, 5)
-    assert c.attributes == {"x": "1"}
+    b, c = top
+    assert (top.line, b.line, c.line, c[0].line) == (1, 2, 4, 5)
+    assert c.attrib == {"x": "1"}
 
 
 # Merging --------------------------------------------------------------------------------------------------------------

@@ -6,33 +6,16 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, get_args, get_origin
 
-from clearance_jax.io.keys.kinds import (
-    Direction,
-    Flag,
-    Key,
-    Moments,
-    Names,
-    Quantities,
-    QuantityKey,
-    Sub,
-    Text,
-    Triple,
-    VectorKey,
-    Whole,
-    Word,
-)
+from clearance_jax.io.keys import kinds as values
+from clearance_jax.io.keys.kinds import Key, Word
 from clearance_jax.mechanism.body import Force, Torque
 from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
 from clearance_jax.mechanism.tree.compounds import Slide, Spin, Turn
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 # Kinds of keys by the record of numbers that a field holds, with their units.
-_RECORDS: dict[type, tuple[type[VectorKey | Triple], str]] = {
-    Position: (VectorKey, "m"),
-    Orientation: (Triple, "rad"),
-    Force: (VectorKey, "N"),
-    Torque: (Triple, "N*m"),
-}
+_RECORDS: dict[type, Any] = {Position: (values.VectorKey, "m"), Orientation: (values.Triple, "rad")}
+_RECORDS |= {Force: (values.VectorKey, "N"), Torque: (values.Triple, "N*m")}
 
 
 class Keys(NamedTuple):
@@ -61,14 +44,7 @@ class Keys(NamedTuple):
 
 
 def table(
-    name: str,
-    title: str,
-    help: str,
-    /,
-    *shared: Keys,
-    choice: str = "",
-    renamed: Mapping[str, str] = NOTHING,
-    **keys: Key,
+    name: str, title: str, help: str, /, *shared: Keys, choice="", renamed: Mapping[str, str] = NOTHING, **keys: Key
 ) -> Keys:
     """A table with keys by their names, and after them those of `shared` tables."""
     named = tuple(dataclasses.replace(key, name=word) for word, key in keys.items())
@@ -82,10 +58,11 @@ def kind(help: str, /, *shared: Keys, renamed: Mapping[str, str] = NOTHING, **ke
 
 def kinds(members: Mapping[str, Any], more: Mapping[str, Mapping[str, Key]] = NOTHING) -> dict[str, Keys]:
     """Tables by word: the keys of each member's class, and those in `more`, which replace keys of the same name."""
-    return {
-        word: kind(summary(member), **keys_of(_class(member)) | dict(more.get(word, {})))
-        for word, member in members.items()
-    }
+    out = {}
+    for word, member in members.items():  # of a function the class that it returns
+        cls = member if inspect.isclass(member) else inspect.signature(member, eval_str=True).return_annotation
+        out[word] = kind(summary(member), **keys_of(cls) | dict(more.get(word, {})))
+    return out
 
 
 def family(
@@ -109,10 +86,8 @@ def keys_of(cls: type, *names: str) -> dict[str, Key]:
 
 def optional(keys: Mapping[str, Key], **absent: str) -> dict[str, Key]:
     """The keys, made optional; `absent`: what their absence means, by name."""
-    return {
-        name: dataclasses.replace(key, required=False, absent=absent.get(name, key.absent))
-        for name, key in keys.items()
-    }
+    how = {name: {"required": False, "absent": absent.get(name, key.absent)} for name, key in keys.items()}
+    return {name: dataclasses.replace(key, **how[name]) for name, key in keys.items()}
 
 
 def _key(field: dataclasses.Field) -> Key:
@@ -122,38 +97,33 @@ def _key(field: dataclasses.Field) -> Key:
     common: dict[str, Any] = {"required": required}
     types = {field.type, *get_args(field.type)}
     if types & {Slide, Turn}:
-        return Sub(*words, **common)
+        return values.Sub(*words, **common)
     if Spin in types:
-        return Triple(*words, unit="rad/s", **common)
+        return values.Triple(*words, unit="rad/s", **common)
     if Inertia in types:
-        return Moments(*words, unit=about["unit"], bounds=about, **common)
+        return values.Moments(*words, unit=about["unit"], bounds=about, **common)
     common |= {"default": None if required else field.default}
     for record, (make, unit) in _RECORDS.items():
         if record in types:
             return make(*words, unit=unit, record=record, **common)
     if Axis in types:
-        return Direction(*words, **common)
+        return values.Direction(*words, **common)
     if "unit" in about:
         # A table of numbers has a dimension in its annotation, one number none; either may be optional.
         many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))
         common |= {"unit": about["unit"]}
-        return Quantities(*words, **common) if many else QuantityKey(*words, bounds=about, **common)
+        return values.Quantities(*words, **common) if many else values.QuantityKey(*words, bounds=about, **common)
     if field.type == tuple[str, ...]:
-        return Names(*words, **common)
+        return values.Names(*words, **common)
     if field.type in (int, int | None):
-        return Whole(*words, least=about["least"], most=about["most"], **common)
+        return values.Whole(*words, least=about["least"], most=about["most"], **common)
     if get_origin(field.type) is Mapping:
-        return Sub(*words, form="values by name", **common)
+        return values.Sub(*words, kind="values by name", **common)
     if get_origin(field.type) is Literal:
         return Word(*words, allowed=get_args(field.type), **common)
-    return (Flag if field.type is bool else Text)(*words, **common)
+    return (values.Flag if field.type is bool else values.Text)(*words, **common)
 
 
 def summary(part: Any) -> str:
     """First paragraph of the docstring of a class or function."""
     return " ".join((part.__doc__ or "").split("\n\n")[0].split()).split("**Arguments:**")[0].strip()
-
-
-def _class(member: Any) -> type:
-    """The class of a family member; of a function the class that it returns."""
-    return member if inspect.isclass(member) else inspect.signature(member, eval_str=True).return_annotation

@@ -5,7 +5,7 @@ from clearance_jax.design.asked.manufacture import MANUFACTURE
 from clearance_jax.design.asked.specification import FIDELITY_CHOICES
 from clearance_jax.design.judge.explain import FACTORS
 from clearance_jax.design.search.methods import METHOD_CHOICES
-from clearance_jax.io.keys.declare import Keys, family, kinds, table
+from clearance_jax.io.keys.declare import family, kinds, table
 from clearance_jax.io.keys.kinds import (
     Flag,
     Moments,
@@ -39,13 +39,13 @@ DESIGN = table(
         "in which every limit must hold: numbers by name, for each condition by a name of yours",
         '{ slow = { "drive.main.speed" = "3000 rpm" } }',
         "the scene as it is",
-        form="tables of values by name",
+        kind="tables of values by name",
     ),
     trajectory=Sub(
         "CSV files of trajectories, by names of yours: every condition holds along each",
         '{ pick = "pick.csv", place = "place.csv" }',
         "the drives of the scene",
-        form="paths by name",
+        kind="paths by name",
     ),
     payload=tables(
         "payloads, by names of yours: every condition holds with each",
@@ -150,19 +150,12 @@ _OF = Names(
     "all that scatter",
     name="of",
 )
-
-
-def _named_only(member: Keys) -> Keys:
-    return member._replace(keys=tuple(_OF if key.name == "scatter" else key for key in member.keys))
-
-
-MANUFACTURE_TABLES = family(
-    "design.manufacture",
-    "Manufacture",
-    "kind",
-    "how parts come out of manufacture",
-    {word: _named_only(member) for word, member in kinds(MANUFACTURE).items()},
-)
+_KINDS = {
+    word: member._replace(keys=tuple(_OF if key.name == "scatter" else key for key in member.keys))
+    for word, member in kinds(MANUFACTURE).items()
+}
+MANUFACTURE_TABLES = family("design.manufacture", "Manufacture", "kind", "how parts come out of manufacture", _KINDS)
+del _KINDS
 DESIGN_TABLES = (
     *(DESIGN, VARIABLE, *COST_TABLES.values(), PAYLOAD, LIMIT),
     *(*MANUFACTURE_TABLES.values(), VERIFY, TRADEOFF),

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
-from clearance_jax.errors import ClearanceError, quote, wrong_value, wrong_word
+from clearance_jax.errors import naming, quote, wrong_value, wrong_word
 from clearance_jax.mechanism.placement import as_axis, as_inertia
 from clearance_jax.parameters import check_bounds, resolve_unit
 from clearance_jax.units import to_si
@@ -24,6 +24,10 @@ def _as_tuple(*numbers: float | None) -> tuple[float | None, ...]:
     return numbers
 
 
+def _in_si(values: list[Any], unit: str, where: str) -> list[float]:
+    return [to_si(value, unit, f"{where}[{i}]") for i, value in enumerate(values)]
+
+
 @dataclasses.dataclass(frozen=True)
 class Key(abc.ABC):
     """A key of a table, declared once for the reader and the reference. Its `name` is that under which it is declared.
@@ -36,10 +40,11 @@ class Key(abc.ABC):
     help: str
     example: str
     absent: str = ""
-    name: str = dataclasses.field(default="", kw_only=True)
-    default: Any = dataclasses.field(default=None, kw_only=True)
-    required: bool = dataclasses.field(default=False, kw_only=True)
-    unit: str = dataclasses.field(default="", kw_only=True)
+    _: dataclasses.KW_ONLY
+    name: str = ""
+    default: Any = None
+    required: bool = False
+    unit: str = ""
 
     @property
     @abc.abstractmethod
@@ -70,10 +75,13 @@ class QuantityKey(Key):
     def read(self, value, where, words):
         if isinstance(value, list):
             raise wrong_value(where, "one quantity", value, f"the list {quote(value)}")
-        unit = resolve_unit(self.unit, words)
-        number = to_si(value, unit, where)
-        check_bounds(number, self.bounds, where, unit, value)
-        return number
+        return _bounded(value, resolve_unit(self.unit, words), self.bounds, where)
+
+
+def _bounded(value: Any, unit: str, bounds: Mapping[str, Any], where: str) -> float:
+    number = to_si(value, unit, where)
+    check_bounds(number, bounds, where, unit, value)
+    return number
 
 
 def quantity(
@@ -103,39 +111,39 @@ class Quantities(Key):
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
             raise wrong_value(where, f"a list such as {self.example}", value)
-        unit = resolve_unit(self.unit, words)
-        return [to_si(v, unit, f"{where}[{i}]") for i, v in enumerate(value)]
+        return _in_si(value, resolve_unit(self.unit, words), where)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AbstractComponents(Key):
+    """Components, of which zeros are left out of the program. `record`: what is made of them."""
+
+    record: Callable[..., Any] = _as_tuple
+    form: ClassVar[str]
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or not self.shape["minItems"] <= len(value) <= self.shape["maxItems"]:
+            raise wrong_value(where, f"{self.form} such as {self.example}", value)
+        return self.record(*(number or None for number in _in_si(value, self.unit, where)))
 
 
 @dataclasses.dataclass(frozen=True)
-class VectorKey(Key):
-    """A vector: a pair in the plane, a triple in space. Components that are zero are left out of the program. `record`:
-    what is made of them.
-    """
+class VectorKey(AbstractComponents):
+    """A vector: a pair in the plane, a triple in space."""
 
     default: Any = dataclasses.field(default=(None, None), kw_only=True)
-    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
     kind: ClassVar[str] = "pair or triple of quantities"
+    form: ClassVar[str] = "a pair (or in space a triple)"
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 2, "maxItems": 3}
-
-    def read(self, value, where, words):
-        if not isinstance(value, list) or len(value) not in (2, 3):
-            raise wrong_value(where, f"a pair (or in space a triple) such as {self.example}", value)
-        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
 @dataclasses.dataclass(frozen=True)
-class Triple(Key):
-    """Three angles or rates. Those that are zero are left out of the program. `record`: what is made of them."""
+class Triple(AbstractComponents):
+    """Three angles or rates."""
 
-    record: Callable[..., Any] = dataclasses.field(default=_as_tuple, kw_only=True)
     kind: ClassVar[str] = "triple of quantities"
+    form: ClassVar[str] = "a triple"
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 3, "maxItems": 3}
-
-    def read(self, value, where, words):
-        if not isinstance(value, list) or len(value) != 3:
-            raise wrong_value(where, f"a triple such as {self.example}", value)
-        return self.record(*(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,40 +156,33 @@ class Direction(Key):
     def read(self, value, where, words):
         if not isinstance(value, (str, list)):
             raise wrong_value(where, f"an axis such as {self.example}", value)
-        numbers = [to_si(v, "", f"{where}[{i}]") for i, v in enumerate(value)] if isinstance(value, list) else value
-        try:
-            return as_axis(numbers)
-        except ClearanceError as error:
-            raise error.at(where) from None
+        with naming(where):
+            return as_axis(_in_si(value, "", where) if isinstance(value, list) else value)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Moments(Key):
     """A moment of inertia (about z), or three or six of them."""
 
-    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
+    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     kind: ClassVar[str] = "quantity, or list of three or six"
     shape: ClassVar[Shape] = {"type": ["string", "number", "array"]}
 
     def read(self, value, where, words):
         if not isinstance(value, list):
-            number = to_si(value, self.unit, where)
-            check_bounds(number, self.bounds, where, self.unit, value)
-            return number
+            return _bounded(value, self.unit, self.bounds, where)
         if len(value) not in (3, 6):
             raise wrong_value(where, "one quantity, three (xx, yy, zz) or six (and xy, xz, yz)", value)
-        try:
-            return as_inertia([to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value)])
-        except ClearanceError as error:
-            raise error.at(where) from None
+        with naming(where):
+            return as_inertia(_in_si(value, self.unit, where))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Whole(Key):
     """A whole number from `least` to `most`."""
 
-    least: int = dataclasses.field(default=0, kw_only=True)
-    most: int = dataclasses.field(default=10**9, kw_only=True)
+    least: int = 0
+    most: int = 10**9
     kind: ClassVar[str] = "whole number"
 
     @property
@@ -278,16 +279,12 @@ class Word(Key):
         return value
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Sub(Key):
-    """A sub-table, or one of several kinds; `form`: what it is in words."""
+    """A sub-table, or one of several kinds; `kind`: what it is in words."""
 
-    form: str = dataclasses.field(default="table", kw_only=True)
+    kind: str = "table"
     shape: ClassVar[Shape] = {}
-
-    @property
-    def kind(self) -> str:
-        return self.form
 
     def read(self, value, where, words):
         return value
@@ -295,7 +292,7 @@ class Sub(Key):
 
 def tables(help: str, example: str, absent: str = "", *, required: bool = False) -> Key:
     """A key of sub-tables, whose names the user chooses."""
-    return Sub(help, example, absent, required=required, form="tables by name")
+    return Sub(help, example, absent, required=required, kind="tables by name")
 
 
 def check_text(value: str, where: str, longest: int = LONGEST) -> str:

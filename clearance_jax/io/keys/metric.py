@@ -55,15 +55,13 @@ _LEVEL = {
 }
 
 
-def _of_reduction(cls: type) -> dict[str, Key]:
-    """Keys of a reduction beside those of its signal."""
-    if _has(cls, "level"):
-        return _LEVEL | _SINCE
-    return {"times": _TIMES} if _has(cls, "times") else _BAND if _has(cls, "band") else _SINCE
-
-
-def _of_count(cls: type) -> dict[str, Key]:
-    return {name: dataclasses.replace(key, required=True) for name, key in OF.items() if _has(cls, name)} | _SINCE
+def _keys(cls: type) -> dict[str, Key]:
+    """The keys of a count, or of a reduction of a signal."""
+    if not _has(cls, "signal"):
+        needed = {name: key for name, key in OF.items() if _has(cls, name)}
+        return {name: dataclasses.replace(key, required=True) for name, key in needed.items()} | _SINCE
+    more = {"times": _TIMES} if _has(cls, "times") else _BAND if _has(cls, "band") else _SINCE
+    return {"signal": _SIGNAL, **OF_METRIC, **(_LEVEL if _has(cls, "level") else {}), **more}
 
 
 def _count(default: int, least: int) -> Key:
@@ -89,19 +87,10 @@ _OF_RECURRENCES: dict[str, dict[str, Key]] = {
     },
     EXPONENT: {**_PERIOD, "count": _count(50, FEWEST)},
 }
-_KEYS = {
-    **{word: {"signal": _SIGNAL, **OF_METRIC, **_of_reduction(cls)} for word, cls in REDUCTIONS.items()},
-    **{word: _of_count(cls) for word, cls in COUNTS.items()},
-    **_OF_RECURRENCES,
+_KINDS = {
+    word: kind(summary(cls), renamed=RENAMED, **(_OF_RECURRENCES[word] if word in RECURRENCES else _keys(cls)))
+    for word, cls in (REDUCTIONS | COUNTS | RECURRENCES).items()
 }
-METRIC_KINDS = family(
-    "metric.NAME",
-    "Metric",
-    "kind",
-    "what is asked of the motion",
-    {
-        word: kind(summary(cls), renamed=RENAMED, **_KEYS[word])
-        for word, cls in (REDUCTIONS | COUNTS | RECURRENCES).items()
-    },
-)
+METRIC_KINDS = family("metric.NAME", "Metric", "kind", "what is asked of the motion", _KINDS)
+del _KINDS
 """Tables by kind of metric."""

@@ -5,16 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from clearance_jax import joints
 from clearance_jax.io.keys.declare import family, keys_of, kind, kinds, optional, summary, table
 from clearance_jax.io.keys.kinds import Key, Quantities, Sub, Text, Whole, Word, path, quantity
-from clearance_jax.joints import (
-    Fitting,
-    GuideClearance,
-    PressFit,
-    RevoluteClearance,
-    SleeveClearance,
-    SphericalClearance,
-)
 from clearance_jax.joints.bearings import GROUPS
 from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.joints.presets import PINS
@@ -33,7 +26,7 @@ CONTACT = table(
         'law of the friction, or "none"',
         '{ law = "tanh", coefficient = 0.1, transition_speed = "10 mm/s" }',
         "no friction",
-        form='table or "none"',
+        kind='table or "none"',
     ),
     element=Sub(
         "what fills the play and acts without touch",
@@ -47,11 +40,11 @@ IN_A_SLEEVE = table(
     "Pin in a sleeve",
     "Two of radial (or diametral) clearance, pin radius and sleeve radius, or a pin radius and a `fit`. Wear and line "
     "contacts spread their force over the `length`.",
-    **optional(keys_of(RevoluteClearance, "radial_clearance", "pin_radius")),
+    **optional(keys_of(joints.RevoluteClearance, "radial_clearance", "pin_radius")),
     diametral_clearance=quantity("twice the radial clearance, instead of it", '"0.2 mm"', "m"),
     sleeve_radius=quantity("radius of the sleeve", '"10.1 mm"', "m", "pin radius plus clearance"),
-    **optional(keys_of(SleeveClearance, "length", "stations", "pin"), length="not known"),
-    **optional(keys_of(Fitting)),
+    **optional(keys_of(joints.SleeveClearance, "length", "stations", "pin"), length="not known"),
+    **optional(keys_of(joints.Fitting)),
     press=Sub("the housing into which the sleeve, a bush, is pressed", '{ fit = "H7/p6", diameter = "26 mm" }'),
 )
 _SHARED = {key.name for key in IN_A_SLEEVE.keys}
@@ -88,7 +81,7 @@ BALL = table(
     "A ball in a socket that is a little larger.",
     CONTACT,
     choice='type = "spherical"',
-    **optional(keys_of(SphericalClearance)),
+    **optional(keys_of(joints.SphericalClearance)),
 )
 GUIDE = table(
     "joint.NAME",
@@ -97,13 +90,13 @@ GUIDE = table(
     "the joint slides. If this is the joint's x axis, the guide's x is the joint's y, and its y the joint's z.",
     CONTACT,
     choice='type = "prismatic"',
-    **optional(keys_of(GuideClearance)),
+    **optional(keys_of(joints.GuideClearance)),
 )
 PRESS = table(
     "joint.NAME.press",
     "Bush in a housing",
     "A bush pressed into its housing, which closes the bush's bore.",
-    **keys_of(PressFit),
+    **keys_of(joints.PressFit),
 )
 WORN = table(
     "joint.NAME.worn",
@@ -117,8 +110,6 @@ WORN = table(
     cycles=quantity("the age in cycles, of the file of a study", "20000", absent="the last one in it"),
     unit=Text("unit of the depths, of a CSV table", '"um"'),
 )
-
-# Rolling bearings -----------------------------------------------------------------------------------------------------
 
 
 def _size(help: str, example: str, unit: str = "m", absent: str = "", **more: Any) -> Key:
@@ -184,7 +175,6 @@ BEARINGS = family(
     default="radial",
 )
 
-# Laws and what fills the play -----------------------------------------------------------------------------------------
 
 NORMAL_TABLES = family("joint.NAME.normal", "Normal law", "law", "the law of the normal force", kinds(NORMAL_LAWS))
 FRICTION_TABLES = family("joint.NAME.friction", "Friction law", "law", "the law of friction", kinds(FRICTION_LAWS))

@@ -1,6 +1,4 @@
-"""The reference of all keys of scenes and studies, made from the readers' declarations: as plain data for the docs, and
-as a JSON Schema, by which editors complete keys and check values.
-"""
+"""The reference of all keys, from their declarations: plain data for the docs, and a JSON Schema for editors."""
 
 import math
 from typing import Any, Literal, NamedTuple
@@ -36,9 +34,7 @@ class KeyReference(NamedTuple):
 
 
 class KindReference(NamedTuple):
-    """A kind of a table: the `word` that chooses it (TOML), a `help`, its own keys, and the titles of the tables whose
-    keys it shares.
-    """
+    """A kind of a table: the `word` that chooses it (TOML), its own keys, and the titles of tables that it shares."""
 
     word: str
     help: str
@@ -66,40 +62,25 @@ class TableReference(NamedTuple):
 
 def reference() -> list[TableReference]:
     """All tables of scenes and studies, each with its keys. Kinds of one family are one table."""
-    return [_table(file, several) for file, tables in FILES.items() for several in _families(tables)]
-
-
-def _families(tables: tuple[Keys, ...]) -> list[list[Keys]]:
-    """Tables grouped by name and title."""
-    families: dict[tuple[str, str], list[Keys]] = {}
-    for table in tables:
-        families.setdefault((table.name, table.title), []).append(table)
-    return list(families.values())
+    families: dict[tuple[File, str, str], list[Keys]] = {}
+    for file, tables in FILES.items():
+        for table in tables:
+            families.setdefault((file, table.name, table.title), []).append(table)
+    return [_table(file, several) for (file, *_), several in families.items()]
 
 
 def _table(file: File, several: list[Keys]) -> TableReference:
     first, *others = several
+    titles = [[shared.title for shared in table.shared] for table in several]
     if not others:
         keys = [_key(key) for key in first.unshared]
-        return TableReference(file, first.name, first.choice, first.title, first.help, keys, _titles(first), "", [])
-    head = first.choice.partition(" = ")[0]
-    kinds = [
-        KindReference(
-            _word(table), table.help, [key.name for key in table.unshared if key.name != head], _titles(table)
-        )
-        for table in several
-    ]
+        return TableReference(file, first.name, first.choice, first.title, first.help, keys, titles[0], "", [])
+    head, kinds = first.choice.partition(" = ")[0], []
+    for table, shared in zip(several, titles, strict=True):
+        own_keys = [key.name for key in table.unshared if key.name != head]
+        kinds.append(KindReference(table.choice.partition(" = ")[2], table.help, own_keys, shared))
     help = f"Its key `{head}` says of which kind it is."
     return TableReference(file, first.name, "", first.title, help, _told_once(several), [], head, kinds)
-
-
-def _titles(table: Keys) -> list[str]:
-    return [shared.title for shared in table.shared]
-
-
-def _word(table: Keys) -> str:
-    """The value in TOML of the key that chooses a kind."""
-    return table.choice.partition(" = ")[2]
 
 
 def _told_once(several: list[Keys]) -> list[KeyReference]:
@@ -108,7 +89,8 @@ def _told_once(several: list[Keys]) -> list[KeyReference]:
     for table in several:
         for key in map(_key, table.unshared):
             uses = by_name.setdefault(key.name, {})
-            uses.setdefault((key.help, key.unit, key.kind), []).append((f"`{_word(table)}`", key))
+            word = table.choice.partition(" = ")[2]
+            uses.setdefault((key.help, key.unit, key.kind), []).append((f"`{word}`", key))
     return [_common(uses, len(meanings) > 1) for meanings in by_name.values() for uses in meanings.values()]
 
 
@@ -134,25 +116,19 @@ def _key(key: Key) -> KeyReference:
     bounds = getattr(key, "bounds", None) or {}
     limits = [f"{words} {bounds[bound]:g}" for bound, _, words in BOUNDS if bounds.get(bound) is not None]
     help = key.help + (f" ({', '.join(limits)})" if limits else "")
-    return KeyReference(key.name, _unit(key.unit), key.kind, _default(key), key.required, key.example, help)
-
-
-def _unit(unit: str) -> str:
-    """A unit with the placeholders of joints replaced, for turning and for sliding joints."""
-    both = [resolve_unit(unit, words) for words in (TURNING, SLIDING)]
-    return unit if both[0] == unit else " or ".join(both)
+    # A unit that the kind of joint decides is said for turning and for sliding.
+    both = [resolve_unit(key.unit, words) for words in (TURNING, SLIDING)]
+    unit = key.unit if both[0] == key.unit else " or ".join(both)
+    return KeyReference(key.name, unit, key.kind, _default(key), key.required, key.example, help)
 
 
 def _default(key: Key) -> str:
+    """A default in words or in TOML, without unit if the joint decides it."""
     if key.required:
         return ""
-    if key.absent or key.default is None:
+    value, unit = key.default, key.unit
+    if key.absent or value is None:
         return key.absent or "none"
-    return _show(key.default, key.unit)
-
-
-def _show(value: Any, unit: str) -> str:
-    """A default in TOML, without unit if the joint decides it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -162,17 +138,14 @@ def _show(value: Any, unit: str) -> str:
     return "none" if value in ((None, None), ORIGIN) else str(value)
 
 
-# A JSON Schema --------------------------------------------------------------------------------------------------------
-
-
 def schema(file: File) -> dict[str, Any]:
     """The JSON Schema of scene or study files. Only the reader checks which keys may stand together."""
     root: dict[str, Any] = {"$schema": DRAFT, "title": f"clearance_jax {file}", "type": "object"}
     for table in FILES[file]:
         for path in _paths(table.name, file):
-            at = _inside(root, path)
+            properties = _inside(root, path)["properties"]
             for key in table.keys:
-                _merge(at["properties"], key)
+                _merge(properties, key)
     return root
 
 
@@ -196,14 +169,15 @@ def _inside(root: dict[str, Any], path: list[str]) -> dict[str, Any]:
             inside = at.setdefault("properties", {})
             inside[name] = at = _unshape(inside.get(name, {}))
     at.setdefault("properties", {})
-    if "additionalProperties" not in at:
-        at["additionalProperties"] = False
+    at.setdefault("additionalProperties", False)
     return at
 
 
 def _merge(properties: dict[str, Any], key: Key) -> None:
     """Add a key to the properties of a table. If another kind of the table has it too, both forms are allowed."""
-    new, old = _of(key), properties.get(key.name)
+    default = "" if key.required or not key.absent else f" Without it: {key.absent}."
+    new = {**key.shape, "description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}
+    old = properties.get(key.name)
     if old is None or "description" not in old:  # nothing, or what stands in a table of that name
         properties[key.name] = {**(_unshape(new) if old else new), **(old or {})}
     elif "enum" in new and "enum" in old:
@@ -214,8 +188,3 @@ def _merge(properties: dict[str, Any], key: Key) -> None:
 
 def _unshape(shape: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in shape.items() if name not in _SHAPE}
-
-
-def _of(key: Key) -> dict[str, Any]:
-    default = "" if key.required or not key.absent else f" Without it: {key.absent}."
-    return {**key.shape, "description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}

@@ -17,27 +17,11 @@ from clearance_jax.solve.settings import MAX_STEPS, MOST_SAMPLES, OF_MOTIONS, SO
 from clearance_jax.solve.steps.attempt import STARTS
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
-DRIVES = {
-    "constant": Constant,
-    "constant-speed": ConstantSpeed,
-    "step": StepSum,
-    "step5": Step5Sum,
-    "harmonic": Harmonic,
-    "trapezoid": Trapezoid,
-    "quintic": Quintic,
-    "spline": Spline,
-}
+DRIVES = {"constant": Constant, "constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum}
+DRIVES |= {"harmonic": Harmonic, "trapezoid": Trapezoid, "quintic": Quintic, "spline": Spline}
 ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring, "friction": JointFriction}
-JOINTS = {
-    "revolute": Revolute,
-    "prismatic": Prismatic,
-    "fixed": Fixed,
-    "spherical": Spherical,
-    "universal": Universal,
-    "cylindrical": Cylindrical,
-    "planar": Planar,
-    "free": Free,
-}
+JOINTS = {"revolute": Revolute, "prismatic": Prismatic, "fixed": Fixed, "spherical": Spherical}
+JOINTS |= {"universal": Universal, "cylindrical": Cylindrical, "planar": Planar, "free": Free}
 # Forms of a drive.
 DRIVEN = "table or expression"
 OF_THE_ROBOT = "those of the robot"
@@ -126,7 +110,7 @@ WRENCH = table(
         "a factor on both as a function of time: as a drive, without unit",
         '"step(time, 0.1, 0, 0.2, 1)"',
         "they are constant",
-        form=DRIVEN,
+        kind=DRIVEN,
     ),
 )
 CONTROLLER = table(
@@ -190,7 +174,7 @@ MOTION = table(
         "prescribes the coordinate: a table of numbers, or an ADAMS expression of `step`, `step5`, `time`",
         '"step(time, 0, 0, 0.5, 90 d)"',
         "free",
-        form=DRIVEN,
+        kind=DRIVEN,
     ),
     **keys_of(Motion),
     actuator=tables("forces along a free coordinate, by name", '{ load = { type = "constant", effort = "-12 N*m" } }'),
@@ -227,7 +211,7 @@ SPLINE_FILE = table(
     unit=Text("unit of the values", '"deg"', required=True),
     **keys_of(Spline, "ends"),
 )
-_TARGET = Sub("where it steers to: as a drive", '"90 d * time"', form=DRIVEN, required=True)
+_TARGET = Sub("where it steers to: as a drive", '"90 d * time"', kind=DRIVEN, required=True)
 ACTUATOR_TABLES = family(
     "joint.NAME.actuator.NAME",
     "Actuator",

@@ -18,7 +18,7 @@ STUDY = table(
     name=Text("name of the study", '"Slider-crank under load"', "the file's name"),
     scene=path("the scene file, from where the study is", '"slider_crank.toml"', required=True),
     t1=quantity("end of the motion", '"105 ms"', "s", "the scene's"),
-    set=Sub("parameters of the scene to change, by name", '{ "drive.main.speed" = "3000 rpm" }', form="values by name"),
+    set=Sub("parameters of the scene to change, by name", '{ "drive.main.speed" = "3000 rpm" }', kind="values by name"),
     solve=Sub("how motions are solved", "{ rtol = 1e-6 }"),
     metric=tables(
         "what is asked of every motion, by a name of yours",
@@ -73,7 +73,6 @@ SCATTER = table(
     renamed={"law": "distribution", "least": "lower", "greatest": "upper"},
 )
 
-# Sweeps ---------------------------------------------------------------------------------------------------------------
 
 SWEEP = table(
     "sweep",
@@ -136,7 +135,7 @@ AXIS_TABLES = family(
             values=Sub(
                 "lists of one length, by the parameters' names",
                 '{ "slider.mass" = ["0.1 kg", "0.2 kg"], "conrod.mass" = ["0.2 kg", "0.3 kg"] }',
-                form="lists by name",
+                kind="lists by name",
                 required=True,
             ),
         ),
@@ -163,7 +162,7 @@ AXIS_TABLES = family(
         "scenes": kind(
             "Scenes instead of the sweep's own, for instance with other laws or drives.",
             scenes=Sub(
-                "scene files by labels of yours", '{ rough = "rough.toml" }', form="paths by name", required=True
+                "scene files by labels of yours", '{ rough = "rough.toml" }', kind="paths by name", required=True
             ),
         ),
     },
@@ -176,7 +175,6 @@ CORRELATION = table(
     value=quantity("the correlation", "0.5", above=-1.0, below=1.0, required=True),
 )
 
-# Calibration ----------------------------------------------------------------------------------------------------------
 
 CALIBRATE = table(
     "calibrate",

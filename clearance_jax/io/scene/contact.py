@@ -8,24 +8,12 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, suggest, wrong_value
+from clearance_jax import joints
+from clearance_jax.errors import ClearanceError, naming, suggest, wrong_value
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import play as keys
 from clearance_jax.io.keys.declare import Keys, keys_of
-from clearance_jax.io.table import TomlTable, naming
-from clearance_jax.joints import (
-    AbstractClearance,
-    AbstractPin,
-    Fitting,
-    GuideClearance,
-    PressFit,
-    SleeveClearance,
-    SphericalClearance,
-    Tolerance,
-    angular_contact_pair,
-    crossed_roller,
-    rolling_bearing,
-)
+from clearance_jax.io.table import TomlTable
 from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.joints.presets import PINS, flat_contact, round_contact
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
@@ -48,9 +36,7 @@ UNUSED = "has no effect here. Remove it."
 
 def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> dict[str, Any]:
     """The `clearance` of a joint (`None`: it is ideal) and its initial `eccentricity`, as arguments of its class
-    `kind`.
-
-    **Arguments:** `path`: of the scene file; `usual`: whether contact laws default to those of steel in bronze.
+    `kind`. `path`: of the scene file; `usual`: whether contact laws default to those of steel in bronze.
     """
     play = PLAYS[kind]
     start = table.get("eccentricity")
@@ -62,60 +48,20 @@ def play_of(kind: type, table: TomlTable, path: Path, usual: bool = False) -> di
     clearance = play.read(table, usual)
     if table.has("element"):
         if clearance.element is not None:
-            raise ClearanceError(
-                f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
-                "already. Leave one of them out."
-            ).about(table.key("element"))
+            why = "would take the place of the bearing's `preload`, which fills the play already."
+            table.refuse("element", why=f"{why} Leave one of them out.")
         word, element = table.variant("element", keys.ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**element.arguments("type")))
-    if play.keys is keys.PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
+    if play.keys is keys.PIN and isinstance(clearance, joints.AbstractPin) and table.has("worn"):
         clearance = with_wear(clearance, table, path)
     with naming(table.where):
         check_demands(clearance)
     return {"clearance": clearance, "eccentricity": start}
 
 
-def _pin(table: TomlTable, usual: bool) -> AbstractPin:
-    return _bearing(table) if table.has("bearing") else _in_a_sleeve(PINS[table.get("kind")], table, usual)
-
-
-def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> AbstractPin:
-    fields = {name: key.required for name, key in keys_of(make).items() if name not in COMMON}
-    for kind, other in PINS.items():
-        for key in keys_of(other):
-            if key in table.values and key not in (*fields, *COMMON, "length"):
-                raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
-    table.need(*(key for key, required in fields.items() if required))
-    for key in OF_A_FACE:
-        if key in table.values and "axial_clearance" not in table.values:
-            message = f"{table.key(key)} has no effect without `axial_clearance`: only then are there faces."
-            raise ClearanceError(message).about(table.key(key))
-    clearance, pin, tolerance = _radii(table, usual)
-    normal, friction = _laws(table, round_contact(clearance) if usual else None)
-    sizes = {key: table.get(key) for key in ("length", *fields) if key in table.values}
-    with naming(table.where):
-        return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **sizes)
-
-
-def _ball(table: TomlTable, usual: bool) -> SphericalClearance:
-    table.need("ball_radius")
-    clearance = table.get(RADIAL)
-    laws = _laws(table, round_contact(clearance) if usual else None)
-    return SphericalClearance(clearance, table.get("ball_radius"), *laws)
-
-
-def _guide(table: TomlTable, usual: bool) -> GuideClearance:
-    table.need("length", *(() if usual else ("height",)))
-    length, width = table.get("length"), table.get("width")
-    height = table.get("height") if table.has("height") else length
-    flat = flat_contact(length, height, 2) if width is None else flat_contact(length, width, 4)
-    laws = _laws(table, flat if usual else None)
-    return GuideClearance(
-        table.get("side_clearance"), length, height, *laws, width, guide_length=table.get("guide_length")
-    )
-
-
-def _bearing(table: TomlTable) -> AbstractPin:
+def _pin(table: TomlTable, usual: bool) -> joints.AbstractPin:
+    if not table.has("bearing"):
+        return _in_a_sleeve(PINS[table.get("kind")], table, usual)
     others = (key.name for key in keys.PIN.keys if key.name not in WITH_A_BEARING)
     table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
     word, inner = table.variant("bearing", keys.BEARINGS)
@@ -123,45 +69,74 @@ def _bearing(table: TomlTable) -> AbstractPin:
         return BEARINGS_MADE[word](**inner.arguments("type"), friction=_friction(table))
 
 
-BEARINGS_MADE: dict[str, Callable] = {
-    "radial": rolling_bearing,
-    "crossed-roller": crossed_roller,
-    "angular-contact-pair": angular_contact_pair,
-}
+def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> joints.AbstractPin:
+    fields = {name: key.required for name, key in keys_of(make).items() if name not in COMMON}
+    for kind, other in PINS.items():
+        for key in keys_of(other):
+            if key in table.values and key not in (*fields, *COMMON, "length"):
+                raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
+    table.need(*(key for key, required in fields.items() if required))
+    if "axial_clearance" not in table.values:
+        table.refuse(*OF_A_FACE, why="has no effect without `axial_clearance`: only then are there faces.")
+    clearance, pin, tolerance = _radii(table, usual)
+    normal, friction = _laws(table, round_contact(clearance) if usual else None)
+    sizes = {key: table.get(key) for key in ("length", *fields) if key in table.values}
+    with naming(table.where):
+        return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **sizes)
+
+
+def _ball(table: TomlTable, usual: bool) -> joints.SphericalClearance:
+    table.need("ball_radius")
+    clearance = table.get(RADIAL)
+    laws = _laws(table, round_contact(clearance) if usual else None)
+    return joints.SphericalClearance(clearance, table.get("ball_radius"), *laws)
+
+
+def _guide(table: TomlTable, usual: bool) -> joints.GuideClearance:
+    table.need("length", *(() if usual else ("height",)))
+    length, width = table.get("length"), table.get("width")
+    height = table.get("height") if table.has("height") else length
+    flat = flat_contact(length, height, 2) if width is None else flat_contact(length, width, 4)
+    laws, guide = _laws(table, flat if usual else None), table.get("guide_length")
+    return joints.GuideClearance(table.get("side_clearance"), length, height, *laws, width, guide_length=guide)
+
+
+BEARINGS_MADE: Any = {"radial": joints.rolling_bearing, "crossed-roller": joints.crossed_roller}
+BEARINGS_MADE |= {"angular-contact-pair": joints.angular_contact_pair}
 
 
 class PlayReader(NamedTuple):
-    """How the clearance of a kind of joint is read. A joint that has one of the keys `makes` (or, with `radii`, both
-    radii) has clearance.
-    """
+    """How a kind of joint's clearance is read: it has one with one of the keys `makes`, or (`radii`) both radii."""
 
     keys: Keys
     makes: tuple[str, ...]
-    read: Callable[[TomlTable, bool], AbstractClearance]
+    read: Callable[[TomlTable, bool], joints.AbstractClearance]
     radii: bool = False
 
 
 PLAYS = {
     Revolute: PlayReader(keys.PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
-    Cylindrical: PlayReader(keys.SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, SleeveClearance), True),
+    Cylindrical: PlayReader(
+        keys.SHAFT, (RADIAL, DIAMETRAL, "fit"), partial(_in_a_sleeve, joints.SleeveClearance), True
+    ),
     Spherical: PlayReader(keys.BALL, (RADIAL,), _ball),
     Prismatic: PlayReader(keys.GUIDE, ("side_clearance",), _guide),
 }
 """Readers by class of joint."""
 
 
-def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]:
+def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, joints.Tolerance | None]:
     """Radial clearance and pin radius [m], from a fit or from two of clearance, pin radius and sleeve radius."""
     pin, sleeve = table.get(PIN_RADIUS), table.get(SLEEVE)
-    if usual and pin is None and sleeve is None and table.has("length"):
+    if usual and table.has("length") and not (table.has(PIN_RADIUS) or table.has(SLEEVE)):
         pin = table.get("length") / 2
     if table.has("fit"):
         return _fit(table, pin)
     table.refuse(*OF_A_FIT, why="belongs to a fit: add `fit` too.")
-    clearance = _given_clearance(table)
-    if clearance is None:
-        assert pin is not None
-        assert sleeve is not None
+    if table.has(RADIAL) and table.has(DIAMETRAL):
+        raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
+    clearance = table.get(DIAMETRAL) / 2 if table.has(DIAMETRAL) else table.get(RADIAL)
+    if clearance is None:  # then both radii are there
         clearance = sleeve - pin
         if clearance <= 0:
             raise ClearanceError(f"{table.where}: the pin must fit in the sleeve, but {PIN_RADIUS} >= {SLEEVE}.")
@@ -170,10 +145,8 @@ def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]
             raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`. Add it (or `{SLEEVE}`).")
         pin = sleeve - clearance
         if pin <= 0:
-            raise ClearanceError(
-                f"{table.key(SLEEVE)} must be greater than the radial clearance {clearance:g} m, or there is no pin, "
-                f"but it is {sleeve:g} m."
-            )
+            why = f"must be greater than the radial clearance {clearance:g} m, or there is no pin"
+            table.refuse(SLEEVE, why=f"{why}, but it is {sleeve:g} m.")
     if sleeve is not None and not np.isclose(sleeve - pin, clearance, rtol=1e-6):
         raise ClearanceError(
             f"{table.where}: {SLEEVE} - {PIN_RADIUS} is {sleeve - pin:g} m, but the radial clearance is "
@@ -182,7 +155,7 @@ def _radii(table: TomlTable, usual: bool) -> tuple[Any, float, Tolerance | None]
     return clearance, pin, None
 
 
-def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
+def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, joints.Tolerance]:
     table.refuse(RADIAL, DIAMETRAL, SLEEVE, why="has no effect beside a `fit`, which gives the clearance.")
     if not table.has("temperature"):
         table.refuse(*EXPANSIONS, why="has no effect without `temperature`: at 20 degC nothing expands.")
@@ -190,15 +163,9 @@ def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, Tolerance]:
         raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`, half the nominal diameter. Add it.")
     numbers = {key: table.get(key) for key in OF_A_FIT if key != "press" and table.has(key)}
     with naming(table.key("fit")):
-        press = PressFit(**table.table("press", keys.PRESS).arguments()) if table.has("press") else None
-        clearance, tolerance = Fitting(table.get("fit"), **numbers, press=press).radial_clearance(2 * pin)
+        press = joints.PressFit(**table.table("press", keys.PRESS).arguments()) if table.has("press") else None
+        clearance, tolerance = joints.Fitting(table.get("fit"), **numbers, press=press).radial_clearance(2 * pin)
     return clearance, pin, tolerance
-
-
-def _given_clearance(table: TomlTable) -> float | None:
-    if table.has(RADIAL) and table.has(DIAMETRAL):
-        raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
-    return table.get(DIAMETRAL) / 2 if table.has(DIAMETRAL) else table.get(RADIAL)
 
 
 def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
@@ -208,10 +175,8 @@ def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNo
 
 def _normal(joint: TomlTable) -> AbstractNormalLaw:
     if not joint.has("normal"):
-        raise ClearanceError(
-            f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
-            + suggest("", NORMAL_LAWS)
-        )
+        fix = f"Add one with a key `law`. {suggest('', NORMAL_LAWS)}"
+        raise ClearanceError(f"{joint.where} lacks the table `normal` (its contact law). {fix}")
     word, table = joint.variant("normal", keys.NORMAL_TABLES)
     make: Any = NORMAL_LAWS[word]
     if "stiffness" not in {key.name for key in keys.NORMAL_TABLES[word].keys}:
@@ -236,10 +201,7 @@ def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
     return FRICTION_LAWS[word](**table.arguments("law"))
 
 
-# A worn sleeve --------------------------------------------------------------------------------------------------------
-
-
-def with_wear(clearance: AbstractPin, joint: TomlTable, path: Path) -> AbstractPin:
+def with_wear(clearance: joints.AbstractPin, joint: TomlTable, path: Path) -> joints.AbstractPin:
     """The clearance with its sleeve worn as the table `worn` says, evenly along its length; `path`: of the scene."""
     where = joint.key("worn")
     table = joint.table("worn", keys.WORN)
@@ -281,6 +243,6 @@ def _of_table(table: TomlTable, file: Path) -> np.ndarray:
     table.need("unit")
     angle, depth = read_table(file, table.key("file"), "angle [deg] and depth")
     if np.any(np.abs(angle - 360 * np.arange(angle.size) / angle.size) > OFF):
-        text = f"{table.key('file')}: the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg."
-        raise ClearanceError(text)
+        why = f"the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg"
+        raise ClearanceError(f"{table.key('file')}: {why}.")
     return depth * to_si(f"1 {table.get('unit')}", "m", table.key("unit"))

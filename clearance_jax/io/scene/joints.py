@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.scene.contact import PLAYS, play_of
-from clearance_jax.io.table import Chosen, TomlTable, check_table, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, check_table, variant
 from clearance_jax.io.urdf.mechanism import place_of, read_robot
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
-from clearance_jax.mechanism.actuators import AbstractActuator, Servo
+from clearance_jax.mechanism.actuators import Servo
 from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.expressions import read_expression
@@ -30,15 +30,11 @@ OF_THE_TREE = ("drive", "actuator", "position", "velocity", "eccentricity", "sta
 OF_THE_TREE += ("slide_x", "slide_y", "slide_z", "turn_1", "turn_2")
 
 
-def joints_of(
-    top: TomlTable, path: Path, known: Collection[str] = ()
-) -> tuple[list[AbstractJoint], list[AbstractJoint]]:
+def joints_of(top: TomlTable, path: Path, known: Collection[str] = ()) -> tuple[list, list]:
     """The joints of a scene: those of the tree, and those that close a loop. A joint belongs to the tree if no earlier
     joint has placed its child (and it is not `known` to be placed).
     """
-    tree: list[AbstractJoint] = []
-    loops: list[AbstractJoint] = []
-    placed = {GROUND, *known}
+    tree, loops, placed = [], [], {GROUND, *known}
     for name, values, where in top.parts("joint"):
         read = variant(values, where, keys.JOINT_TABLES)
         joint = _joint(name, read, path)
@@ -51,25 +47,18 @@ def joints_of(
 
 
 def _closure(joint: AbstractJoint, table: TomlTable) -> AbstractJoint:
+    loop = f"closes a loop (`{joint.child}` is placed already)"
     if isinstance(joint, Free):
-        raise ClearanceError(f"{table.where} closes a loop (`{joint.child}` is placed already) and holds nothing.")
-    for key in OF_THE_TREE:
-        if key in table.values:
-            raise ClearanceError(
-                f"{table.key(key)} has no effect: the joint closes a loop (`{joint.child}` is placed already). "
-                "Move it to a joint of the tree, or write this joint before the one that places the body."
-            )
+        raise ClearanceError(f"{table.where} {loop} and holds nothing.")
+    fix = "Move it to a joint of the tree, or write this joint before the one that places the body."
+    table.refuse(*OF_THE_TREE, why=f"has no effect: the joint {loop}. {fix}")
     return joint
 
 
 def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
     kind, table = read
-    common = dict(
-        name=name,
-        parent=table.get("parent"),
-        child=table.get("child"),
-        **table.only("at_parent", "at_child", "angle", "orientation", "child_orientation"),
-    )
+    common = {"name": name, "parent": table.get("parent"), "child": table.get("child")}
+    common |= table.only("at_parent", "at_child", "angle", "orientation", "child_orientation")
     if kind == "fixed":
         return Fixed(**common)
     make = keys.JOINTS[kind]
@@ -87,9 +76,9 @@ def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
         if field.type is Axis:
             out |= table.only("axis")
         if field.type is Ball:
-            spin = table.get("spin") if table.has("spin") else ()
-            start = table.get("start") if table.has("start") else Orientation()
-            out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)), table.get("damping"))
+            spin, start = (table.only(key).get(key) for key in ("spin", "start"))
+            spin = Spin(*(rate or 0.0 for rate in spin or ()))
+            out["motion"] = Ball(Orientation() if start is None else start, spin, table.get("damping"))
         if field.type in (Slide, Turn) and table.has(field.name):
             words = SLIDING if field.type is Slide else TURNING
             inner = TomlTable(table.get(field.name), table.key(field.name), keys.MOTION, words)
@@ -102,14 +91,16 @@ def motion_of(table: TomlTable, path: Path) -> Motion:
     drive = drive_of(table, "drive", path) if table.has("drive") else None
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
-    actuators = tuple(
-        _actuator(name, variant(values, where, keys.ACTUATOR_TABLES, table.words), path)
-        for name, values, where in table.parts("actuator")
-    )
+    actuators = []
+    for name, values, where in table.parts("actuator"):
+        word, inner = variant(values, where, keys.ACTUATOR_TABLES, table.words)
+        cls, given = keys.ACTUATORS[word], inner.arguments("type")
+        given |= {"target": drive_of(inner, "target", path)} if cls is Servo else {}
+        actuators.append(cls(**given, name=name))
     rotor = table.get("rotor_inertia")
     if drive is not None and rotor is not None:
         raise ClearanceError(f"{table.key('rotor_inertia')} has no effect beside a drive, which is followed exactly.")
-    return Motion(drive, table.get("position"), table.get("velocity"), actuators, rotor_inertia=rotor)
+    return Motion(drive, table.get("position"), table.get("velocity"), tuple(actuators), rotor_inertia=rotor)
 
 
 def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:
@@ -123,26 +114,12 @@ def read_drive(values: Any, where: str, words: Words, path: Path) -> AbstractDri
         if isinstance(values, str):
             return read_expression(values)
         if check_table(values, where).get("type") == "spline" and "file" in values:
-            return _spline(TomlTable(values, where, keys.SPLINE_FILE, words), path)
+            table = TomlTable(values, where, keys.SPLINE_FILE, words)
+            times, numbers = read_table(path.parent / table.get("file"), table.key("file"))
+            scale = to_si(f"1 {table.get('unit')}", words["coordinate"], table.key("unit"))
+            return Spline(times, numbers * scale, table.get("ends"))
         kind, inner = variant(values, where, keys.DRIVE_TABLES, words)
         return keys.DRIVES[kind](**inner.arguments("type"))
-
-
-def _spline(table: TomlTable, path: Path) -> Spline:
-    times, values = read_table(path.parent / table.get("file"), table.key("file"))
-    scale = to_si(f"1 {table.get('unit')}", table.words["coordinate"], table.key("unit"))
-    return Spline(times, values * scale, table.get("ends"))
-
-
-def _actuator(name: str, read: Chosen, path: Path) -> AbstractActuator:
-    cls, table = keys.ACTUATORS[read.word], read.table
-    values = table.arguments("type")
-    if cls is Servo:
-        values["target"] = drive_of(table, "target", path)
-    return cls(**values, name=name)
-
-
-# Joints of a robot ----------------------------------------------------------------------------------------------------
 
 
 class RobotParts(NamedTuple):
@@ -168,15 +145,10 @@ def robot_of(top: TomlTable, path: Path) -> RobotParts:
         if name not in joints:
             raise unknown_name(f"{where}: the robot has no joint of this name.", name, joints, where)
         joints[name] = _robot_joint(joints[name], values, where, path)
-    carried = [_payload(robot, *part) for part in table.parts("payload")]
-    return RobotParts(
-        (*robot.bodies, *(body for body, _ in carried)),
-        (*joints.values(), *(grip for _, grip in carried)),
-        robot.points,
-        robot.gravity,
-        path.parent / table.get("trajectory") if table.has("trajectory") else None,
-        robot.notes,
-    )
+    carried = [_payload(robot, *part) for part in table.tables("payload", keys.PAYLOAD)]
+    bodies, grips = (*robot.bodies, *(body for body, _ in carried)), (grip for _, grip in carried)
+    trajectory = path.parent / table.get("trajectory") if table.has("trajectory") else None
+    return RobotParts(bodies, (*joints.values(), *grips), robot.points, robot.gravity, trajectory, robot.notes)
 
 
 def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
@@ -195,17 +167,14 @@ def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> A
     return dataclasses.replace(joint, motion=motion, **play_of(kind, table, path, usual=True))
 
 
-def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body, Fixed]:
-    """A payload, and the fixed joint that carries it."""
-    table = TomlTable(values, where, keys.PAYLOAD)
+def _payload(robot: Mechanism, name: str, table: TomlTable) -> tuple[Body, Fixed]:
     on, points = table.get("on"), {point.name: point for point in robot.points}
     bodies = {GROUND, *(body.name for body in robot.bodies)}
     if on not in points and on not in bodies:
         text = f"{table.key('on')} must name a body or a point of the robot, but it is `{on}`."
         raise unknown_name(text, on, bodies | set(points), table.key("on"))
     point = points.get(on) or Point(on, on)
-    carrier = _pose(point.at, point.orientation)
-    pose = carrier.of(*_pose(table.get("at"), table.get("orientation")))
+    pose = _pose(point.at, point.orientation).of(*_pose(table.get("at"), table.get("orientation")))
     position, orientation = place_of(pose)
     grip = Fixed(f"{name}_grip", point.body, name, position, orientation=orientation)
     return body_of(name, table), grip
@@ -213,8 +182,8 @@ def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body
 
 def _pose(at: Position, orientation: Orientation | None) -> FramePose:
     angles = (None,) * 3 if orientation is None else (orientation.roll, orientation.pitch, orientation.yaw)
-    rpy = [0.0 if angle is None else float(angle) for angle in angles]
-    return FramePose(np.array([float(x) for x in at.vector]), rotation_of(rpy))
+    rotation = rotation_of([0.0 if angle is None else float(angle) for angle in angles])
+    return FramePose(np.array([float(x) for x in at.vector]), rotation)
 
 
 def body_of(name: str, table: TomlTable) -> Body:

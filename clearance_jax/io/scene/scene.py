@@ -9,16 +9,15 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
+from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, read_drive, robot_of
-from clearance_jax.io.table import TomlTable, naming
+from clearance_jax.io.table import TomlTable
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
-from clearance_jax.joints import AbstractClearance
 from clearance_jax.joints.checks import ImplausibleWarning, above_pin
-from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
+from clearance_jax.mechanism.body import Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
 from clearance_jax.mechanism.imperfections import Compliance, with_compliance, with_misalignment
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -36,9 +35,7 @@ NAMED = 4
 
 
 class Scene(NamedTuple):
-    """A scene file as read: `mechanism`, `solve` (keyword arguments of `simulate`), `text`, and the `trajectory` of its
-    robot, if any.
-    """
+    """A scene file as read; `solve`: keyword arguments of `simulate`; `trajectory`: that of its robot, if any."""
 
     mechanism: Mechanism
     solve: dict[str, Any]
@@ -47,10 +44,7 @@ class Scene(NamedTuple):
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file. It warns of implausible sizes, and of parts of a robot's file that were not read.
-
-    **Raises:** `ClearanceError` naming the file, the key and the fix.
-    """
+    """Read a scene file; it warns of implausible sizes and of unread parts of a robot. **Raises** `ClearanceError`."""
     scene = read_scene(path)
     if warning := implausible(scene.mechanism):
         warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
@@ -72,7 +66,11 @@ def read_scene(path: str | Path) -> Scene:
         # Numbers stay numbers where a scene is loaded inside a jitted function.
         top = TomlTable(values, f"{path}:", keys.SCENE)
         mechanism, trajectory = _whole(top, path)
-        return Scene(mechanism, _solve(top.table("solve", keys.SOLVE)), text, trajectory)
+        solve = top.table("solve", keys.SOLVE)
+        options = solve.arguments()
+        if options.get("t0", 0.0) >= options.get("t1", float("inf")):
+            raise ClearanceError(f"{solve.key('t1')} must be greater than t0, but it is {options['t1']:g} s.")
+        return Scene(mechanism, options, text, trajectory)
 
 
 def load(path: str | Path) -> Mechanism:
@@ -86,21 +84,20 @@ def load(path: str | Path) -> Mechanism:
 
 
 def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
-    """The mechanism, and the trajectory of its robot."""
     robot = robot_of(top, path) if top.has("robot") else NO_ROBOT
     placed = {joint.child for joint in robot.joints}
     joints, loops = joints_of(top, path, placed)
     gravity = robot.gravity if robot.gravity is not None and not top.has("gravity") else Gravity(*top.get("gravity"))
     mechanism = Mechanism(
-        (*robot.bodies, *(_body(*part) for part in top.parts("body"))),
+        (*robot.bodies, *(body_of(name, table) for name, table in top.tables("body", keys.BODY))),
         (*robot.joints, *joints),
         tuple(loops),
-        tuple(_spring(*part) for part in top.parts("spring")),
-        (*robot.points, *(_point(*part) for part in top.parts("point"))),
+        tuple(Spring(name, **table.arguments()) for name, table in top.tables("spring", keys.SPRING)),
+        (*robot.points, *(Point(name, **table.arguments()) for name, table in top.tables("point", keys.POINT))),
         gravity,
         top.get("name") or path.stem,
         top.get("assemble"),
-        tuple(_wrench(*part, path) for part in top.parts("wrench")),
+        tuple(_wrench(*part, path) for part in top.tables("wrench", keys.WRENCH, {"coordinate": ""})),
         notes=robot.notes,
     )
     trajectory = None
@@ -108,100 +105,59 @@ def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
         trajectory = Trajectory(robot.trajectory, read_trajectory(robot.trajectory, mechanism))
         twice = {c.name for c in mechanism.coordinates() if not c.motion.is_free} & set(trajectory.drives)
         if twice:
-            raise ClearanceError(
-                f"`{min(twice)}` has a drive, and a column of the trajectory `{robot.trajectory}`. Take one of the two "
-                "away."
-            )
+            what = f"`{min(twice)}` has a drive, and a column of the trajectory `{robot.trajectory}`"
+            raise ClearanceError(f"{what}. Take one of the two away.")
         mechanism = mechanism.with_drives(trajectory.drives)
     if top.has("misalignment"):
         with naming(top.key("misalignment")):
             mechanism = with_misalignment(mechanism, top.get("misalignment"))
     for name, values, where in top.entries("compliance"):
-        mechanism = _compliant(mechanism, name, values, where)
-    controllers = [_controller(*part, path, mechanism) for part in top.parts("controller")]
+        with naming(where):
+            words = SLIDING if isinstance(mechanism.joint(name), Prismatic) else TURNING
+            table = TomlTable(values, where, keys.COMPLIANCE, words)
+            table.need("stiffness")
+            mechanism = with_compliance(mechanism, name, Compliance(**table.arguments()))
+    controllers = [_controller(*part, path, mechanism) for part in top.tables("controller", keys.CONTROLLER)]
     return dataclasses.replace(mechanism, controllers=tuple(controllers)), trajectory
 
 
-def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mechanism:
-    """The mechanism with a compliant drive at the joint `name`."""
-    with naming(where):
-        words = SLIDING if isinstance(mechanism.joint(name), Prismatic) else TURNING
-    table = TomlTable(values, where, keys.COMPLIANCE, words)
-    table.need("stiffness")
-    with naming(where):
-        return with_compliance(mechanism, name, Compliance(**table.arguments()))
-
-
-def _solve(table: TomlTable) -> dict[str, Any]:
-    options = table.arguments()
-    if options.get("t0", 0.0) >= options.get("t1", float("inf")):
-        raise wrong_value(table.key("t1"), "greater than t0", options["t1"], shown=f"{options['t1']:g} s")
-    return options
-
-
-def _body(name: str, values: Any, where: str) -> Body:
-    return body_of(name, TomlTable(values, where, keys.BODY))
-
-
-def _point(name: str, values: Any, where: str) -> Point:
-    return Point(name, **TomlTable(values, where, keys.POINT).arguments())
-
-
-def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:
-    table = TomlTable(values, where, keys.WRENCH, {"coordinate": ""})
+def _wrench(name: str, table: TomlTable, path: Path) -> Wrench:
     course = drive_of(table, "course", path) if table.has("course") else None
     return Wrench(name, course=course, **table.arguments("course"))
 
 
-def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mechanism) -> ComputedTorque:
-    table, references = TomlTable(values, where, keys.CONTROLLER), []
-    free = {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
+def _controller(name: str, table: TomlTable, path: Path, mechanism: Mechanism) -> ComputedTorque:
+    references, free = [], {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
     table.need("target")
     for coordinate, target, there in table.entries("target"):
         if coordinate not in free:
             raise unknown_name(f"{there}: there is no free coordinate of this name.", coordinate, free, there)
         words = TURNING if free[coordinate].slides is None else SLIDING
         references.append(Reference(coordinate, read_drive(target, there, words, path)))
-    with naming(where):
+    with naming(table.where):
         made = ComputedTorque(name, tuple(references), **table.arguments("target"))
         check_model(made, mechanism.ideal())
         return made
 
 
-def _spring(name: str, values: Any, where: str) -> Spring:
-    return Spring(name, **TomlTable(values, where, keys.SPRING).arguments())
-
-
-# Sizes ----------------------------------------------------------------------------------------------------------------
-
-
 def implausible(mechanism: Mechanism) -> str:
     """A sentence that names implausible sizes, likely errors of units; empty if there are none."""
-    faults = [*_clearances(mechanism), *_masses(mechanism)]
+    faults = list(_faults(mechanism))
     if not faults:
         return ""
     more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
     return f"These sizes are hardly meant: {'; '.join(faults[:NAMED])}{more}. Check their units."
 
 
-def _clearances(mechanism: Mechanism) -> Iterator[str]:
+def _faults(mechanism: Mechanism) -> Iterator[str]:
     for joint in mechanism.clearance_joints():
         # By Python's numbers: a scene may be loaded while a function is traced.
         size = max(float(play.scale) for play in outside(joint.clearance).play() if play.slides is not None)
+        radial, pin = (getattr(joint.clearance, name, None) for name in ("radial_clearance", "pin_radius"))
         if size < LEAST_CLEARANCE:
             yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
-            continue
-        if fault := _above_pin(joint.clearance):
+        elif radial is not None and pin is not None and (fault := above_pin(radial, pin)):  # plane joints accept it
             yield f"{joint.name}.{fault}"
-
-
-def _above_pin(clearance: AbstractClearance) -> str:
-    """A message if the radial clearance exceeds the pin's radius, which plane joints accept; else empty."""
-    radial, pin = (getattr(clearance, name, None) for name in ("radial_clearance", "pin_radius"))
-    return "" if radial is None or pin is None else above_pin(radial, pin)
-
-
-def _masses(mechanism: Mechanism) -> Iterator[str]:
     for body in mechanism.bodies:
         mass = np.nan if body.mass is None else float(body.mass)
         if mass < LEAST_MASS or mass > GREATEST_MASS:

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
-from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.calibrate.measurement import read_measurement, unit_of
+from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.files import TIME, Meant, read_columns
 from clearance_jax.io.keys.metric import OF, OF_SIGNAL
 from clearance_jax.io.keys.study import CALIBRATE, PARAMETER_TABLE, SIGNAL_TABLE
 from clearance_jax.io.study.file import StudyFile, signal_of
-from clearance_jax.io.table import TomlTable, naming
+from clearance_jax.io.table import TomlTable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import PARAMETER, units_of
@@ -31,20 +31,14 @@ def calibration_of(study: StudyFile) -> dict[str, Any]:
         data = read_data(path)
     signals, deviations = _signals(table, data, mechanism)
     books = bool(study.options.get("energy_balance", False))
-    with naming(table.key("signal") if table.has("signal") else table.key("data")):
-        measured = read_measurement(mechanism, data, signals, deviations, books)
-    t1 = _end(study, measured)
-    how = table.only("loss", "starts", "seed", "most")
-    return {
-        "mechanism": mechanism,
-        "dataset": data,
-        "parameters": bounds,
-        "signals": signals,
-        "deviations": deviations,
-        "t1": t1,
-        **how,
-        **study.options,
-    }
+    with naming(table.key("signal" if table.has("signal") else "data")):
+        last = read_measurement(mechanism, data, signals, deviations, books).times[-1]
+    t1 = study.table.get("t1")  # `None`: the end of the data
+    if t1 is not None and last > t1:
+        fix = "Take it away: then the motion ends with the data."
+        study.table.refuse("t1", why=f"is {t1:g} s, but the data reach to {last:g} s. {fix}")
+    out = {"mechanism": mechanism, "dataset": data, "parameters": bounds, "signals": signals, "deviations": deviations}
+    return {**out, "t1": t1, **table.only("loss", "starts", "seed", "most"), **study.options}
 
 
 def read_data(path: str | Path) -> xr.Dataset:
@@ -56,10 +50,11 @@ def read_data(path: str | Path) -> xr.Dataset:
     if path.suffix.lower() in (".nc", ".h5"):
         return load_dataset(path)
     heads, _, values = read_columns(path, _TABLE, gaps=True)
-    units = {head.name: {} if head.unit is None else {"units": head.unit} for head in heads}
-    columns = {head.name: (TIME, column, units[head.name]) for head, column in zip(heads, values.T, strict=True)}
-    time = columns.pop(TIME)
-    return xr.Dataset(columns, {TIME: time})
+    columns = {
+        name: (TIME, column, {} if unit is None else {"units": unit})
+        for (name, unit, _), column in zip(heads, values.T, strict=True)
+    }
+    return xr.Dataset(columns, {TIME: columns.pop(TIME)})
 
 
 def _bounds(name: str, values: Any, where: str, mechanism: Mechanism) -> tuple[float, float] | None:
@@ -80,29 +75,14 @@ def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[
         if column not in data:
             raise unknown_name(f"{where}: the data have no column `{column}`.", column, map(str, data), where)
         signal = TomlTable(values, where, SIGNAL_TABLE)
-        signals[column] = reading = _reading(signal, column, mechanism)
+        if signal.has("signal") and signal.has("quantity"):
+            raise ClearanceError(f"{where}: a column is a `quantity` or a `signal`, not both. Take one away.")
+        if not signal.has("signal"):
+            signal.refuse(*OF, why="has no effect without `signal`. Take it away, or add a signal.")
+        reading = signal_of(signal, mechanism) if signal.has("signal") else signal.get("quantity") or column
+        signals[column] = reading
         with naming(where):
             unit = unit_of(mechanism, column, reading)
         if signal.has("deviation"):
             deviations[column] = signal.get("deviation", {OF_SIGNAL: unit})
     return signals, deviations
-
-
-def _reading(table: TomlTable, column: str, mechanism: Mechanism) -> str | AbstractSignal:
-    if table.has("signal"):
-        if table.has("quantity"):
-            raise ClearanceError(f"{table.where}: a column is a `quantity` or a `signal`, not both. Take one away.")
-        return signal_of(table, mechanism)
-    table.refuse(*OF, why="has no effect without `signal`. Take it away, or add a signal.")
-    return table.get("quantity") or column
-
-
-def _end(study: StudyFile, measured: Measurement) -> float | None:
-    """End of the motion [s]; `None`: the end of the data."""
-    t1 = study.table.get("t1")
-    if t1 is not None and measured.times[-1] > t1:
-        raise ClearanceError(
-            f"{study.table.key('t1')} is {t1:g} s, but the data reach to {measured.times[-1]:g} s. Take it away: "
-            "then the motion ends with the data."
-        )
-    return t1

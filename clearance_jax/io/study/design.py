@@ -9,16 +9,15 @@ from clearance_jax.design.asked.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.asked.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.asked.problem import ToleranceProblem
 from clearance_jax.design.asked.specification import Limit
-from clearance_jax.errors import ClearanceError, quote, unknown_name
+from clearance_jax.errors import ClearanceError, naming, quote, unknown_name
 from clearance_jax.io.keys import design as keys
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study.file import StudyFile, expand_entries
 from clearance_jax.io.study.wear import WearAsked
-from clearance_jax.io.table import Chosen, TomlTable, entries, naming
+from clearance_jax.io.table import Chosen, TomlTable, entries
 from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.motion.motion_laws import Spline
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.wear import AfterWear
 
@@ -36,25 +35,26 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
     """Read the section. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", keys.DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
-    trajectories = _trajectories(table, study, mechanism)
+    trajectories = {}
+    for name, file, where in table.entries("trajectory"):
+        with naming(where):
+            path = study.path.parent / keys.TRAJECTORY.read(file, where, {})
+            trajectories[name] = read_trajectory(path, mechanism)
     for drives in itertools.islice(trajectories.values(), 1):  # the others are numbers of these drives
         if wear is not None:
             raise ClearanceError(f"{table.key('trajectory')}: with a section `wear` the scene drives the mechanism.")
         model = mechanism = mechanism.with_drives(drives)
-    tables = _variable_tables(table, mechanism)
+    tables = {}  # each with the unit of its variable
+    for name, (values, where) in expand_entries(table, "variable", mechanism).items():
+        with naming(where):
+            unit = units_of(mechanism, [name])[name]
+        tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
     variables, costs = _variables(tables)
     limits = [_limit(name, TomlTable(inner, at, keys.LIMIT), study, wear) for name, inner, at in table.entries("limit")]
-    problem = ToleranceProblem(
-        mechanism,
-        study.span.t1,
-        variables,
-        limits,
-        cost=costs or None,
-        conditions=_conditions(table, mechanism, model, trajectories),
-        manufacture=_manufacture(table, study, model, tuple(tables)),
-        cost_unit=table.get("cost_unit") or "cost units",
-        **{**study.options, **table.only("fidelity")},
-    )
+    how = {"cost": costs or None, "conditions": _conditions(table, mechanism, model, trajectories)}
+    how |= {"manufacture": _manufacture(table, study, model, tuple(tables)), **table.only("cost_unit")}
+    options = {**study.options, **table.only("fidelity")}
+    problem = ToleranceProblem(mechanism, study.span.t1, variables, limits, **how, **options)
     search = {"method": table.get("method"), **table.only("starts", "most")}
     verify = table.table("verify", keys.VERIFY)
     if classes := _classes(table, tables, problem):
@@ -93,23 +93,13 @@ def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: TolerancePro
         if table.has("class_costs"):
             costs = table.get("class_costs")
             if len(costs) != len(names):
-                raise ClearanceError(
-                    f"{table.key('class_costs')} must be as many as `classes`, {len(names)}, but they are {len(costs)}."
-                )
+                why = f"must be as many as `classes`, {len(names)}, but they are {len(costs)}."
+                table.refuse("class_costs", why=why)
             fits[name] = dict(zip(names, costs, strict=True))
     with naming(top.where):
         if fits:
             priced(problem.specification, classes_of(problem.specification, fits))
     return fits
-
-
-def _trajectories(table: TomlTable, study: StudyFile, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
-    """Drives by the names of trajectories."""
-    drives = {}
-    for name, file, where in table.entries("trajectory"):
-        with naming(where):
-            drives[name] = read_trajectory(study.path.parent / keys.TRAJECTORY.read(file, where, {}), mechanism)
-    return drives
 
 
 def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
@@ -127,31 +117,15 @@ def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories
         return condition_product(mechanism, trajectories, payloads, speeds, conditions)
 
 
-# Variables and what they cost ----------------------------------------------------------------------------------------
-
-
-def _variable_tables(top: TomlTable, mechanism: Mechanism) -> dict[str, TomlTable]:
-    """The variables' tables by name, each with the unit of its variable."""
-    tables = {}
-    for name, (values, where) in expand_entries(top, "variable", mechanism).items():
-        with naming(where):
-            unit = units_of(mechanism, [name])[name]
-        tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
-    return tables
-
-
 def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
-    """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
     for name, table in tables.items():
         unit, where = table.words[PARAMETER], table.where
         bounds[name] = lower, upper = table.get("lower"), table.get("upper")
         if not 0 < lower < upper:
-            raise ClearanceError(
-                f"{where}: its bounds contradict each other: 0 < lower < upper must hold, but they are "
-                f"{lower:g} and {upper:g} {unit}".rstrip()
-                + "."
-            ).about(where, upper)
+            given = f"{lower:g} and {upper:g} {unit}".rstrip()
+            why = "its bounds contradict each other: 0 < lower < upper must hold"
+            raise ClearanceError(f"{where}: {why}, but they are {given}.").about(where, upper)
         if table.has("cost"):
             costs[name] = _cost(table.variant("cost", keys.COST_TABLES), unit)
     return bounds, costs
@@ -161,8 +135,7 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
     """The cost law. Its constants have powers of the variable's unit: `factor = "20 um"`."""
     law, table = read
     if law == "table" and any(b > a for a, b in itertools.pairwise(table.get("costs"))):
-        text = f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
-        raise ClearanceError(text)
+        table.refuse("costs", why=f"must fall as the clearance grows, but it is {quote(table.get('costs'))}.")
     power = table.get("power") if law.endswith("reciprocal") else 1.0
     units = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
     # Longer placeholders come first: they contain the parameter's.
@@ -171,25 +144,18 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
         return COSTS[law](**table.arguments("law"))
 
 
-# Limits --------------------------------------------------------------------------------------------------------------
-
-
 def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None) -> Limit:
     metric: Any = study.metric(name, study.span, table.where)
     bound = table.get("bound", {METRIC: metric.unit})
     if table.has("cycles"):
         if wear is None:
-            raise ClearanceError(
-                f"{table.key('cycles')} has no effect without a section `wear`, which says how a joint wears. Add it."
-            ).about(table.key("cycles"))
+            why = "has no effect without a section `wear`, which says how a joint wears. Add it."
+            raise ClearanceError(f"{table.key('cycles')} {why}").about(table.key("cycles"))
         model, options = wear.model, wear.options
-        how = {"joint": model.joint, "wear": model.wear, "pressure": model.pressure, "cycle": model.cycle}
-        how |= {"sectors": options["sectors"], "tolerance": options["tolerance"]}
+        how = {name: getattr(model, name) for name in ("joint", "wear", "pressure", "cycle")}
+        how |= {name: options[name] for name in ("sectors", "tolerance")}
         metric = AfterWear(metric, cycles=table.get("cycles"), **how)
     return Limit(metric, bound, name)
-
-
-# Manufacture ---------------------------------------------------------------------------------------------------------
 
 
 def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str, ...]) -> AbstractManufacture | None:
@@ -203,9 +169,7 @@ def _manufacture(top: TomlTable, study: StudyFile, model: Any, names: tuple[str,
 
 
 def _scatter(study: StudyFile, table: TomlTable, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
-    """The relative deviation of each number that scatters about its designed or given value; the distributions of
-    others.
-    """
+    """Of each number that scatters the relative deviation about its value, or its distribution."""
     scatters, asked = {}, study.scatter(table.get("of"), model, table.where)
     for name, how in asked.items():
         about = how.relative is not None and (how.mean, how.lower, how.upper) == (None, None, None)

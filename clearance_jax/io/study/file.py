@@ -11,14 +11,14 @@ import numpy as np
 
 from clearance_jax._basis.patterns import expand
 from clearance_jax.dynamics.quantities import quantities
-from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
+from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import metric as metrics
 from clearance_jax.io.keys.scene import SOLVING
 from clearance_jax.io.keys.study import SCATTER, SOLVE, STUDY
 from clearance_jax.io.scene.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
-from clearance_jax.io.table import Chosen, TomlTable, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
@@ -51,9 +51,7 @@ class Scatter(NamedTuple):
 
 
 class StudyFile:
-    """A study file: `path`, `text`, `name`, top `table`, `scene`, the `mechanism` with the study's numbers set, and the
-    solve `options`.
-    """
+    """A study file; `table`: its top, `mechanism`: with the study's numbers set, `options`: those of the solve."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -118,43 +116,35 @@ class StudyFile:
 
     def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
         """As `scatter`, as distributions; `model`: by default the mechanism."""
-        model = self.mechanism if model is None else model
-        return {name: _distribution(name, how, model) for name, how in self.scatter(names, model, where).items()}
+        model, out = self.mechanism if model is None else model, {}
+        for name, how in self.scatter(names, model, where).items():
+            mean, deviation = how.mean, how.deviation
+            if "mean" in arguments_of(how.distribution) and mean is None:
+                mean = float(np.asarray(values_of(model, [name])[name]))
+            if how.relative is not None:
+                deviation = how.relative * (1.0 if mean is None else abs(mean))
+            with naming(how.where):
+                out[name] = scatter(mean, deviation, how.lower, how.upper, how.distribution)
+        return out
 
 
 def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[Any, str]]:
-    """The entries of the table `key` as name -> (value, place in the file). Names are numbers of a model; a name with
-    `*` is expanded to all that match.
-    """
+    """Entries of the table `key`, name -> (value, place), a name with `*` expanded to all numbers that match."""
     with naming(table.key(key)):
         tables = {name: (values, where) for name, values, where in table.entries(key)}
         return expand(tables, parameters(model)) if any("*" in name for name in tables) else tables
 
 
 def _scatter(table: TomlTable) -> Scatter:
-    given, relative = table.values.get("deviation"), None
-    deviation = None
+    given, deviation, relative = table.values.get("deviation"), None, None
     if isinstance(given, str) and given.split()[-1:] in (["percent"], ["%"]):
         relative = to_si(given.replace("%", "percent"), "percent", table.key("deviation")) / 100
         if not 0 < relative < 10:
             raise wrong_value(table.key("deviation"), "above 0 percent", given, shown=str(given))
     else:
         deviation = table.get("deviation")
-    lower, upper = table.get("lower"), table.get("upper")
-    return Scatter(table.get("distribution"), table.get("mean"), deviation, relative, lower, upper, table.where)
-
-
-def _distribution(name: str, how: Scatter, model: Any) -> Any:
-    mean, deviation, known = how.mean, how.deviation, arguments_of(how.distribution)
-    if "mean" in known and mean is None:
-        mean = float(np.asarray(values_of(model, [name])[name]))
-    if how.relative is not None:
-        deviation = how.relative * (1.0 if mean is None else abs(mean))
-    with naming(how.where):
-        return scatter(mean, deviation, how.lower, how.upper, how.distribution)
-
-
-# Metrics --------------------------------------------------------------------------------------------------------------
+    distribution, mean, lower, upper = (table.get(name) for name in ("distribution", "mean", "lower", "upper"))
+    return Scatter(distribution, mean, deviation, relative, lower, upper, table.where)
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
@@ -162,22 +152,28 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     kind, table = read
     if kind in metrics.RECURRENCES:
         return _recurrence(read)
-    make = (metrics.COUNTS if kind in metrics.COUNTS else metrics.REDUCTIONS)[kind]
+    make = (metrics.COUNTS | metrics.REDUCTIONS)[kind]
     wanted = {field.name for field in dataclasses.fields(make)}
-    fields: dict[str, Any] = {}
     if kind in metrics.COUNTS:
-        fields |= _of(make, kind, table, mechanism)
+        fields: dict[str, Any] = _of(make, kind, table, mechanism)
+        words = {}
     else:
-        fields["signal"] = signal_of(table, mechanism)
+        fields = {"signal": signal_of(table, mechanism)}
+        words = {metrics.OF_SIGNAL: fields["signal"].unit}
     if "times" in wanted:
-        fields["times"] = _times(table, span)
+        times = fields["times"] = table.get("times")
+        if not (span.t0 <= times[0] and times[-1] <= span.t1 and all(a < b for a, b in itertools.pairwise(times))):
+            bounds = f"from t0 = {span.t0:g} s to t1 = {span.t1:g} s"
+            table.refuse("times", why=f"must increase {bounds} at most, but they are {quote(times)} s.")
     if "band" in wanted:
-        fields["band"] = table.get("band", {metrics.OF_SIGNAL: fields["signal"].unit})
+        fields["band"] = table.get("band", words)
     if "level" in wanted:
-        fields["level"] = table.get("level", {metrics.OF_SIGNAL: fields["signal"].unit}) or 0.0
-        fields |= {"direction": table.get("direction")} if table.has("direction") else {}
+        fields |= {"level": table.get("level", words) or 0.0, **table.only("direction")}
     if "since" in wanted and table.has("since"):
-        fields["since"] = _since(table, span)
+        since = fields["since"] = table.get("since")
+        if not span.t0 <= since < span.t1:
+            bounds = f"between t0 = {span.t0:g} s and t1 = {span.t1:g} s"
+            table.refuse("since", why=f"must lie {bounds}, but it is {since:g} s.")
     return make(**fields)
 
 
@@ -203,7 +199,7 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
     for key in (key for key in metrics.OF_METRIC if key in table.values and key not in wanted):
         text = f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it."
         raise ClearanceError(text).about(table.key(key))
-    parts = {}
+    parts: dict[str, Any] = {}
     for key in wanted:
         table.need(key)
         parts[key] = table.get(key)
@@ -215,32 +211,12 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
 
 
 def _recurrence(read: Chosen) -> PoincareSection | LyapunovExponent:
-    """The metric that a table describes; an exponent with its uncertainty."""
     kind, table = read
     if table.has("period") == table.has("speed"):
-        message = f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
-        raise ClearanceError(message).about(table.key("period"))
-    period: Any = table.get("period") if table.has("period") else table.get("speed")
+        fix = "Give the one that you know."
+        text = f"{table.where} must have one of the keys `period` and `speed`. {fix}"
+        raise ClearanceError(text).about(table.key("period"))
+    period: Any = table.get("period" if table.has("period") else "speed")
     if kind == metrics.EXPONENT:
         return LyapunovExponent(period, table.get("count"), uncertainty=True)
     return PoincareSection(table.get("quantities"), period, table.get("count"), table.get("phase") or 0.0)
-
-
-def _times(table: TomlTable, span: Span) -> list[float]:
-    times = table.get("times")
-    increasing = all(a < b for a, b in itertools.pairwise(times))
-    if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
-        raise ClearanceError(
-            f"{table.key('times')} must increase from t0 = {span.t0:g} s to t1 = {span.t1:g} s at most, but they are "
-            f"{quote(times)} s."
-        ).about(table.key("times"), times)
-    return times
-
-
-def _since(table: TomlTable, span: Span) -> float:
-    since = table.get("since")
-    if not span.t0 <= since < span.t1:
-        raise ClearanceError(
-            f"{table.key('since')} must lie between t0 = {span.t0:g} s and t1 = {span.t1:g} s, but it is {since:g} s."
-        ).about(table.key("since"), since)
-    return since

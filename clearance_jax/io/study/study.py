@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.ask.question import OPTIONS
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, naming
 from clearance_jax.io.keys.study import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
 from clearance_jax.io.scene.scene import ImplausibleWarning, implausible, read_scene
 from clearance_jax.io.study.calibrate import calibration_of
 from clearance_jax.io.study.design import DesignAsked, design_of
 from clearance_jax.io.study.file import Span, StudyFile
 from clearance_jax.io.study.wear import WearAsked, wear_of
-from clearance_jax.io.table import Chosen, TomlTable, naming, variant
+from clearance_jax.io.table import Chosen, TomlTable, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.sweep.axes import Choice, Sampled, Zipped, sobol_samples
@@ -51,63 +51,44 @@ def load_study(path: str | Path) -> Study:
         asked = StudyFile(path)
         if warning := implausible(asked.mechanism):
             warnings.warn(f"{path}: {warning}", ImplausibleWarning, stacklevel=2)
-        return _study(asked)
-
-
-def _study(asked: StudyFile) -> Study:
-    has = {section: asked.table.has(section) for section in ("sweep", "design", "wear", "calibrate")}
-    if not any(has.values()):
-        text = f"{asked.table.where} asks for nothing. Add a section `sweep`, `design`, `wear` or `calibrate`."
-        raise ClearanceError(text)
-    wear = wear_of(asked) if has["wear"] else None
-    design = design_of(asked, wear) if has["design"] else None
-    if wear is not None and wear.cycles is None and not _wears(design):
-        raise ClearanceError(
-            f"{asked.table.key('wear')} has no effect: it lacks the key `cycles`, how many it lives, and no limit of a "
-            "design has `cycles`. Add one of them."
-        ).about(asked.table.key("wear"))
-    sweep = sweep_of(asked) if has["sweep"] else None
-    calibrate = calibration_of(asked) if has["calibrate"] else None
-    return Study(asked.name, asked.text, asked.scene.text, asked.mechanism, sweep, design, wear, calibrate)
-
-
-def _wears(design: DesignAsked | None) -> bool:
-    """Whether a limit of the design is checked after wear."""
-    return design is not None and any(limit.ages for limit in design.problem.specification.limits)
+        table = asked.table
+        if not any(table.has(section) for section in ("sweep", "design", "wear", "calibrate")):
+            fix = "Add a section `sweep`, `design`, `wear` or `calibrate`."
+            raise ClearanceError(f"{table.where} asks for nothing. {fix}")
+        wear = wear_of(asked) if table.has("wear") else None
+        design = design_of(asked, wear) if table.has("design") else None
+        limits = () if design is None else design.problem.specification.limits
+        if wear is not None and wear.cycles is None and not any(limit.ages for limit in limits):
+            why = "has no effect: it lacks the key `cycles`, how many it lives, and no limit of a design has `cycles`."
+            table.refuse("wear", why=f"{why} Add one of them.")
+        sweep = sweep_of(asked) if table.has("sweep") else None
+        calibrate = calibration_of(asked) if table.has("calibrate") else None
+        return Study(asked.name, asked.text, asked.scene.text, asked.mechanism, sweep, design, wear, calibrate)
 
 
 def sweep_of(study: StudyFile) -> dict[str, Any]:
     """The arguments of `sweep` by name."""
     table = study.table.table("sweep", SWEEP)
     table.need("axis")
-    axes = {
-        name: _axis(variant(values, where, AXIS_TABLES), name, study) for name, values, where in table.entries("axis")
-    }
+    entries = table.entries("axis")
+    axes = {name: _axis(variant(values, where, AXIS_TABLES), name, study) for name, values, where in entries}
     varied = {name for axis in axes.values() for name in (axis.values if isinstance(axis, Zipped) else ())}
     ends_vary = "t1" in axes.keys() | varied
     if ends_vary and study.table.has("t1"):
         raise ClearanceError(f"{study.table.key('t1')} is an axis of the sweep too. Take one of the two away.")
     span = Span(study.t0, np.inf) if ends_vary else study.span
-    arguments: dict[str, Any] = {
-        "mechanism": study.mechanism,
-        "axes": axes,
-        "outputs": _outputs(table, study, span),
-        "t1": None if ends_vary else span.t1,
-        "times": table.get("samples"),
-        "wrt": table.get("by") or (),
-        "derivatives_of": table.get("derivatives_of"),
-        **study.options,
-    }
+    arguments = {"mechanism": study.mechanism, "axes": axes, "outputs": _outputs(table, study, span)}
+    arguments |= {"t1": None if ends_vary else span.t1, "times": table.get("samples"), "wrt": table.get("by") or ()}
+    arguments |= {"derivatives_of": table.get("derivatives_of"), **study.options}
     if table.has("again"):
         arguments["again"] = table.table("again", AGAIN).arguments()
-    arguments["provenance"] = {"scene": study.scene.text, "study": study.text}
-    return arguments
+    return arguments | {"provenance": {"scene": study.scene.text, "study": study.text}}
 
 
 def _outputs(table: TomlTable, study: StudyFile, span: Span) -> dict[str, Any]:
     """What the sweep computes, by name: metrics, and names of quantities."""
-    names, quantities = table.get("metrics"), table.get("quantities") or ()
-    names = study.metric_names if names is None else names
+    names = table.get("metrics") if table.has("metrics") else study.metric_names
+    quantities = table.get("quantities") or ()
     if not (names or quantities):
         raise ClearanceError(f"{table.where} asks for nothing: add a table `[metric.NAME]`, or `quantities`.")
     outputs: dict[str, Any] = {name: study.metric(name, span, table.key("metrics")) for name in names}
@@ -119,7 +100,6 @@ def _outputs(table: TomlTable, study: StudyFile, span: Span) -> dict[str, Any]:
 
 
 def _unit(name: str, mechanism: Mechanism, where: str) -> dict[str, str]:
-    """The unit of the number that an axis varies, by its placeholder."""
     with naming(where):
         return {PARAMETER: OPTIONS[name] if name in OPTIONS else units_of(mechanism, [name])[name]}
 
@@ -130,13 +110,19 @@ def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
     if kind == "values":
         return table.get("values", _unit(name, mechanism, where))
     if kind == "range":
-        return _range(table, _unit(name, mechanism, where))
+        unit = _unit(name, mechanism, where)
+        first, last, count = table.get("from", unit), table.get("to", unit), table.get("count")
+        if table.get("spacing") == "linear":
+            return np.linspace(first, last, count)
+        if not first * last > 0:
+            raise ClearanceError(f"{table.key('spacing')}: equal ratios need a first and a last value of one sign.")
+        return np.geomspace(first, last, count)
     if kind == "zipped":
         table.need("values")
-        lists = AXIS_TABLES["values"]
         columns = {}
         for inner, given, there in table.entries("values"):
-            column = TomlTable({"values": given, "kind": "values"}, there, lists, _unit(inner, mechanism, there))
+            one_list = {"values": given, "kind": "values"}
+            column = TomlTable(one_list, there, AXIS_TABLES["values"], _unit(inner, mechanism, there))
             columns[inner] = column.get("values")
         return Zipped(columns)
     if kind in ("sampled", "sensitivity"):
@@ -147,20 +133,12 @@ def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
         with naming(where):
             return Zipped(sobol_samples(scatter, **table.arguments("kind", "of")))
     table.need("scenes")
-    files = {label: (given, there) for label, given, there in table.entries("scenes")}
-    for given, there in files.values():
+    files = {}
+    for label, given, there in table.entries("scenes"):
         if not isinstance(given, str):
             raise ClearanceError(f"{there} must be the path of a scene file, in quotes.")
-    return Choice({label: read_scene(study.path.parent / given).mechanism for label, (given, _) in files.items()})
-
-
-def _range(table: TomlTable, unit: dict[str, str]) -> np.ndarray:
-    first, last = table.get("from", unit), table.get("to", unit)
-    if table.get("spacing") == "linear":
-        return np.linspace(first, last, table.get("count"))
-    if not first * last > 0:
-        raise ClearanceError(f"{table.key('spacing')}: equal ratios need a first and a last value of one sign.")
-    return np.geomspace(first, last, table.get("count"))
+        files[label] = study.path.parent / given
+    return Choice({label: read_scene(file).mechanism for label, file in files.items()})
 
 
 def _correlation(table: TomlTable) -> dict[tuple[str, ...], float]:

@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.keys import wear as keys
-from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.study.file import Span, StudyFile
-from clearance_jax.io.table import Chosen, TomlTable, naming
+from clearance_jax.io.table import Chosen, TomlTable
 from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -50,15 +49,9 @@ def wear_of(study: StudyFile) -> WearAsked:
     until, words = None, ""
     if table.has("until"):
         until, words = _until(table.variant("until", keys.UNTIL_TABLES), study, span)
-    return WearAsked(
-        model,
-        table.get("cycles"),
-        {name: table.get(name) for name in ("sectors", "tolerance", "longest")},
-        study.options,
-        until,
-        words,
-        study.path.parent / table.get("journal") if table.has("journal") else None,
-    )
+    options = {name: table.get(name) for name in ("sectors", "tolerance", "longest")}
+    journal = study.path.parent / table.get("journal") if table.has("journal") else None
+    return WearAsked(model, table.get("cycles"), options, study.options, until, words, journal)
 
 
 def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterion, str]:
@@ -69,25 +62,19 @@ def _until(read: Chosen, study: StudyFile, span: Span) -> tuple[AbstractCriterio
         return ImpactSpeed(table.get("bound"), span.t1, study.options), "largest speed of impact"
     name = table.get("metric")
     metric = study.metric(name, span, table.key("metric"))
-    if not _is_one_number(table, metric):
+    times = getattr(metric, "times", None)
+    if times is not None and not callable(times):
         raise ClearanceError(f"{table.key('metric')}: `{name}` is several numbers, of which none ends a life.")
     return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, study.options), name
 
 
-def _is_one_number(table: TomlTable, metric: Any) -> bool:
-    return getattr(metric, "times", None) is None or callable(metric.times)
-
-
-# The model ------------------------------------------------------------------------------------------------------------
-
-
 def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
-    """The wear model of a section `wear`, with cycles that end at `cycle` [s]. The joint gets the length and the
-    materials of the table. **Raises:** `ClearanceError` naming the key and the fix.
-    """
+    """The wear model of a section `wear`, with cycles that end at `cycle` [s], length and materials of the table."""
     mechanism, joint = _with_joint_values(top, mechanism)
     top.need("law", "pressure")
-    law = _law(top.variant("law", keys.LAW_TABLES, _coefficient(top)))
+    given = top.values["law"]  # beside a hardness the coefficient has no unit
+    unit = "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT
+    law = _law(top.variant("law", keys.LAW_TABLES, {keys.COEFFICIENT_UNIT: unit}))
     pressure = _pressure(top.variant("pressure", keys.PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
@@ -101,8 +88,7 @@ def _with_joint_values(top: TomlTable, mechanism: Mechanism) -> tuple[Mechanism,
     if name not in known:
         raise unknown_name(f"{top.key('joint')}: no joint with clearance has this name.", name, known, top.key("joint"))
     if not isinstance(known[name], AbstractPin) or known[name].section_count > 1:
-        text = f"{top.key('joint')} must be a pin in a plane sleeve, but `{name}` is another kind of joint."
-        raise ClearanceError(text)
+        top.refuse("joint", why=f"must be a pin in a plane sleeve, but `{name}` is another kind of joint.")
     changes = {"length": top.get("length")} if top.has("length") else {}
     changes |= {key: _material(top, key) for key in ("pin_material", "sleeve_material") if top.has(key)}
     clearance = dataclasses.replace(known[name], **changes)
@@ -115,18 +101,11 @@ def _material(table: TomlTable, key: str) -> Material:
     return Material(**table.table(key, keys.MATERIAL).arguments())
 
 
-def _coefficient(top: TomlTable) -> Words:
-    """The unit of the coefficient by its placeholder: none beside a hardness."""
-    law = top.values.get("law")
-    return {keys.COEFFICIENT_UNIT: "" if isinstance(law, dict) and "hardness" in law else COEFFICIENT}
-
-
 def _law(read: Chosen) -> AbstractWearLaw:
     table, coefficient = read.table, read.table.get("coefficient")
-    if read.word == "reye":
-        law: AbstractWearLaw = Reye(coefficient)
-    else:
-        law = Archard(coefficient / table.get("hardness") if table.has("hardness") else coefficient)
+    if "hardness" in table.values:
+        coefficient = coefficient / table.get("hardness")
+    law: AbstractWearLaw = Reye(coefficient) if read.word == "reye" else Archard(coefficient)
     if table.has("graded"):
         law = Graded(law, **table.table("graded", keys.GRADED).arguments())
     if table.has("least_pressure"):

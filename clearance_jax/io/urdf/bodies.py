@@ -1,7 +1,5 @@
-"""Rigid bodies of a URDF's robot: links that are fixed to one another are one body, which must have mass to move.
-
-The frame of each link stays known by the link's name. A body is checked as a whole, so that a frame or sensor may lack
-mass.
+"""Rigid bodies of a URDF's robot: links that are fixed to one another are one body, which must have mass to move. The
+frame of each link stays known by the link's name; a frame or sensor may lack mass, for a body is checked as a whole.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,20 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.urdf.robot import (
-    HERE,
-    FramePose,
-    Joint,
-    Link,
-    Matrix3,
-    Robot,
-    Vector3,
-    clean,
-    is_identity,
-    rotation_of,
-    rpy_of,
-    triple,
-)
+from clearance_jax.io.urdf import robot as parts
 from clearance_jax.mechanism.placement import PRINTED
 from clearance_jax.mechanism.tree.frame import JacobianColumn
 
@@ -39,20 +24,18 @@ class LinkFrame(NamedTuple):
     """The frame of a link: the body that it is on, and its pose there."""
 
     body: str
-    pose: FramePose
+    pose: parts.FramePose
 
 
 class Rigid(NamedTuple):
-    """A body that has the frame and the name of the first of the `links` that it is made of.
-
-    **Arguments:** `mass` [kg]; `center` of mass [m] in that frame; `inertia` [kg m^2] about the centre of mass, along
-    that frame's axes; the `line` of the file that its first link begins at.
+    """A body with the frame and the name of the first of its `links`: `mass` [kg]; `center` of mass [m] in that frame;
+    `inertia` [kg m^2] about the centre of mass, along its axes; the `line` that its first link begins at.
     """
 
     name: str
     mass: float
-    center: Vector3
-    inertia: Matrix3
+    center: parts.Vector3
+    inertia: parts.Matrix3
     links: tuple[str, ...]
     line: int
 
@@ -63,46 +46,31 @@ class Assembly(NamedTuple):
     name: str
     root: str
     bodies: dict[str, Rigid]
-    joints: tuple[Joint, ...]
+    joints: tuple[parts.Joint, ...]
     frames: dict[str, LinkFrame]
 
 
-def merge(robot: Robot) -> Assembly:
-    """The robot without fixed joints.
-
-    A body has the total mass, the centre of mass and the inertia of its links. Joints of a merged link move to its
-    body.
-    """
-    frames = {robot.root: LinkFrame(robot.root, HERE)}
+def merge(robot: parts.Robot) -> Assembly:
+    """The robot without fixed joints: a body has mass, centre and inertia of its links, and the joints on them."""
+    frames = {robot.root: LinkFrame(robot.root, parts.HERE)}
     joints = []
     for joint in robot.joints:
         carrier = frames[joint.parent]
+        pose = carrier.pose.of(np.array(joint.xyz), parts.rotation_of(joint.rpy))
+        frames[joint.child] = LinkFrame(joint.child, parts.HERE) if joint.moves else LinkFrame(carrier.body, pose)
         if joint.moves:
-            joints.append(_carry_over(joint, carrier))
-            frames[joint.child] = LinkFrame(joint.child, HERE)
-        else:
-            frames[joint.child] = LinkFrame(carrier.body, carrier.pose.of(np.array(joint.xyz), rotation_of(joint.rpy)))
-    return Assembly(robot.name, robot.root, _bodies(robot.links, frames), tuple(joints), frames)
-
-
-def _carry_over(joint: Joint, parent: LinkFrame) -> Joint:
-    """The joint, on the body that its parent was merged into."""
-    pose = parent.pose.of(np.array(joint.xyz), rotation_of(joint.rpy))
-    # Without a further rotation the angles stay those of the file.
-    rpy = joint.rpy if is_identity(parent.pose.rotation) else triple(rpy_of(pose.rotation))
-    return joint._replace(parent=parent.body, xyz=triple(pose.position), rpy=rpy)
-
-
-def _bodies(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> dict[str, Rigid]:
-    parts: dict[str, list[Link]] = {frame.body: [] for frame in frames.values()}
-    for link in links:
+            # Without a further rotation the angles stay those of the file.
+            rpy = joint.rpy if parts.is_identity(carrier.pose.rotation) else parts.triple(parts.rpy_of(pose.rotation))
+            joints.append(joint._replace(parent=carrier.body, xyz=parts.triple(pose.position), rpy=rpy))
+    of_links: dict[str, list[parts.Link]] = {frame.body: [] for frame in frames.values()}
+    for link in robot.links:
         # The link that gives the body its name comes first.
-        parts[frames[link.name].body].insert(0 if frames[link.name].body == link.name else 10**9, link)
-    return {name: _together(of, frames) for name, of in parts.items()}
+        of_links[frames[link.name].body].insert(0 if frames[link.name].body == link.name else 10**9, link)
+    bodies = {name: _together(of, frames) for name, of in of_links.items()}
+    return Assembly(robot.name, robot.root, bodies, tuple(joints), frames)
 
 
-def _together(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> Rigid:
-    """One body of links (the first gives it its name and frame)."""
+def _together(links: Sequence[parts.Link], frames: Mapping[str, LinkFrame]) -> Rigid:
     first, names = links[0], tuple(link.name for link in links)
     weighing = [_in_body(link, frames[link.name].pose) for link in links if link.mass > 0 or link.inertia.any()]
     if not weighing:
@@ -113,78 +81,55 @@ def _together(links: Sequence[Link], frames: Mapping[str, LinkFrame]) -> Rigid:
     masses, centers, inertias = (np.array(values) for values in zip(*weighing, strict=True))
     mass = masses.sum()
     center = masses @ centers / mass if mass > 0 else np.zeros(3)
-    center = clean(center, np.abs(centers).max())
-    inertia = sum(_about(*part, center) for part in zip(masses, centers, inertias, strict=True))
-    return Rigid(first.name, float(mass), center, np.asarray(inertia), names, first.line)
+    center = parts.clean(center, np.abs(centers).max())
+    inertia = np.zeros((3, 3))
+    for mass_of, arm, own_inertia in zip(masses, centers - center, inertias, strict=True):  # by Steiner
+        inertia = inertia + (own_inertia + mass_of * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+    return Rigid(first.name, float(mass), center, inertia, names, first.line)
 
 
-def _in_body(link: Link, pose: FramePose) -> tuple[float, Vector3, Matrix3]:
+def _in_body(link: parts.Link, pose: parts.FramePose) -> tuple[float, parts.Vector3, parts.Matrix3]:
     """Mass, centre of mass and inertia of a link, in the frame and along the axes of its body."""
-    if is_identity(pose.rotation):
+    if parts.is_identity(pose.rotation):
         return link.mass, pose.position + link.center, link.inertia
     center, _ = pose.of(link.center, pose.rotation)
     inertia = pose.rotation @ link.inertia @ pose.rotation.T
-    return link.mass, center, clean((inertia + inertia.T) / 2, np.abs(inertia).max())
+    return link.mass, center, parts.clean((inertia + inertia.T) / 2, np.abs(inertia).max())
 
 
-def _about(mass: float, center: Vector3, inertia: Matrix3, point: Vector3) -> Matrix3:
-    """The inertia about another point than the centre of mass (Steiner)."""
-    arm = center - point
-    return inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-
-
-# Checks ---------------------------------------------------------------------------------------------------------------
-
-
-def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
-    """Raise `ClearanceError` for a body with an impossible inertia, and for a joint that moves no mass. `joints`:
-    parents first; `bodies`: those that they move.
-    """
+def check_bodies(joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid]) -> None:
+    """Raise for an impossible inertia, and for a joint that moves no mass; `joints`: parents first."""
     for body in bodies.values():
         _check_inertia(body)
     if any(body.mass == 0 for body in bodies.values()):
         _check_moved(joints, bodies)
 
 
-def _say(body: Rigid) -> str:
+def _check_inertia(body: Rigid) -> None:
     fixed = len(body.links) - 1
     others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
-    return f"line {body.line}: link `{body.name}`{others}"
-
-
-def _check_inertia(body: Rigid) -> None:
+    where = f"line {body.line}: link `{body.name}`{others}"
     if body.mass == 0:
         if body.inertia.any():
-            raise ClearanceError(f"{_say(body)} has inertia without mass. Give it a mass, or take its <inertial> out.")
+            raise ClearanceError(f"{where} has inertia without mass. Give it a mass, or take its <inertial> out.")
         return
-    least, middle, greatest = _moments(body.inertia)
+    scale = np.abs(body.inertia).max() or 1.0
+    least, middle, greatest = np.linalg.eigvalsh(body.inertia / scale) * scale
+    shown = f"{least:.3g}, {middle:.3g} and {greatest:.3g} kg*m^2"
     if not least > body.mass * SMALLEST**2:
         raise ClearanceError(
-            f"{_say(body)} must have inertia about every axis, but its principal moments are {_show(body.inertia)}. "
+            f"{where} must have inertia about every axis, but its principal moments are {shown}. "
             "Correct <inertia> (a box of mass m has m (a^2 + b^2) / 12 about the axis across its edges a and b)."
         )
     if least + middle < (1 - PRINTED) * greatest:
         raise ClearanceError(
-            f"{_say(body)}: no body has its principal moments of inertia {_show(body.inertia)}, of which the two "
+            f"{where}: no body has its principal moments of inertia {shown}, of which the two "
             "smaller must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units)."
         )
 
 
-def _moments(inertia: Matrix3) -> np.ndarray:
-    """Principal moments of inertia, the least first."""
-    scale = np.abs(inertia).max() or 1.0
-    return np.linalg.eigvalsh(inertia / scale) * scale
-
-
-def _show(inertia: Matrix3) -> str:
-    least, middle, greatest = _moments(inertia)
-    return f"{least:.3g}, {middle:.3g} and {greatest:.3g} kg*m^2"
-
-
-def _check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
-    """Raise where the joints (parents first) can move without moving any mass, by the mass matrix at a random pose,
-    where no two axes are aligned by chance.
-    """
+def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid]) -> None:
+    """Raise where joints move no mass, by the mass matrix at a random pose, where no axes are aligned by chance."""
     matrix, owners = mass_matrix(joints, bodies, 0)
     met = np.diag(matrix)
     size = 1 / np.sqrt(np.where(met > 0, met, 1.0))  # so that metres and radians compare
@@ -199,32 +144,32 @@ def _check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
 
 
 def mass_matrix(
-    joints: Sequence[Joint], bodies: Mapping[str, Rigid], seed: int
-) -> tuple[Float[np.ndarray, "n n"], list[Joint]]:
+    joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid], seed: int
+) -> tuple[Float[np.ndarray, "n n"], list[parts.Joint]]:
     """The mass matrix at a random pose, and the joint of each coordinate."""
     columns, moving, poses = _kinematics(joints, seed)
     matrix = np.zeros((len(columns), len(columns)))
     for name, body in bodies.items():
         pose = poses[name]
-        center = triple(pose.position + pose.rotation @ body.center)
+        center = parts.triple(pose.position + pose.rotation @ body.center)
         which = moving[name]
         rates = np.array([[*columns[i].velocity_at(center), *columns[i].spin] for i in which])
         inertia = np.zeros((6, 6))
         inertia[:3, :3], inertia[3:, 3:] = body.mass * np.eye(3), pose.rotation @ body.inertia @ pose.rotation.T
         matrix[np.ix_(which, which)] += rates @ inertia @ rates.T
-    return matrix, [joint for joint in joints for _ in _columns(joint, HERE)]
+    return matrix, [joint for joint in joints for _ in _columns(joint, parts.HERE)]
 
 
 def _kinematics(
-    joints: Sequence[Joint], seed: int
-) -> tuple[list[JacobianColumn], dict[str, list[int]], dict[str, FramePose]]:
+    joints: Sequence[parts.Joint], seed: int
+) -> tuple[list[JacobianColumn], dict[str, list[int]], dict[str, parts.FramePose]]:
     """The columns of all coordinates; for each body the indices of those that move it, and its pose."""
     rng = np.random.default_rng(seed)
     columns: list[JacobianColumn] = []
     moving: dict[str, list[int]] = {}
-    poses: dict[str, FramePose] = {}
+    poses: dict[str, parts.FramePose] = {}
     for joint in joints:
-        frame = poses.get(joint.parent, HERE).of(np.array(joint.xyz), rotation_of(joint.rpy))
+        frame = poses.get(joint.parent, parts.HERE).of(np.array(joint.xyz), parts.rotation_of(joint.rpy))
         count = len(columns)
         columns += _columns(joint, frame)
         moving[joint.child] = [*moving.get(joint.parent, []), *range(count, len(columns))]
@@ -232,32 +177,26 @@ def _kinematics(
     return columns, moving, poses
 
 
-def _columns(joint: Joint, frame: FramePose) -> list[JacobianColumn]:
+def _columns(joint: parts.Joint, frame: parts.FramePose) -> list[JacobianColumn]:
     """The columns of a joint's coordinates at zero. Those of several coordinates span the same motions at any value."""
     axis = np.array(joint.axis)
     across = np.cross(axis, X if abs(axis[0]) < 0.9 else Y)
     slides = {"prismatic": [axis], "planar": [across, np.cross(axis, across)], "floating": [X, Y, Z]}
     turns = {"revolute": [axis], "continuous": [axis], "planar": [axis], "floating": [X, Y, Z]}
     return [
-        JacobianColumn(0, triple(frame.rotation @ axis), pivot)
-        for pivot, axes in ((None, slides), (triple(frame.position), turns))
+        JacobianColumn(0, parts.triple(frame.rotation @ axis), pivot)
+        for pivot, axes in ((None, slides), (parts.triple(frame.position), turns))
         for axis in axes.get(joint.kind, [])
     ]
 
 
-def _move(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
+def _move(joint: parts.Joint, rng: np.random.Generator) -> tuple[parts.Vector3, parts.Matrix3]:
     """A random position and rotation of the child in the joint's frame that the joint allows."""
     by, turn = np.zeros(3), np.eye(3)
-    for column in _columns(joint, HERE):
+    for column in _columns(joint, parts.HERE):
         if column.pivot is None:
             by = by + rng.uniform(0.1, 1.0) * np.array(column.axis)
         else:
-            turn = turn @ _rotation_about(np.array(column.axis), rng.uniform(0.3, 1.2))
+            angle, across = rng.uniform(0.3, 1.2), np.cross(np.eye(3), np.array(column.axis))  # by Rodrigues
+            turn = turn @ (np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across)
     return by, turn
-
-
-def _rotation_about(axis: Vector3, angle: float) -> Matrix3:
-    """The rotation about a unit vector by an angle [rad] (Rodrigues)."""
-    x, y, z = axis
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across

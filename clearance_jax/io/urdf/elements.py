@@ -1,22 +1,20 @@
-"""Reads XML files as trees of elements that know their lines, and the names and numbers in elements of a URDF.
-
-A file may come from a stranger. Document types, which can define endless entities or read other files, are refused. So
-are texts that are too large or nested too deep. Messages name the line. A word that is nearly a known one is refused,
-for it is probably misspelt.
+"""Reads XML files as trees of elements that know their lines, and the names and numbers in elements of a URDF. A file
+may come from a stranger: document types, which can define endless entities or read other files, are refused, as are
+texts that are too large or nested too deep, and words that are nearly known ones, for they are probably misspelt.
 """
 
-import dataclasses
 import difflib
 import re
 from collections.abc import Callable, Collection
 from pathlib import Path
-from xml.etree.ElementTree import ParseError
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser
 
-from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
+from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_text
 from clearance_jax.io.keys.kinds import check_text
 from clearance_jax.io.urdf.robot import Triple
@@ -30,21 +28,13 @@ CHILDREN = {
     "robot": ("link", "joint", "material", "transmission", "gazebo", "force_element"),
     "link": ("inertial", "visual", "collision"),
     "inertial": ("origin", "mass", "inertia"),
-    "joint": (
-        *("origin", "parent", "child", "axis", "limit", "mimic"),
-        *("dynamics", "joint_properties", "calibration", "safety_controller"),
-    ),
 }
+CHILDREN["joint"] = ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "joint_properties")
+CHILDREN["joint"] += ("calibration", "safety_controller")
 ATTRIBUTES = {
-    "robot": ("name", "version"),
-    "link": ("name",),
-    "joint": ("name", "type"),
-    "origin": ("xyz", "rpy"),
-    "mass": ("value",),
+    **{"robot": ("name", "version"), "link": ("name",), "joint": ("name", "type"), "parent": ("link",)},
+    **{"child": ("link",), "origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",)},
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-    "parent": ("link",),
-    "child": ("link",),
-    "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort", "damping", "friction"),
     "mimic": ("joint", "multiplier", "offset"),
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference", "armature"),
@@ -61,22 +51,14 @@ EXPAND = "Expand the file first: `xacro robot.urdf.xacro > robot.urdf`."
 LARGEST = 1e100
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Element:
-    """An element: its tag (`{namespace}name` where it has a namespace), attributes, children, the line that it begins
-    at, and the pieces of the text in it.
-    """
+class Element(ElementTree.Element):
+    """An element: its tag (`{namespace}name` where it has a namespace), `attrib`utes, the `line` that it begins at."""
 
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list["Element"] = dataclasses.field(default_factory=list)
-    pieces: list[str] = dataclasses.field(default_factory=list)
+    line = 0
+    if TYPE_CHECKING:  # its children are of its kind
 
-    @property
-    def text(self) -> str:
-        """The text in it, without that of its children."""
-        return "".join(self.pieces).strip()
+        def __iter__(self) -> Any: ...
+        def iter(self, tag: str | None = None) -> Any: ...
 
     @property
     def word(self) -> str:
@@ -84,58 +66,40 @@ class Element:
         return self.tag.rpartition("}")[2]
 
 
-class _Builder:
+class _Builder(ElementTree.TreeBuilder):
     """The target of the parser: builds the tree, with the line of each element."""
 
-    def __init__(self):
-        self.top: Element | None = None
-        self.open: list[Element] = []
-        self.line: Callable[[], int] = lambda: 0
+    depth = 0
+    line: Callable[[], int]
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, dict(attributes), self.line())
-        if len(self.open) >= DEEPEST:
+    def start(self, tag, attrs):
+        element: Any = super().start(tag, attrs)
+        element.line, self.depth = self.line(), self.depth + 1
+        if self.depth > DEEPEST:
             raise ClearanceError(f"line {element.line}: nested deeper than {DEEPEST} elements. Nest a few levels only.")
-        if self.open:
-            self.open[-1].children.append(element)
-        else:
-            self.top = element
-        self.open.append(element)
+        return element
 
-    def end(self, tag: str) -> None:
-        self.open.pop()
-
-    def data(self, text: str) -> None:
-        if self.open:
-            self.open[-1].pieces.append(text)
-
-    def close(self) -> None:
-        """The parser ends; the tree is `top`."""
+    def end(self, tag):
+        self.depth -= 1
+        return super().end(tag)
 
 
 def read_xml(path: Path, what: str) -> tuple[str, Element]:
-    """Text and outermost element of an XML file.
-
-    **Arguments:** `what` the file is, for messages.
-
-    **Raises:** `ClearanceError` naming the file: for what is no file, no text in UTF-8, too large or nested too deep,
-    no valid XML (with line and column), and for a document type, with the entities that it may define.
-    """
+    """Text and outermost element of an XML file; `what` it is, for messages, which name the file, line and column."""
     text = read_text(path, what, LARGEST_XML)
-    try:
+    with naming(f"`{path}`"):
         return text, parse(text)
-    except ClearanceError as error:
-        raise error.at(f"`{path}`") from None
 
 
 def parse(text: str) -> Element:
     """The outermost element of an XML text; messages name the line only."""
-    builder = _Builder()
+    builder: Any = _Builder(Element)
     parser = DefusedXMLParser(target=builder, forbid_dtd=True)
     builder.line = lambda: parser.parser.CurrentLineNumber
     try:
         parser.feed(text)
-        parser.close()
+        top: Any = parser.close()
+        return top
     except DefusedXmlException:
         raise ClearanceError(
             f"line {builder.line()}: declares a document type (<!DOCTYPE ...>), which could define endless entities or "
@@ -143,30 +107,23 @@ def parse(text: str) -> Element:
         ) from None
     except ClearanceError:
         raise
-    except (ParseError, ValueError) as error:
+    except (ElementTree.ParseError, ValueError) as error:
         raise ClearanceError(f"is not valid XML: {quote(str(error))[1:-1]}. Mend it there.") from None
-    assert builder.top is not None  # a text without an element is no valid XML
-    return builder.top
-
-
-# Elements of a URDF ---------------------------------------------------------------------------------------------------
 
 
 def place(element: Element) -> str:
     """The name of an element in messages: its line, its tag, and its name."""
-    name = element.attributes.get("name")
-    return f"line {element.line}: {element.word[:60]}" + ("" if name is None else f" {_name(name)}")
-
-
-def _name(name: str) -> str:
-    return f"`{name}`" if len(name) <= 60 and name.isprintable() else quote(name)
+    name = element.get("name")
+    if name is not None:
+        name = f"`{name}`" if len(name) <= 60 and name.isprintable() else quote(name)
+    return f"line {element.line}: {element.word[:60]}" + ("" if name is None else f" {name}")
 
 
 def check_spelling(element: Element, where: str) -> None:
     """Raise for a misspelt child or attribute."""
-    tags, allowed = {child.tag for child in element.children}, CHILDREN.get(element.tag, ())
+    tags, allowed = {child.tag for child in element}, CHILDREN.get(element.tag, ())
     _check_words(tags, allowed, f"{where} holds <{{}}>, which is no known element", allowed)
-    attributes, known = element.attributes, ATTRIBUTES.get(element.tag, ())
+    attributes, known = element.attrib, ATTRIBUTES.get(element.tag, ())
     wrong = f"{where}: <{element.tag}> has an attribute `{{}}`, which is not known"
     # A `gear_velocity` beside a `velocity` is not misspelt.
     meant = known if element.tag in CLOSED else [word for word in known if word not in attributes]
@@ -184,7 +141,7 @@ def _check_words(
 
 def only(element: Element, tag: str, where: str) -> Element | None:
     """The child of that tag, if it is there. **Raises** for several."""
-    children = [child for child in element.children if child.tag == tag]
+    children: Any = element.findall(tag)
     if len(children) > 1:
         raise ClearanceError(f"{where} has {len(children)} <{tag}> (line {children[1].line} too). Leave one.")
     if not children:
@@ -203,9 +160,9 @@ def need(element: Element, tag: str, where: str, example: str) -> Element:
 
 def text(element: Element, attribute: str, where: str) -> str:
     """An attribute that must be there: a name or a word."""
-    if attribute not in element.attributes:
+    if attribute not in element.attrib:
         raise ClearanceError(f"{where} lacks the attribute `{attribute}` of <{element.tag}>. Add it.")
-    value = check_text(element.attributes[attribute], f"{where}: `{attribute}` of <{element.tag}>")
+    value = check_text(element.attrib[attribute], f"{where}: `{attribute}` of <{element.tag}>")
     if "${" in value or "$(" in value:
         raise ClearanceError(f"{where}: {quote(value)} is to be expanded by xacro. {EXPAND}")
     return value
@@ -215,14 +172,15 @@ def numbers(
     element: Element, attribute: str, count: int, where: str, default: tuple[float, ...] | None = None
 ) -> tuple[float, ...]:
     """The numbers of an attribute. If it is absent, the default, or without one an error."""
-    if attribute not in element.attributes and default is not None:
+    if attribute not in element.attrib and default is not None:
         return default
-    words = text(element, attribute, where).split()
+    words, place = text(element, attribute, where).split(), f"{where}: `{attribute}` of <{element.tag}>"
     if len(words) != count:
         for word in words:
-            check_comma(word, f"{where}: `{attribute}` of <{element.tag}>")
-        raise wrong_value(f"{where}: `{attribute}` of <{element.tag}>", _count(count), element.attributes[attribute])
-    return tuple(parse_number(word, f"{where}: `{attribute}` of <{element.tag}>") for word in words)
+            check_comma(word, place)
+        form = "one number" if count == 1 else f"{count} numbers with spaces between them"
+        raise wrong_value(place, form, element.attrib[attribute])
+    return tuple(parse_number(word, place) for word in words)
 
 
 def number(element: Element, attribute: str, where: str, default: float | None = None) -> float:
@@ -232,13 +190,9 @@ def number(element: Element, attribute: str, where: str, default: float | None =
 
 def bound(element: Element, attribute: str, where: str) -> float | None:
     """A number; `None` if it is absent or infinite."""
-    if INFINITE.fullmatch(element.attributes.get(attribute, "inf").strip()):
+    if INFINITE.fullmatch(element.get(attribute, "inf").strip()):
         return None
     return number(element, attribute, where)
-
-
-def _count(count: int) -> str:
-    return "one number" if count == 1 else f"{count} numbers with spaces between them"
 
 
 def parse_number(word: str, where: str) -> float:

@@ -3,43 +3,14 @@
 Pictures, collision shapes, materials and plugins of simulators are ignored. `unread` lists what else is not read.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
-from clearance_jax.io.table import naming
-from clearance_jax.io.urdf.elements import (
-    ATTRIBUTES,
-    CHILDREN,
-    EXPAND,
-    Element,
-    bound,
-    check_spelling,
-    direction,
-    need,
-    number,
-    only,
-    parse_number,
-    place,
-    pose,
-    read_xml,
-    text,
-)
-from clearance_jax.io.urdf.robot import (
-    KINDS,
-    MAY_MIMIC,
-    WITH_AXIS,
-    Joint,
-    Link,
-    Matrix3,
-    Mimic,
-    Robot,
-    robot_of,
-    rotation_of,
-)
+from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
+from clearance_jax.io.urdf import elements as xml
+from clearance_jax.io.urdf import robot as parts
 from clearance_jax.mechanism.body import Limits
 
 # Elements without effect on the motion: looks, shapes for collisions, calibration, soft limits.
@@ -50,145 +21,123 @@ OF_GAZEBO |= {"selfCollide", "self_collide", "laserRetro", "provideFeedback", "s
 # Of a transmission: how a controller reaches the motor, and what is read of it.
 OF_TRANSMISSION = {"type", "joint", "actuator", "hardwareInterface", "mechanicalReduction", "motorTorqueConstant"}
 OF_TRANSMISSION |= {"rotor_inertia", "gear_ratio", "leftActuator", "rightActuator", "flexJoint", "role", "offset"}
+OF_OTHERS = {"gazebo": OF_GAZEBO, "transmission": OF_TRANSMISSION, "force_element": {"torsional_spring"}}
 # Most kinds in a message.
 SHOWN = 8
 
 
-def read_urdf(path: str | Path) -> tuple[str, Robot]:
-    """Text of a URDF file, and the robot that it describes.
-
-    **Raises:** `ClearanceError` naming the file, the line, the element and the fix: for another file, unknown kinds of
-    joints and names of links, links with two joints or none above them, garbled numbers, negative masses. (Whether
-    moving bodies have mass and inertia is checked when links are merged, `bodies`.)
+def read_urdf(path: str | Path) -> tuple[str, parts.Robot]:
+    """Text of a URDF file, and the robot that it describes. **Raises** `ClearanceError` naming the file, the line, the
+    element and the fix. (Whether moving bodies have mass is checked when links are merged, `bodies`.)
     """
     path = Path(path)
-    written, top = read_xml(path, "URDF file")
+    written, top = xml.read_xml(path, "URDF file")
     with naming(f"`{path}`"):
         return written, describe(top)
 
 
-def describe(top: Element) -> Robot:
+def describe(top: xml.Element) -> parts.Robot:
     """The robot in the outermost element of a URDF."""
     if top.tag != "robot":
         raise ClearanceError(f"a URDF file must hold a <robot>, but it holds a <{top.tag[:60]}>. Give another file.")
-    _check_expanded(top)
-    check_spelling(top, "the robot")
-    check_loops(top)
-    links = tuple(_link(element) for element in top.children if element.tag == "link")
-    joints = tuple(_joint(element) for element in top.children if element.tag == "joint")
-    name = text(top, "name", "the robot") if top.attributes.get("name", "").strip() else "robot"
-    return robot_of(name, links, with_extras(joints, top))._replace(unread=unread(top))
-
-
-def _check_expanded(top: Element) -> None:
-    """Raise for macros. (A file that xacro has expanded may still declare their namespace.)"""
-    waiting = [top]
-    while waiting:
-        element = waiting.pop()
+    for element in top.iter():  # a file that xacro has expanded may still declare its namespace
         if "xacro}" in element.tag:
-            tag = element.tag.rpartition("}")[2][:60]
-            raise ClearanceError(f"line {element.line}: <xacro:{tag}> is a macro, not yet a robot. {EXPAND}")
-        waiting += element.children
+            tag = f"<xacro:{element.word[:60]}>"
+            raise ClearanceError(f"line {element.line}: {tag} is a macro, not yet a robot. {xml.EXPAND}")
+    xml.check_spelling(top, "the robot")
+    check_loops(top)
+    links = tuple(_link(element) for element in top if element.tag == "link")
+    joints = tuple(_joint(element) for element in top if element.tag == "joint")
+    name = xml.text(top, "name", "the robot") if top.get("name", "").strip() else "robot"
+    return parts.robot_of(name, links, with_extras(joints, top))._replace(unread=unread(top))
 
 
-# Links ----------------------------------------------------------------------------------------------------------------
-
-
-def _link(element: Element) -> Link:
-    where = place(element)
-    name = text(element, "name", where)
-    check_spelling(element, where)
-    inertial = only(element, "inertial", where)
+def _link(element: xml.Element) -> parts.Link:
+    where = xml.place(element)
+    name = xml.text(element, "name", where)
+    xml.check_spelling(element, where)
+    inertial = xml.only(element, "inertial", where)
     if inertial is None:
-        return Link(name, 0.0, np.zeros(3), np.zeros((3, 3)), element.line)
-    mass = number(need(inertial, "mass", where, '<mass value="1.2"/>'), "value", where)
+        return parts.Link(name, 0.0, np.zeros(3), np.zeros((3, 3)), element.line)
+    mass = xml.number(xml.need(inertial, "mass", where, '<mass value="1.2"/>'), "value", where)
     if mass < 0:
         raise ClearanceError(f"{where}: its mass must not be negative, but it is {mass:g} kg. Correct <mass>.")
-    center, rpy = pose(inertial, where)
-    turn = rotation_of(rpy)
-    inertia = turn @ _inertia(inertial, where) @ turn.T
-    return Link(name, mass, np.array(center), (inertia + inertia.T) / 2, element.line)
-
-
-def _inertia(inertial: Element, where: str) -> Matrix3:
-    """The inertia along the axes that it is given in [kg m^2], shape (3, 3)."""
+    center, rpy = xml.pose(inertial, where)
     example = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
-    element = need(inertial, "inertia", where, example)
-    xx, yy, zz = (number(element, key, where) for key in ("ixx", "iyy", "izz"))
-    xy, xz, yz = (number(element, key, where, 0.0) for key in ("ixy", "ixz", "iyz"))
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    given = xml.need(inertial, "inertia", where, example)
+    xx, yy, zz = (xml.number(given, key, where) for key in ("ixx", "iyy", "izz"))
+    xy, xz, yz = (xml.number(given, key, where, 0.0) for key in ("ixy", "ixz", "iyz"))
+    turn = parts.rotation_of(rpy)
+    inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    return parts.Link(name, mass, np.array(center), (inertia + inertia.T) / 2, element.line)
 
 
-# Joints ---------------------------------------------------------------------------------------------------------------
-
-
-def _joint(element: Element) -> Joint:
-    where = place(element)
-    name, kind = text(element, "name", where), text(element, "type", where)
-    check_spelling(element, where)
-    if kind not in KINDS:
-        raise unknown_name(f"{where} has the type {quote(kind)}, which is no known one.", kind, KINDS)
-    parent = text(need(element, "parent", where, '<parent link="base"/>'), "link", where)
-    child = text(need(element, "child", where, '<child link="arm"/>'), "link", where)
-    xyz, rpy = pose(element, where)
-    axis = direction(element, where) if kind in WITH_AXIS else (0.0, 0.0, 1.0)
-    damping, friction = _losses(element, kind, where)
+def _joint(element: xml.Element) -> parts.Joint:
+    where = xml.place(element)
+    name, kind = xml.text(element, "name", where), xml.text(element, "type", where)
+    xml.check_spelling(element, where)
+    if kind not in parts.KINDS:
+        raise unknown_name(f"{where} has the type {quote(kind)}, which is no known one.", kind, parts.KINDS)
+    parent = xml.text(xml.need(element, "parent", where, '<parent link="base"/>'), "link", where)
+    child = xml.text(xml.need(element, "child", where, '<child link="arm"/>'), "link", where)
+    xyz, rpy = xml.pose(element, where)
+    axis = xml.direction(element, where) if kind in parts.WITH_AXIS else (0.0, 0.0, 1.0)
+    losses = _losses(element, kind, where)
     mimic = _mimic(element, kind, where)
     limits = _limits(element, kind, where)
     spring = spring_of(element, kind, where)
-    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, damping, friction, element.line, *spring)
+    return parts.Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, *losses, element.line, *spring)
 
 
-def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
+def _losses(element: xml.Element, kind: str, where: str) -> tuple[float, float]:
     """Damping and friction, from whichever element the file's dialect has for them."""
     losses = {"damping": 0.0, "friction": 0.0}
     sources: dict[str, str] = {}
     for tag in ("dynamics", "limit", "joint_properties"):
-        holder = only(element, tag, where)
+        holder = xml.only(element, tag, where)
         if holder is None:
             continue
-        for key in losses.keys() & holder.attributes.keys():
-            value = number(holder, key, where)
+        for key in losses.keys() & holder.attrib.keys():
+            value = xml.number(holder, key, where)
             if value < 0:
                 raise wrong_value(f"{where}: its {key}", "at least 0", value, f"{value:g}", f"Correct <{tag}>.")
             if key in sources and value != losses[key]:
-                text = f"{where}: its {key} is {losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>. Leave one."
-                raise ClearanceError(text)
+                both = f"{losses[key]:g} in <{sources[key]}> and {value:g} in <{tag}>"
+                raise ClearanceError(f"{where}: its {key} is {both}. Leave one.")
             losses[key], sources[key] = value, tag
     if losses["friction"] > 0 and kind == "floating":
         raise ClearanceError(f"{where} is floating, and turns about no axis of its own: remove its friction.")
     return losses["damping"], losses["friction"]
 
 
-def _limits(element: Element, kind: str, where: str) -> Limits | None:
+def _limits(element: xml.Element, kind: str, where: str) -> Limits | None:
     """The limits of a joint. If one end is given, the other defaults to 0 (URDF); a continuous joint has no ends."""
-    limit = only(element, "limit", where)
+    limit = xml.only(element, "limit", where)
     if limit is None:
         return None
-    lower, upper = bound(limit, "lower", where), bound(limit, "upper", where)
+    lower, upper = xml.bound(limit, "lower", where), xml.bound(limit, "upper", where)
     if kind not in ("revolute", "prismatic"):
         lower = upper = None
-    elif {"lower", "upper"} & set(limit.attributes):
-        lower = 0.0 if "lower" not in limit.attributes else lower
-        upper = 0.0 if "upper" not in limit.attributes else upper
+    elif {"lower", "upper"} & limit.attrib.keys():
+        lower = 0.0 if "lower" not in limit.attrib else lower
+        upper = 0.0 if "upper" not in limit.attrib else upper
     if lower is not None and upper is not None and lower > upper:
         raise ClearanceError(f"{where}: its lower limit {lower:g} is above the upper {upper:g}. Correct <limit>.")
-    most = [bound(limit, key, where) for key in ("velocity", "effort")]
+    most = [xml.bound(limit, key, where) for key in ("velocity", "effort")]
     for key, value in zip(("velocity", "effort"), most, strict=True):
         if value is not None and value < 0:
             raise wrong_value(f"{where}: its limit of {key}", "at least 0", value, f"{value:g}", "Correct it.")
     return Limits(lower, upper, *most)
 
 
-def _mimic(element: Element, kind: str, where: str) -> Mimic | None:
-    mimic = only(element, "mimic", where)
+def _mimic(element: xml.Element, kind: str, where: str) -> parts.Mimic | None:
+    mimic = xml.only(element, "mimic", where)
     if mimic is None or kind == "fixed":  # who fixes a joint of a gripper often leaves its <mimic> there
         return None
-    if kind not in MAY_MIMIC:
+    if kind not in parts.MAY_MIMIC:
         raise ClearanceError(f"{where} is {kind}: it has no single coordinate to follow another's. Remove <mimic>.")
-    followed = text(mimic, "joint", where)
-    multiplier = number(mimic, "multiplier", where, 1.0)
-    return Mimic(followed, multiplier, number(mimic, "offset", where, 0.0))
+    factor, offset = xml.number(mimic, "multiplier", where, 1.0), xml.number(mimic, "offset", where, 0.0)
+    return parts.Mimic(xml.text(mimic, "joint", where), factor, offset)
 
 
 # What dialects add ----------------------------------------------------------------------------------------------------
@@ -199,49 +148,47 @@ def _mimic(element: Element, kind: str, where: str) -> Mimic | None:
 # the inertia of the rotor itself, which the joint feels times the square of the ratio).
 
 
-def check_loops(top: Element) -> None:
+def check_loops(top: xml.Element) -> None:
     """Raise for joints that URDF does not have: loop joints, and joints of dialects."""
-    for element in top.children:
-        inner = [child for child in element.children if child.word == "joint"] if element.tag == "gazebo" else []
+    for element in top:
+        inner = [child for child in element if child.word == "joint"] if element.tag == "gazebo" else []
         for joint in [element] if element.word == "loop_joint" else inner:
             raise ClearanceError(
-                f"{place(joint)} closes a loop, and without it another robot would move. URDF knows trees only. Remove "
-                "it from the file, and close the loop in Python (`Mechanism(..., loops=...)`)."
+                f"{xml.place(joint)} closes a loop, and without it another robot would move. URDF knows trees only. "
+                "Remove it from the file, and close the loop in Python (`Mechanism(..., loops=...)`)."
             )
         if element.word == "joint" and element.tag != "joint":
             raise ClearanceError(
-                f"{place(element)} is no joint of URDF but of the dialect {quote(element.tag[1:-7])}, which is not "
+                f"{xml.place(element)} is no joint of URDF but of the dialect {quote(element.tag[1:-7])}, which is not "
                 "read. Write it as joints of URDF (a universal joint as two revolute ones, with a link without mass "
                 "between them)."
             )
 
 
-def spring_of(element: Element, kind: str, where: str) -> tuple[float, float, float]:
+def spring_of(element: xml.Element, kind: str, where: str) -> tuple[float, float, float]:
     """Stiffness and rest of a joint's spring, and the inertia of its motor seen through the gears, from <dynamics>."""
-    dynamics = only(element, "dynamics", where)
+    dynamics = xml.only(element, "dynamics", where)
     if dynamics is None:
         return 0.0, 0.0, 0.0
-    stiffness = number(dynamics, "spring_stiffness", where, 0.0)
-    rest, rotor = number(dynamics, "spring_reference", where, 0.0), number(dynamics, "armature", where, 0.0)
+    stiffness = xml.number(dynamics, "spring_stiffness", where, 0.0)
+    rest, rotor = xml.number(dynamics, "spring_reference", where, 0.0), xml.number(dynamics, "armature", where, 0.0)
     _check(kind, stiffness, rotor, where)
     return stiffness, rest, rotor
 
 
-def with_extras(joints: Sequence[Joint], top: Element) -> tuple[Joint, ...]:
+def with_extras(joints: Sequence[parts.Joint], top: xml.Element) -> tuple[parts.Joint, ...]:
     """The joints with the springs and rotors that elements outside them describe."""
     by_name, extra = {joint.name: joint for joint in joints}, set()
-    for element in top.children:
+    for element in top:
         for name, numbers in _extras(element):
-            where = place(element)
+            where = xml.place(element)
             if name not in by_name:
                 raise unknown_name(f"{where}: there is no joint `{name[:60]}`.", name, by_name)
             joint = by_name[name]
             for key, value in numbers.items():
                 if getattr(joint, key) not in (0.0, value):
-                    raise ClearanceError(
-                        f"{where}: the {key} of joint `{name}` is {value:g} here and {getattr(joint, key):g} elsewhere "
-                        "in the file. Leave one."
-                    )
+                    both = f"{value:g} here and {getattr(joint, key):g} elsewhere in the file"
+                    raise ClearanceError(f"{where}: the {key} of joint `{name}` is {both}. Leave one.")
             by_name[name] = joint._replace(**numbers)
             extra.add(name)
             _check(joint.kind, by_name[name].stiffness, by_name[name].rotor, where)
@@ -249,91 +196,83 @@ def with_extras(joints: Sequence[Joint], top: Element) -> tuple[Joint, ...]:
     return tuple(by_name[joint.name] if joint.name in extra else joint for joint in joints)
 
 
-def _extras(element: Element) -> Iterator[tuple[str, dict[str, float]]]:
+def _extras(element: xml.Element) -> Iterator[tuple[str, dict[str, float]]]:
     """Names of joints, each with the numbers that an element outside it gives."""
-    where = place(element)
+    where = xml.place(element)
     if element.tag == "gazebo":
-        children = {child.word: child for child in element.children}
+        children = {child.word: child for child in element}
         if "springStiffness" in children:
             numbers = {"stiffness": _number_in(children["springStiffness"], where)}
             if "springReference" in children:
                 numbers["rest"] = _number_in(children["springReference"], where)
-            yield text(element, "reference", where), numbers
+            yield xml.text(element, "reference", where), numbers
     elif element.tag == "force_element":
-        for spring in element.children:
+        for spring in element:
             if spring.word == "torsional_spring":
-                numbers = {"stiffness": number(spring, "stiffness", where)}
-                numbers["rest"] = number(spring, "rest_angle", where, 0.0)
+                numbers = {"stiffness": xml.number(spring, "stiffness", where)}
+                numbers["rest"] = xml.number(spring, "rest_angle", where, 0.0)
                 yield _joint_of(spring, where), numbers
     elif element.tag == "transmission":
-        for actuator in element.children:
-            children = {child.word: child for child in actuator.children} if actuator.word == "actuator" else {}
+        for actuator in element:
+            children = {child.word: child for child in actuator} if actuator.word == "actuator" else {}
             if "rotor_inertia" in children:
-                ratio = number(children["gear_ratio"], "value", where) if "gear_ratio" in children else 1.0
-                yield _joint_of(element, where), {"rotor": ratio**2 * number(children["rotor_inertia"], "value", where)}
+                ratio = xml.number(children["gear_ratio"], "value", where) if "gear_ratio" in children else 1.0
+                inertia = xml.number(children["rotor_inertia"], "value", where)
+                yield _joint_of(element, where), {"rotor": ratio**2 * inertia}
 
 
-def _joint_of(element: Element, where: str) -> str:
-    named = [child for child in element.children if child.word == "joint"]
+def _joint_of(element: xml.Element, where: str) -> str:
+    named = [child for child in element if child.word == "joint"]
     if len(named) != 1:
         raise ClearanceError(f"{where} must name one <joint>, but it names {len(named)}. Correct it.")
-    return text(named[0], "name", where)
+    return xml.text(named[0], "name", where)
 
 
-def _number_in(element: Element, where: str) -> float:
-    """The number that an element holds as its text."""
-    return parse_number(element.text, f"{where}: <{element.word}>")
+def _number_in(element: xml.Element, where: str) -> float:
+    """The number that an element holds as its text, without that of its children."""
+    content = "".join([element.text or "", *(child.tail or "" for child in element)])
+    return xml.parse_number(content.strip(), f"{where}: <{element.word}>")
 
 
 def _check(kind: str, stiffness: float, rotor: float, where: str) -> None:
     if stiffness < 0 or rotor < 0:
         what, value = ("stiffness", stiffness) if stiffness < 0 else ("inertia of its rotor", rotor)
         raise wrong_value(f"{where}: the {what}", "at least 0", value, f"{value:g}", "Correct it.")
-    if (stiffness > 0 or rotor > 0) and kind not in (*MAY_MIMIC, "fixed"):
+    if (stiffness > 0 or rotor > 0) and kind not in (*parts.MAY_MIMIC, "fixed"):
         raise ClearanceError(
             f"{where}: a spring or a rotor acts along the one coordinate of a revolute, continuous or prismatic joint, "
             f"but this joint is {kind}. Remove it, and add the spring in Python (`Motion(actuators=...)`)."
         )
 
 
-# What is not read -----------------------------------------------------------------------------------------------------
-
-
-def unread(top: Element) -> tuple[str, ...]:
-    """Kinds of elements and attributes that were not read, each with its first line and how often it stands in the
-    file; at most `SHOWN` kinds.
-    """
-    count, first = Counter(), {}
+def unread(top: xml.Element) -> tuple[str, ...]:
+    """At most `SHOWN` kinds of elements and attributes that were not read, with first line and count."""
+    lines: dict[str, list[int]] = {}
     for words, line in _of(top):
-        count[words] += 1
-        first.setdefault(words, line)
-    told = [f"{words} (line {first[words]}" + (f", {n} times)" if n > 1 else ")") for words, n in count.items()]
+        lines.setdefault(words, []).append(line)
+    told = [f"{words} (line {at[0]}" + (f", {len(at)} times)" if len(at) > 1 else ")") for words, at in lines.items()]
     return tuple(told if len(told) <= SHOWN else [*told[:SHOWN], f"{len(told) - SHOWN} kinds more"])
 
 
-def _of(element: Element) -> Iterator[tuple[str, int]]:
-    known = CHILDREN.get(element.tag, ())
-    for key in element.attributes if element.tag in ATTRIBUTES else ():
-        if key not in ATTRIBUTES[element.tag]:
+def _of(element: xml.Element) -> Iterator[tuple[str, int]]:
+    known = xml.CHILDREN.get(element.tag, ())
+    for key in element.attrib if element.tag in xml.ATTRIBUTES else ():
+        if key not in xml.ATTRIBUTES[element.tag]:
             yield f"`{key[:60]}` of <{element.tag}>", element.line
-    for child in element.children:
+    for child in element:
         if child.word in PASSED:
             continue
-        if child.tag == "gazebo":
-            yield from _beside(child, OF_GAZEBO)
-        elif child.tag == "transmission":
-            yield from _beside(child, OF_TRANSMISSION)
-        elif child.tag == "force_element":
-            yield from _beside(child, {"torsional_spring"})
-        elif child.tag in known or element.tag not in CHILDREN:
+        if child.tag in OF_OTHERS:
+            yield from _beside(child, OF_OTHERS[child.tag])
+        elif child.tag in known or element.tag not in xml.CHILDREN:
             yield from _of(child)
         else:
             yield f"<{child.word[:60]}> in <{element.tag}>", child.line
 
 
-def _beside(element: Element, passed: set[str]) -> Iterator[tuple[str, int]]:
+def _beside(element: xml.Element, passed: set[str]) -> Iterator[tuple[str, int]]:
     """Unknown children of an element for other programs."""
-    for child in element.children:
+    for child in element:
         if child.word not in passed:
             yield f"<{child.word[:60]}> in <{element.tag}>", child.line
         elif element.tag == "transmission":

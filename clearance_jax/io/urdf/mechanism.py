@@ -1,5 +1,6 @@
 """Reads URDF files as mechanisms of robots."""
 
+import itertools
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -8,8 +9,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value, wrong_word
-from clearance_jax.io.table import naming
+from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
+from clearance_jax.io.keys.kinds import Word
 from clearance_jax.io.urdf.bodies import Assembly, Rigid, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Robot, Triple, is_identity, rpy_of, triple
@@ -73,20 +74,20 @@ def read_robot(
     path: str | Path, base: str = "fixed", gravity: Any = EARTH, end_effector: Any = None, mimic: str = "refuse"
 ) -> tuple[str, Mechanism]:
     """As `load_urdf`, with the file's text."""
-    _check_word("base", base, BASES)
-    _check_word("mimic", mimic, MIMICS)
+    for name, word, allowed in (("base", base, BASES), ("mimic", mimic, MIMICS)):
+        Word("", "", allowed=allowed).read(word, f"`{name}`", {})
     field = _gravity(gravity)
     text, robot = read_urdf(path)
+    followers = ((joint, joint.mimic) for joint in robot.joints if joint.mimic is not None)
     with naming(f"`{path}`"), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a robot is loaded inside a jitted function.
-        if mimic == "refuse":
-            _check_no_mimic(robot)
+        for joint, led in followers if mimic == "refuse" else ():
+            raise ClearanceError(
+                f"line {joint.line}: joint `{joint.name}` follows `{led.joint}` (<mimic>), and such joints are "
+                "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
+                "joint."
+            ).about(joint.name, led.joint)
         return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector))
-
-
-def _check_word(name: str, value: Any, allowed: Sequence[str]) -> None:
-    if not isinstance(value, str) or value not in allowed:
-        raise wrong_word(f"`{name}`", value, allowed)
 
 
 def _gravity(value: Any) -> Gravity:
@@ -96,17 +97,7 @@ def _gravity(value: Any) -> Gravity:
         numbers = []
     if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
         raise wrong_value("`gravity`", "three finite numbers in m/s^2", value)
-    return Gravity(*(None if component == 0 else component for component in numbers))
-
-
-def _check_no_mimic(robot: Robot) -> None:
-    for joint in robot.joints:
-        if joint.mimic is not None:
-            raise ClearanceError(
-                f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic.joint}` (<mimic>), and such joints are "
-                "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
-                "joint."
-            ).about(joint.name, joint.mimic.joint)
+    return Gravity(*_present(numbers))
 
 
 def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
@@ -125,70 +116,52 @@ def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
 
 def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None) -> Mechanism:
     whole = merge(robot)
-    joints = (_free_joint(whole), *whole.joints) if free else whole.joints
-    _check_base(whole, free)
-    moving = {joint.child: whole.bodies[joint.child] for joint in joints}
-    check_bodies(joints, moving)
-    names = UniqueNames()
-    bodies = {GROUND: GROUND, **names.of(moving, "link")}
-    if not free:
-        bodies[whole.root] = GROUND
-    named = names.of((joint.name for joint in joints), "joint")
-    links = _ends(robot, whole, free) if asked is None else asked
-    points = names.of(links, "frame")
-    return Mechanism(
-        tuple(_body(body, bodies[name]) for name, body in moving.items()),
-        tuple(joint_of(joint, named[joint.name], bodies[joint.parent], bodies[joint.child]) for joint in joints),
-        points=tuple(_point(whole, link, points[link], bodies) for link in links),
-        gravity=gravity,
-        name=robot.name,
-        notes=(f"not read: {', '.join(robot.unread)}",) if robot.unread else (),
-    )
-
-
-def _check_base(whole: Assembly, free: bool) -> None:
-    root = whole.bodies[whole.root]
-    if not (free or whole.joints):
+    joints, root = whole.joints, whole.bodies[whole.root]
+    if not (free or joints):
         raise ClearanceError("nothing of the robot moves: every joint is fixed. Load it with `base='free'`.")
     if free and not root.mass > 0:
         raise ClearanceError(
             f"line {root.line}: the root link `{root.name}` has no mass, so it cannot be a free base. Give it an "
             "<inertial>, or load the robot with `base='fixed'` (a link of it may hang on a floating joint)."
         )
-
-
-def _free_joint(whole: Assembly) -> Joint:
-    """The joint of a free base."""
-    line = whole.bodies[whole.root].line
-    name = "floating_base"
-    while any(joint.name == name for joint in whole.joints):
-        name += "_"
-    return Joint(name, "floating", GROUND, whole.root, NOWHERE, NOWHERE, (0.0, 0.0, 1.0), None, None, 0.0, 0.0, line)
+    if free:
+        name = "floating_base"
+        while any(joint.name == name for joint in joints):
+            name += "_"
+        place = (NOWHERE, NOWHERE, (0.0, 0.0, 1.0))
+        joints = (Joint(name, "floating", GROUND, whole.root, *place, None, None, 0.0, 0.0, root.line), *joints)
+    moving = {joint.child: whole.bodies[joint.child] for joint in joints}
+    check_bodies(joints, moving)
+    taken = {GROUND, "gravity", "drive", "target"}
+    bodies = {GROUND: GROUND, **unique_names(moving, "link", taken)}
+    if not free:
+        bodies[whole.root] = GROUND
+    named = unique_names((joint.name for joint in joints), "joint", taken)
+    points = unique_names(_ends(robot, whole, free) if asked is None else asked, "frame", taken)
+    frames = {name: whole.frames[link] for link, name in points.items()}
+    return Mechanism(
+        tuple(_body(body, bodies[name]) for name, body in moving.items()),
+        tuple(joint_of(joint, named[joint.name], bodies[joint.parent], bodies[joint.child]) for joint in joints),
+        points=tuple(Point(name, bodies[on], *place_of(pose)) for name, (on, pose) in frames.items()),
+        gravity=gravity,
+        name=robot.name,
+        notes=(f"not read: {', '.join(robot.unread)}",) if robot.unread else (),
+    )
 
 
 def _body(body: Rigid, name: str) -> Body:
     if body.mass == 0:
         return Body(name)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = body.inertia.tolist()
-    products = (None if product == 0 else product for product in (xy, xz, yz))
-    return Body(name, body.mass, Inertia(xx, yy, zz, *products), position_of(triple(body.center)))
+    return Body(name, body.mass, Inertia(xx, yy, zz, *_present((xy, xz, yz))), position_of(triple(body.center)))
 
 
 def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:
     """The links at the ends of limbs: neither the link nor its body carries a joint, and the body moves."""
     carrying = {joint.parent for joint in robot.joints}
     inner = {joint.parent for joint in whole.joints} | (set() if free else {whole.root})
-    return [
-        link.name for link in robot.links if link.name not in carrying and whole.frames[link.name].body not in inner
-    ]
-
-
-def _point(whole: Assembly, link: str, name: str, bodies: dict[str, str]) -> Point:
-    body, pose = whole.frames[link]
-    return Point(name, bodies[body], *place_of(pose))
-
-
-# Parts of the mechanism -----------------------------------------------------------------------------------------------
+    outer = (link.name for link in robot.links if link.name not in carrying)
+    return [name for name in outer if whole.frames[name].body not in inner]
 
 
 def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:
@@ -203,13 +176,9 @@ def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:
         motions = {name: Motion(actuators=_losses(joint)) for name in ("slide_x", "slide_y", "turn")}
         return Planar(**ends, **motions, axis=as_axis(joint.axis))
     kind = Prismatic if joint.kind == "prismatic" else Revolute
-    return kind(**ends, axis=as_axis(joint.axis), motion=_motion(joint))
-
-
-def _motion(joint: Joint) -> Motion:
-    rotor = joint.rotor if joint.rotor > 0 else None
-    start = _start(joint.limits or Limits())
-    return Motion(position=start, actuators=_losses(joint), limits=joint.limits, rotor_inertia=rotor)
+    how = {"limits": joint.limits, "rotor_inertia": joint.rotor if joint.rotor > 0 else None}
+    motion = Motion(position=_start(joint.limits or Limits()), actuators=_losses(joint), **how)
+    return kind(**ends, axis=as_axis(joint.axis), motion=motion)
 
 
 def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
@@ -221,12 +190,9 @@ def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
 
 def _start(limits: Limits) -> float:
     """The initial coordinate: 0 if it is within the limits, else their middle, or the only one."""
-    lower = -float("inf") if limits.lower is None else limits.lower
-    upper = float("inf") if limits.upper is None else limits.upper
-    if lower <= 0.0 <= upper:
-        return 0.0
     ends = [end for end in (limits.lower, limits.upper) if end is not None]
-    return sum(ends) / len(ends)
+    within = (limits.lower is None or limits.lower <= 0) and (limits.upper is None or limits.upper >= 0)
+    return 0.0 if within else sum(ends) / len(ends)
 
 
 def place_of(pose: FramePose) -> tuple[Position, Orientation | None]:
@@ -245,28 +211,18 @@ def orientation_of(rpy: Triple) -> Orientation | None:
     return None if rpy == NOWHERE else Orientation(*_present(rpy))
 
 
-def _present(numbers: Triple) -> list[float | None]:
+def _present(numbers: Iterable[float]) -> list[float | None]:
     return [None if number == 0 else number for number in numbers]
 
 
-class UniqueNames:
-    """Gives every part a unique name: that in the file if possible. (Links and joints may share names there.)
-
-    `.` and `=` become `_`. If two parts have the same name, the kind of the later one is appended to its name.
+def unique_names(written: Iterable[str], what: str, taken: set[str]) -> dict[str, str]:
+    """A unique name by each name in the file, added to those `taken`: the same if possible, with `_` for `.` and `=`.
+    (Links and joints may share names there.) Else `what` is appended, the kind of these parts in one word.
     """
-
-    def __init__(self):
-        self.taken = {GROUND, "gravity", "drive", "target"}
-
-    def of(self, written: Iterable[str], what: str) -> dict[str, str]:
-        """Unique names by the names in the file; `what`: the kind of these parts in one word."""
-        return {name: self._unique(name, what) for name in written}
-
-    def _unique(self, name: str, what: str) -> str:
+    names = {}
+    for name in written:
         wanted = name.replace(".", "_").replace("=", "_")
-        unique, count = wanted, 1
-        while unique in self.taken:
-            unique = f"{wanted}_{what}" if count == 1 else f"{wanted}_{what}_{count}"
-            count += 1
-        self.taken.add(unique)
-        return unique
+        more = (f"{wanted}_{what}_{count}" for count in itertools.count(2))
+        names[name] = next(n for n in itertools.chain((wanted, f"{wanted}_{what}"), more) if n not in taken)
+        taken.add(names[name])
+    return names

@@ -33,10 +33,8 @@ ROUNDING = 8 * np.finfo(float).eps
 
 
 class Link(NamedTuple):
-    """A rigid body with the frame of the joint that carries it.
-
-    **Arguments:** `mass` [kg], 0 where nothing is said of it; `center` of mass [m] in the link's frame; `inertia`
-    [kg m^2] about the centre of mass, along the link's axes; the `line` of the file that it begins at.
+    """A rigid body with the frame of its joint: `mass` [kg], 0 where nothing is said of it; `center` of mass [m] in
+    that frame; `inertia` [kg m^2] about the centre of mass, along its axes; the `line` of the file that it begins at.
     """
 
     name: str
@@ -55,11 +53,9 @@ class Mimic(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """A joint. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
-
-    **Arguments:** `kind`: one of `KINDS`; `axis`: a unit vector in the joint's frame; `damping` [N m s/rad or N s/m];
-    `friction` [N m or N]; `stiffness` of a spring [N m/rad or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or
-    kg]: inertia of its motor, seen through its gears.
+    """A joint, one of `KINDS`. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
+    `axis`: a unit vector there; `damping` [N m s/rad or N s/m]; `friction` [N m or N]; `stiffness` of a spring [N m/rad
+    or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or kg]: inertia of its motor, seen through its gears.
     """
 
     name: str
@@ -94,9 +90,6 @@ class Robot(NamedTuple):
     unread: tuple[str, ...] = ()
 
 
-# Poses ----------------------------------------------------------------------------------------------------------------
-
-
 class FramePose(NamedTuple):
     """A frame in another one: its origin there [m], and the rotation from its axes to the other's."""
 
@@ -128,10 +121,8 @@ def rotation_of(rpy) -> Matrix3:
 
 
 def rpy_of(rotation: Matrix3) -> Vector3:
-    """Roll, pitch and yaw [rad] of a rotation: the inverse of `rotation_of`.
-
-    Near a pitch of 90 deg only the sum or difference of roll and yaw is well defined. So the yaw is taken out of the
-    rotation before the roll is computed.
+    """Roll, pitch and yaw [rad] of a rotation. Near a pitch of 90 deg only the sum or difference of roll and yaw is
+    well defined, so the yaw is taken out of the rotation first.
     """
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     if np.hypot(rotation[1, 0], rotation[0, 0]) <= ROUNDING:
@@ -153,64 +144,48 @@ def is_identity(rotation: Matrix3) -> bool:
     return bool(np.array_equal(rotation, np.eye(3)))
 
 
-# The tree -------------------------------------------------------------------------------------------------------------
-
-
 def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot:
-    """The robot of these links and joints.
-
-    **Raises:** `ClearanceError` where they are no tree, or where a joint follows what it cannot.
-    """
+    """The robot of these links and joints. **Raises** where they are no tree, or a joint follows what it cannot."""
     if not links:
         raise ClearanceError("the robot has no <link>. Add one.")
     if len(links) > MOST_LINKS:
         raise ClearanceError(f"the robot has {len(links)} links, but {MOST_LINKS} are the most. Split the file.")
-    _check_unique("link", links)
-    _check_unique("joint", joints)
+    for what, several in (("link", links), ("joint", joints)):
+        first: dict[str, int] = {}
+        for part in several:
+            if part.name in first:
+                where = f"lines {first[part.name]} and {part.line}"
+                raise ClearanceError(f"{where}: two {what}s are called `{part.name}`. Rename one.")
+            first[part.name] = part.line
+    known = {link.name for link in links}
     for joint in joints:
-        _check_links(joint, {link.name for link in links})
-    carried = _carriers(joints)
-    root = _root(links, carried)
-    ordered = _order(root, joints)
-    _check_reached(root, links, ordered, carried)
-    _check_mimics({joint.name: joint for joint in joints})
-    return Robot(name, tuple(links), ordered, root)
-
-
-def _check_unique(what: str, parts: Sequence[Link] | Sequence[Joint]) -> None:
-    first: dict[str, int] = {}
-    for part in parts:
-        if part.name in first:
-            text = f"lines {first[part.name]} and {part.line}: two {what}s are called `{part.name}`. Rename one."
-            raise ClearanceError(text)
-        first[part.name] = part.line
-
-
-def _check_links(joint: Joint, known: set[str]) -> None:
-    for key, link in (("parent", joint.parent), ("child", joint.child)):
-        if link not in known:
-            raise unknown_name(f"{_say(joint)}: there is no link `{link}` to be its {key}.", link, known)
-    if joint.parent == joint.child:
-        raise ClearanceError(f"{_say(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
-
-
-def _say(joint: Joint) -> str:
-    return f"line {joint.line}: joint `{joint.name}`"
-
-
-def _carriers(joints: Sequence[Joint]) -> dict[str, Joint]:
-    """The joint that carries each link."""
-    carriers: dict[str, Joint] = {}
+        for key, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in known:
+                raise unknown_name(f"{_say(joint)}: there is no link `{link}` to be its {key}.", link, known)
+        if joint.parent == joint.child:
+            raise ClearanceError(f"{_say(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
+    carried: dict[str, Joint] = {}
     for joint in joints:
-        if joint.child in carriers:
-            other = carriers[joint.child]
+        other = carried.setdefault(joint.child, joint)
+        if other is not joint:
             raise ClearanceError(
                 f"{_say(joint)} closes a loop: the link `{joint.child}` hangs on joint `{other.name}` (line "
                 f"{other.line}) already. URDF knows trees only. Remove one of both, and close the loop in Python "
                 "(`Mechanism(..., loops=...)`)."
             )
-        carriers[joint.child] = joint
-    return carriers
+    root = _root(links, carried)
+    ordered = _order(root, joints)
+    reached = {root, *(joint.child for joint in ordered)}
+    for link in links:
+        if link.name not in reached:
+            circle = _circle(link.name, carried)
+            raise ClearanceError(f"link `{link.name}` (line {link.line}) does not hang on `{root}`: {circle}. Mend it.")
+    _check_mimics({joint.name: joint for joint in joints})
+    return Robot(name, tuple(links), ordered, root)
+
+
+def _say(joint: Joint) -> str:
+    return f"line {joint.line}: joint `{joint.name}`"
 
 
 def _root(links: Sequence[Link], carried: Mapping[str, Joint]) -> str:
@@ -254,40 +229,24 @@ def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
     return tuple(ordered)
 
 
-def _check_reached(root: str, links: Sequence[Link], ordered: Sequence[Joint], carried: Mapping[str, Joint]) -> None:
-    reached = {root, *(joint.child for joint in ordered)}
-    for link in links:
-        if link.name not in reached:
-            circle = _circle(link.name, carried)
-            raise ClearanceError(f"link `{link.name}` (line {link.line}) does not hang on `{root}`: {circle}. Mend it.")
-
-
 def _check_mimics(joints: Mapping[str, Joint]) -> None:
     for joint in joints.values():
-        if joint.mimic is not None:
-            _check_followed(joint, joint.mimic.joint, joints)
+        followed = None if joint.mimic is None else joint.mimic.joint
+        if followed is not None and followed not in joints:
+            raise unknown_name(f"{_say(joint)} mimics `{followed}`, which is no joint.", followed, joints)
+        if followed is not None and joints[followed].kind not in MAY_MIMIC:
+            raise ClearanceError(
+                f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
+                "follow. Name another joint."
+            )
     led: set[str] = set()  # by a joint that follows none
     for joint in joints.values():
         followers = [joint.name]
         while followers[-1] not in led and (mimic := joints[followers[-1]].mimic) is not None:
+            if mimic.joint in followers and len(followers) == 1:
+                raise ClearanceError(f"{_say(joint)} mimics itself. Name another joint, or remove <mimic>.")
             if mimic.joint in followers:
-                _refuse_circle(joints[mimic.joint], followers)
+                named, first = _list([f"`{name}`" for name in followers]), _say(joints[mimic.joint])
+                raise ClearanceError(f"{first} follows itself: {named} mimic one another. Let one of them lead.")
             followers.append(mimic.joint)
         led |= set(followers)
-
-
-def _refuse_circle(joint: Joint, followers: Sequence[str]) -> None:
-    if len(followers) == 1:
-        raise ClearanceError(f"{_say(joint)} mimics itself. Name another joint, or remove <mimic>.")
-    named = _list([f"`{name}`" for name in followers])
-    raise ClearanceError(f"{_say(joint)} follows itself: {named} mimic one another. Let one of them lead.")
-
-
-def _check_followed(joint: Joint, followed: str, joints: Mapping[str, Joint]) -> None:
-    if followed not in joints:
-        raise unknown_name(f"{_say(joint)} mimics `{followed}`, which is no joint.", followed, joints)
-    if joints[followed].kind not in MAY_MIMIC:
-        raise ClearanceError(
-            f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
-            "follow. Name another joint."
-        )
