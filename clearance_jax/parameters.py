@@ -49,8 +49,8 @@ def outside(part: Any) -> Any:
 
 
 def physical(
-    unit: str, *, above: float | None = None, least: float | None = None, below: float | None = None,
-    help: str = "", example: str = "", absent: str = "", instead: str = "", **field,
+    unit: str, help: str = "", example: str = "", absent: str = "", *, above: float | None = None,
+    least: float | None = None, below: float | None = None, instead: str = "", **field,
 ):  # fmt: skip
     """A field of a class of your own that holds one physical number, or `None` where the quantity may be absent.
 

@@ -103,11 +103,12 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
     word = head.read(values.get(head.name, head.default), below(where, head.name), words)
     known = {name: {key.name for key in keys.keys} for name, keys in tables.items()}
     for key in values:
-        having = ", ".join(f"`{name}`" for name, keys in known.items() if key in keys)
+        having = [name for name, keys in known.items() if key in keys]
         if having and key not in known[word] and key not in tables[word].renamed:
-            what = f"{below(where, key)} is not a known key of the {head.name} `{word}`, but of {having}"
-            fix = "change" if head.name in values else "add"
-            raise ClearanceError(f"{what}. Remove it, or {fix} the key `{head.name}`.")
+            of = ", ".join(f"`{name}`" for name in having)
+            what = f"{below(where, key)} is not a known key of the {head.name} `{word}`, but of {of}"
+            text = f"{what}. Remove it, or {'change' if head.name in values else 'add'} the key `{head.name}`."
+            raise ClearanceError(text).about(below(where, key), allowed=having)
     return Chosen(word, TomlTable(values, where, tables[word], words))
 
 

@@ -192,6 +192,18 @@ def test_a_rounded_corner():
     np.testing.assert_allclose(jax.vmap(jax.grad(numerics.corner))(jnp.asarray(s)), slopes, rtol=0, atol=4 * ULP)
 
 
+def test_numbers_without_derivatives_keep_their_values():
+    tree = {"a": jnp.asarray(2.0), "name": "spring", "b": (jnp.asarray([3.0, 4.0]), None)}
+    same = numerics.without_derivatives(tree)
+    assert (float(same["a"]), same["name"], same["b"][0].tolist(), same["b"][1]) == (2.0, "spring", [3.0, 4.0], None)
+
+    def both(a):
+        return a * numerics.without_derivatives({**tree, "a": a})["a"]
+
+    # Of a^2 only one factor has a derivative.
+    assert float(jax.grad(both)(jnp.asarray(5.0))) == 5.0
+
+
 def test_every_public_function_is_tested_here():
     public = {
         name
@@ -200,5 +212,5 @@ def test_every_public_function_is_tested_here():
     }
     assert public == {
         *("sincos", "safe_sqrt", "safe_norm", "safe_unit", "positive_part", "power_three_halves", "positive_power"),
-        *("step3", "step5", "step7", "step7_slope", "corner"),
+        *("step3", "step5", "step7", "step7_slope", "corner", "without_derivatives"),
     }
