@@ -41,13 +41,13 @@ class AbstractPin(AbstractClearance):
     """A pin in a sleeve, which may be worn."""
 
     radial_clearance: eqx.AbstractVar[Scalar]
-    length: eqx.AbstractVar[Scalar | None]
     pin_radius: eqx.AbstractVar[Scalar]
     pin_material: eqx.AbstractVar[Material | None]
     sleeve_material: eqx.AbstractVar[Material | None]
     tolerance: eqx.AbstractVar[Tolerance | None]
     depth: eqx.AbstractVar[Array | None]
     """By how much the sleeve is worn off [m]; `None`: it is round, which costs nothing more."""
+    length: eqx.AbstractVar[Scalar | None]
     contact: eqx.AbstractClassVar[Literal["point", "line"]]
 
     @property

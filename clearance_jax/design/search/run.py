@@ -49,8 +49,12 @@ def stopping(search: Searched) -> Searched:
 
 @stopping
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
-    """Run a method on a program from a `start` (n,), then move its result inside the limits; returns why it stopped
-    early, or nothing. `options`: the method's.
+    """Run an optimiser, then move its result inside the limits.
+
+    **Arguments:** `program`: what is minimised; `method`: a name or a `Method`; `start` (n,): the variables at the
+    start; `options`: the method's.
+
+    **Returns:** why it stopped early, or nothing.
     """
     method = method_of(method)
     # A motion that does not reach its end has no slopes: start from smaller clearances, with smaller impacts.

@@ -220,12 +220,12 @@ def continued(specification: Specification, widths: Sequence[float], how: Search
         raise ClearanceError(
             "`smoothing` must be widths [m] that become smaller, and the last one must be 0, which is the law itself: "
             f"such as (1e-6, 1e-7, 0). But it is {tuple(widths)}."
-        )
+        ).about("smoothing", tuple(widths))
     if how.classes is not None:
         raise ClearanceError(
             "`smoothing` is for variables that take any values: leave `classes` out, and then choose the classes with "
             "`start` at the answer."
-        )
+        ).about("classes")
     record = None if how.record is None else Path(how.record)
     before: list[tuple[float, Design]] = []
     for width in widths[:-1]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, naming, unknown_name
+from clearance_jax.errors import ClearanceError, naming, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, read_drive, robot_of
@@ -69,7 +69,7 @@ def read_scene(path: str | Path) -> Scene:
         solve = top.table("solve", keys.SOLVE)
         options = solve.arguments()
         if options.get("t0", 0.0) >= options.get("t1", float("inf")):
-            raise ClearanceError(f"{solve.key('t1')} must be greater than t0, but it is {options['t1']:g} s.")
+            raise wrong_value(solve.key("t1"), "greater than t0", options["t1"], shown=f"{options['t1']:g} s")
         return Scene(mechanism, options, text, trajectory)
 
 
