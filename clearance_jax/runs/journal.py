@@ -140,7 +140,7 @@ class Journal:
                     "Choose another path, or delete it."
                 )
             if changes := self.differences(question):
-                raise ClearanceError(refusal(self.path, changes))
+                raise refusal(self.path, changes)
         if self.damaged:
             damage = f"{self.damaged} lines are damaged; what they held is"
             if self.damaged == 1:
