@@ -30,7 +30,9 @@ from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
 class Sections(NamedTuple):
-    """The sections in which a pin bears: the whole `geometry`; by section height along the axis and length [m]."""
+    """The sections in which a pin bears: the whole's `geometry`; by section the `heights` along the axis and `lengths`
+    [m].
+    """
 
     geometry: Geometry
     heights: Float[Array, " sections"]

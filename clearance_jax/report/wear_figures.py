@@ -107,7 +107,10 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def bore(axis: Any, dataset: xr.Dataset) -> None:
-    """The bore at several ages around its pin, with clearance and wear magnified. Arguments as of `profiles`."""
+    """The bore at several ages around its pin, with clearance and wear magnified.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     radius, factors = float(dataset.attrs["pin_radius"]), _factors(dataset)
     for age, colour in _ages(dataset):
         axis.plot(*_bore(dataset, age, factors), color=colour, lw=1.2)
@@ -118,7 +121,10 @@ def bore(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def growth(axis: Any, dataset: xr.Dataset) -> None:
-    """How depth and clearance grow over the cycles. Arguments as of `profiles`."""
+    """How depth and clearance grow over the cycles.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     clearance, (factor, unit) = dataset["radial_clearance"].values, length_unit(float(dataset["deepest"].max()))
     curves = {"largest depth": dataset["deepest"].values, "mean depth": dataset["mean_depth"].values}
     for name, values in {**curves, "radial clearance, grown by": clearance - clearance[0]}.items():
@@ -130,7 +136,10 @@ def growth(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def criterion(axis: Any, dataset: xr.Dataset) -> None:
-    """The number that the end of the life watches, over the cycles, with its bound. Arguments as of `profiles`."""
+    """The number that the end of the life watches, over the cycles, with its bound.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     watched = dataset["watched"]
     told = display(watched)
     axis.plot(dataset["cycle"], told.factor * watched, "o-", ms=2.5, lw=1)
@@ -141,7 +150,10 @@ def criterion(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def volume(axis: Any, dataset: xr.Dataset) -> None:
-    """The volume worn off over the cycles. Arguments as of `profiles`."""
+    """The volume worn off over the cycles.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     axis.plot(dataset["cycle"], 1e9 * dataset["volume"], "o-", ms=2.5, lw=1)
     axis.set(title="volume worn off", ylabel="mm³")
     _over_life(axis, dataset)

@@ -84,6 +84,8 @@ class LineContact(AbstractImpactLaw):
 def johnson(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """Johnson's line contact, d = F'/(pi E*) (ln(4 pi E* c / F') - 1) (from Johnson 1985, Eq. 5.57), for d up to
     0.49 c; beyond, it goes on along its tangent.
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.JOHNSON, **options)
 
@@ -91,23 +93,33 @@ def johnson(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def radzimovsky(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """Radzimovsky's line contact, d = F'/(pi E*) (2/3 + ln(4 R_i/b) + ln(4 R_j/b)), with the full width of the
     contact b = 4 sqrt(F' R / (pi E*)), 1/R = 1/R_j - 1/R_i, for d up to 0.65 c.
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.RADZIMOVSKY, **options)
 
 
 def esdu(pin_modulus, sleeve_modulus, **options) -> LineContact:
-    """The line contact of ESDU 78035, d = F'/(pi E*) (ln(4 pi E* c / F') + 1)."""
+    """The line contact of ESDU 78035, d = F'/(pi E*) (ln(4 pi E* c / F') + 1).
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
+    """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.ESDU, **options)
 
 
 def liu(pin_modulus, sleeve_modulus, **options) -> LineContact:
-    """The conformal contact of Liu et al. (2007), F' = (pi/2) E* d sqrt(d / (2 (c + d)))."""
+    """The conformal contact of Liu et al. (2007), F' = (pi/2) E* d sqrt(d / (2 (c + d))).
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
+    """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.LIU, **options)
 
 
 def bai_zhao(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """The hybrid law of Bai and Zhao (2013) with n = 1: F' = K d, K = (pi/8) E* sqrt(2 d (3 c + 2 d)^2 / (c + d)^3),
     the slope of the law of Liu; a(e) = 3 (1 - e^2) exp(2 (1 - e)) / 4.
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     damped = {"ratio": ratios.zhiying_qishao_ratio} | options
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.BAI_ZHAO, **damped)
@@ -116,6 +128,8 @@ def bai_zhao(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def pereira(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """The fit of Pereira et al. (2015) to Johnson's line contact inside a sleeve, F' = (0.965 c + 0.0965) E*/c d^n in
     mm and N, n = Y c^-0.005, for radial clearances c from 0.005 to 10 mm; a(e) = 3 (1 - e^2)/4.
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     damped = {"ratio": ratios.lankarani_nikravesh_ratio} | options
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.PEREIRA, **damped)
@@ -124,6 +138,8 @@ def pereira(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def goldsmith(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """Goldsmith's line contact, d = F'/(pi E*) (ln(pi E* c / (F' R_i R_j)) + 1) in mm and N. For comparison only: its
     logarithm has a dimension, so that its force depends on the units.
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.GOLDSMITH, **options)
 
@@ -131,6 +147,8 @@ def goldsmith(pin_modulus, sleeve_modulus, **options) -> LineContact:
 def dubowsky_freudenstein(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """The line contact of Dubowsky and Freudenstein, d = F'/(pi E*) (ln(pi E* L^2 c / (F' R_i R_j)) + 1). For
     comparison only: the length of a line has no such part in its approach.
+
+    **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.DUBOWSKY_FREUDENSTEIN, **options)
 
