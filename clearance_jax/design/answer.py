@@ -100,7 +100,7 @@ class Design:
 
     def verify(self, cluster: Any = None, **options: Any) -> Certificate:
         """A certificate by another solver and a tenfold tighter tolerance; `cluster` as `ToleranceProblem.solve`'s,
-        `options` as `design.verify.certify`'s.
+        `options` as `design.judge.verify.certify`'s.
 
         **Raises:** `ClearanceError` where the design is not feasible.
         """

@@ -20,7 +20,7 @@ from clearance_jax.spatial import Term
 __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"]
 
 
-# A step starts four round-offs past an instant, see `solve.control.past_break`.
+# A step starts four round-offs past an instant, see `solve.steps.control.past_break`.
 _HAIR = 16 * float(np.finfo(np.float64).eps)
 
 

@@ -145,7 +145,7 @@ class Yield(AbstractManufacture):
     The design is limited by the conditional value at risk of the worst scaled limit: its mean over the worst (1 -
     target) of the samples (Rockafellar and Uryasev 2000). It is at least the quantile that the yield is about, and has
     a derivative. Of few samples it is too small by chance. So the mean is taken over fewer of them, as many as the
-    `confidence` allows (`design.yields.confidence_of` has the formula). With fewer than log(1 - confidence) /
+    `confidence` allows (`design.search.yields.confidence_of` has the formula). With fewer than log(1 - confidence) /
     log(target) samples, the worst one decides, and a `YieldWarning` says which yield they support.
     """
 
