@@ -9,7 +9,7 @@ export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 # A file's tests share programs, and so stay in one process; the files that take longest begin.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test quick nightly account check types wheel lowest docs reference pictures notebooks clean
+.PHONY: demo test tests quick nightly account check style types wheel lowest docs reference pictures notebooks clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -21,10 +21,11 @@ demo: .venv/installed
 	$(BIN)/clearance simulate experiments/scenes/joint5_velocity_1.toml -o out/joint5.nc --plot out/joint5.png
 	$(BIN)/clearance simulate experiments/scenes/slider_crank.toml -o out/slider_crank.nc --plot out/slider_crank.png
 
-check: .venv/installed
+check: style types
+
+style: .venv/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright
 
 types: .venv/installed
 	$(BIN)/pyright
@@ -44,9 +45,12 @@ lowest: .venv/installed
 	out/lowest/bin/uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct -e ".[dev]"
 	out/lowest/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -m quick
 
-# All tests but the slow ones, of which a fifth has its turn each day; then a tenth as users run: optimised, types
-# unchecked, programs kept.
-test: check
+# All tests but the slow ones, of which a tenth has its turn each day; then a tenth as users run: optimised, types
+# unchecked, programs kept. pyright uses one core, and so runs beside them.
+test: style
+	$(MAKE) --no-print-directory --jobs 2 types tests
+
+tests: .venv/installed
 	$(PYTEST)
 	CLEARANCE_TESTS=as-users $(PYTEST)
 

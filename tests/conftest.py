@@ -37,13 +37,18 @@ if not AS_USERS:
     jax.config.update("jax_numpy_rank_promotion", "raise")
 mpl.use("Agg")
 
-# Types and shapes are checked in every module but these. Their functions are called for every scalar or operation of a
-# program that is traced, and their annotations tell nothing apart: checking `spatial` took a sixth of all tracing.
-PACKAGE = Path(__file__).parents[1] / "clearance_jax"
-UNCHECKED = ("__pycache__", "spatial", "once", "_basis", "_compile")
-PLACES = [*PACKAGE.iterdir(), *(PACKAGE / "_basis").glob("*.py"), *(PACKAGE / "_compile").glob("*.py")]
+# Types and shapes are checked in every module but these and what holds them. Their functions are called for every
+# scalar, operation or coordinate of a program that is traced, and their annotations tell nothing apart.
+LIBRARY = Path(__file__).parents[1]
+UNCHECKED = ("_compile", "spatial", "mechanism.placement", "mechanism.tree.coordinate")
+FREE = tuple(f"clearance_jax.{name}." for name in UNCHECKED)
+FILES = (path.relative_to(LIBRARY).with_suffix("").parts for path in (LIBRARY / "clearance_jax").rglob("*.py"))
+NAMES = (".".join(parts).removesuffix(".__init__") + "." for parts in FILES)
+# A name stands for all that lies below it as well.
 CHECKED = [
-    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in PLACES if path.stem not in UNCHECKED
+    name.removesuffix(".")
+    for name in NAMES
+    if not name.startswith(FREE) and not any(free.startswith(name) for free in FREE)
 ]
 if not AS_USERS:
     _hook = install_import_hook(CHECKED, "beartype.beartype")
@@ -84,7 +89,7 @@ MUCH_MEMORY, MOST_MEMORY, MANY_MAPPINGS = 1.5, 2.2, 16_000
 
 # A run of the whole suite takes one part of so many of the tests marked `slow`, another every day. A run as users takes
 # one part of so many of all tests.
-SLOW_PARTS, USERS_PARTS = 5, 10
+SLOW_PARTS, USERS_PARTS = 10, 10
 
 
 def pytest_addoption(parser):
@@ -157,7 +162,9 @@ def _let_go() -> None:
 
 
 @pytest.fixture(autouse=True)
-def _memory_kept():
+def _memory_kept(request):
+    if request.node.get_closest_marker("large") is not None:
+        _let_go()
     yield
     if _resident() > MOST_MEMORY:
         _let_go()

@@ -155,6 +155,7 @@ def test_the_intervals_hold_the_truth_as_often_as_they_say():
 # What data cannot tell -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_numbers_that_only_count_together_are_named():
     """Speeds tell how far the ball falls, not where: only the wall's place less the ball's counts."""
     names = {RESTITUTION: (0.5, 0.95), PLACE: (5e-3, 9e-3), WALL: (1e-2, 1.5e-2)}
@@ -217,6 +218,7 @@ def test_losses_are_differentiated_right_and_tuned(loss):
         assert one.scale**2 * one.rho(np.array([1e-6]))[0] == pytest.approx(one.scale**2 * 1e-6, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_residuals_that_are_no_noise_are_told():
     """The ball fell at another gravity than the model's, which is not looked for."""
     names = {PLACE: (-0.02, 0.02), SPEED: (-0.2, 0.2), RESTITUTION: (0.5, 0.95)}
@@ -385,6 +387,7 @@ def test_readings_show_their_noise():
     assert np.isnan(_roughness(times**2, noise))
 
 
+@pytest.mark.slow
 def test_a_model_that_is_wrong_is_told_without_a_deviation():
     """The ball fell at another gravity than the model's: 61 readings show how large their noise is."""
     times = np.linspace(0.0, 0.03, 61)
@@ -414,6 +417,7 @@ def test_a_number_at_its_bound_is_told():
     assert any("`c` lies at a bound" in one for one in said(beyond))
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_keeps_its_best():
     seen = []
 

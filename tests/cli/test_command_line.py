@@ -127,6 +127,7 @@ def test_dataset_roundtrip_and_figure(tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_trace_agrees_with_simulate():
     scene = load_scene(SCENES / "slider_crank.toml")
     result = trace(scene.mechanism, 2e-3, rtol=1e-8, save_at=11)

@@ -45,6 +45,7 @@ def test_the_answer_is_that_of_the_law_itself(tmp_path):
     assert again.clearances == by_way.clearances
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_says_whose_design_it_has():
     def stop(point):
         raise KeyboardInterrupt

@@ -348,6 +348,7 @@ def test_static_weights_of_a_lever():
     np.testing.assert_allclose(weights["wrist"], 1 / np.cos(beta), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_metric_without_derivative_is_designed_for_without():
     """Impacts are counted: COBYQA finds a design that has few, and its certificate does without slopes."""
     problem = asked(limits=[design.Limit(metrics.Impacts("wrist"), 50.0)])

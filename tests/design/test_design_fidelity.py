@@ -57,6 +57,7 @@ def test_the_answer_is_the_one_of_the_dynamics(single, auto):
     assert any("piston" in name for name in auto.active)
 
 
+@pytest.mark.slow
 def test_full_solves_are_few_and_counted_apart(single, auto):
     assert auto.program.gradients < single.program.gradients
     assert auto.program.evaluations == 0
@@ -129,6 +130,7 @@ def test_what_poses_cannot_give_is_left_to_the_dynamics(asked):
         asked.solve(fidelity="static")
 
 
+@pytest.mark.slow
 def test_an_unreachable_bound_is_answered_at_once(asked):
     whole = asked.specification
     peak = metrics.Peak(metrics.PositionError("piston"))

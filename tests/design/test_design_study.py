@@ -343,6 +343,7 @@ def test_where_there_is_no_terminal_progress_is_plain_lines():
     assert "(0 s)" not in alive.getvalue()
 
 
+@pytest.mark.slow
 def test_infeasible_designs_report_what_is_violated(study, tmp_path):
     asked = specified(study)
 

@@ -54,6 +54,7 @@ def test_a_motion_without_an_end_says_why():
     assert "the largest number of steps was reached" in why
 
 
+@pytest.mark.slow
 def test_an_error_that_is_motion_is_told_from_play(hopeless, monkeypatch):
     """Poses that hold the bound where the dynamics do not."""
 

@@ -103,6 +103,7 @@ def test_a_yield_over_scattering_wear_is_its_closed_form(lasting):
             simulations.worst(x, [wrong])
 
 
+@pytest.mark.slow
 def test_an_entry_of_an_array_reaches_a_life_and_no_number_of_another_wear_does(lasting):
     (limit,) = lasting.specification.limits
     aged = limit.metric

@@ -37,6 +37,7 @@ REST = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("normal", "friction"), REST, ids=["no memory", "memory"])
 def test_a_pin_under_its_weight_starts_in_its_equilibrium_and_stays_there(normal, friction):
     mechanism = hanging(normal, friction, y=-GRAVITY)

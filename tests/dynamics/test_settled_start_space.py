@@ -167,6 +167,7 @@ def accelerations(mechanism, time, y):
     return jax.jit(lambda y: slope(jnp.asarray(time), y, prepared)[layout(mechanism).v])(y)
 
 
+@pytest.mark.slow
 def test_an_arm_starts_at_rest_where_its_weight_presses_it():
     """Still, of a law with memory and friction with bristles: all forces balance, and what bears is said to touch."""
     law, friction = laws.exact_restitution(1e9, 0.7), laws.LuGre(0.4, 0.3, 1e-3, 1e5, 1e-2, 0.0)
@@ -351,6 +352,7 @@ def begun(mechanism):
 
 
 @pytest.mark.slow
+@pytest.mark.large
 def test_lightly_loaded_sleeves_of_a_robot_begin_at_relative_rest():
     """Quintics from rest: where a sleeve's place of rest outruns it, the tool must not start at 0.5 m/s."""
     rng, rested = np.random.default_rng(1), []

@@ -246,6 +246,7 @@ def test_derivatives_of_an_arms_end():
         np.testing.assert_allclose(found[:, i], wanted, atol=1e-8 * np.max(np.abs(wanted)))
 
 
+@pytest.mark.slow
 def test_momentum_of_what_flies_is_kept():
     """Two bodies joined by a ball, free, without weight: momentum, angular momentum and energy stay."""
     rng = np.random.default_rng(5)

@@ -271,6 +271,7 @@ def two_arms(*order):
     return cj.Mechanism(tuple(bodies[name] for name in order), joints)
 
 
+@pytest.mark.slow
 def test_drive_efforts_are_named_by_their_coordinates_whatever_the_order_of_the_bodies():
     for order in (("light", "heavy"), ("heavy", "light")):
         m = two_arms(*order)
@@ -285,6 +286,7 @@ def test_a_coordinate_that_moves_nothing_is_refused():
         cj.simulate(m, 1.0)
 
 
+@pytest.mark.slow
 def test_ideal_forgets_where_the_pin_started():
     from catalogue import slider_crank
 

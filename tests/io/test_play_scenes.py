@@ -104,6 +104,7 @@ def by_hand() -> cj.Mechanism:
     return cj.Mechanism(bodies, joints, gravity=cj.Gravity(y=-9.81), name="scene")
 
 
+@pytest.mark.slow
 def test_a_scene_with_play_of_every_kind_is_the_mechanism_made_by_hand(written):
     read, made = load_scene(written(SCENE)).mechanism, by_hand()
     assert jax.tree.structure(read) == jax.tree.structure(made)

@@ -159,6 +159,7 @@ def test_notes_stand_in_datasets_and_on_the_screen(tmp_path):
         assert cj.load(scene).notes == (note,)
 
 
+@pytest.mark.slow
 def test_a_robot_whose_base_moves_is_not_said_to_be_held(tmp_path):
     path = tmp_path / "robot.urdf"
     hung = f"<link name='b'>{MASS}</link><joint name='k' type='planar'><parent link='base'/><child link='b'/></joint>"

@@ -72,6 +72,7 @@ def test_a_preloaded_pin_rings_as_a_spring_and_damper():
     assert second.ratio == pytest.approx(z, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_preload_closes_the_play_up_to_its_load():
     """At rest under a weight W < P: r = W / (k sqrt(1 - (W / P)^2)); beyond P the wall bears the rest."""
     element = cj.joints.PreloadedBearing(2e6, radial_preload=50.0)

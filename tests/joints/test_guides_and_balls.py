@@ -50,6 +50,7 @@ def slider(joints=(), loops=(), **body):
     return cj.Mechanism((cj.Body("block", 0.5, 2e-3, **body),), joints, loops, gravity=cj.Gravity(0.2, -9.81))
 
 
+@pytest.mark.slow
 def test_a_block_bounces_and_rubs_in_its_guide():
     """Dropped on its wall with a push along it: what the walls give across, a tenth of it friction takes along."""
     guide = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(velocity=0.5), clearance=FLAT)
@@ -89,6 +90,7 @@ def test_a_block_that_slides_out_of_its_guide_ends_the_solve(solve):
     assert float(places[0]) < 0.005
 
 
+@pytest.mark.slow
 def test_a_guide_closes_a_loop_as_it_does_in_a_tree():
     """A block that floats in the plane, with a guide as a loop, moves as one on the guide's own coordinates."""
     tree = slider((cj.Prismatic("guide", "ground", "block", motion=cj.Motion(velocity=0.5), clearance=FLAT),))
@@ -125,6 +127,7 @@ def test_a_ball_in_a_plane_motion_is_a_pin(friction):
     assert np.all(np.asarray(motions[1]["hip.pin_tilt"]) == 0)
 
 
+@pytest.mark.slow
 def test_a_cylindrical_joint_takes_a_sleeve():
     """A shaft that slides and turns in a sleeve that it passes through: free of its play, and an energy balance that
     closes.

@@ -90,6 +90,7 @@ def test_numbers_make_it():
         grooved(gap=-GAP)
 
 
+@pytest.mark.slow
 def test_its_paths_are_drawn_at_its_heights_within_its_walls(motion):
     figure = figures.play(motion)
     shown = [axis.get_title().split(":")[0] for axis in figure.axes[1:]]

@@ -63,6 +63,7 @@ def test_a_sleeve_that_is_off_centre_is_a_round_one_there(sectors):
         assert np.hypot(now.x, now.y) == pytest.approx(1, abs=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sectors", [16, 36, 72])
 def test_a_pin_at_rest_is_pressed_by_its_load_at_any_number_of_sectors(sectors):
     """Force, penetration, energy and friction are those of a round sleeve."""

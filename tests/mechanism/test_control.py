@@ -58,6 +58,7 @@ def linear(stiffness, encoder, period) -> Any:
     return x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoder", [(), ("motor", "link")])
 @pytest.mark.parametrize("period", [None, PERIOD])
 def test_a_servo_measures_on_either_side_of_a_spring_and_holds_its_force(encoder, period):
@@ -118,6 +119,7 @@ TARGETS = (
 )
 
 
+@pytest.mark.slow
 def test_computed_torque_makes_every_error_an_oscillator_of_its_own():
     w, d = 12.0, 0.6
     controlled = arm().with_controllers(cj.controllers.ComputedTorque("control", TARGETS, frequency=w, damping=d))
@@ -216,6 +218,7 @@ def test_the_books_close_where_a_solve_begins_or_ends_as_a_payload_is_handed_ove
     assert float(cj.simulate(lifting(*load), 0.2, t0=t0).energy_residual) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_work_of_a_payload_has_derivatives_by_when_it_is_handed_over():
     def work(times):
         changed = cj.replace(lifting(0.1, 0.15), {"load.picked_up": times[0], "load.put_down": times[1]})
@@ -332,6 +335,7 @@ def test_what_does_not_fit_is_named(said):
     assert said in str(raised.value)
 
 
+@pytest.mark.slow
 def test_a_scene_gives_a_robot_what_it_carries_and_what_pushes_it():
     m = cj.load("experiments/scenes/pick_up.toml")
     load, grip = m.bodies[-1], m.joints[-1]

@@ -38,6 +38,7 @@ def difference(metric, mechanism, clearance=5e-4, step=2e-8):
     return (up - down) / (2 * step)
 
 
+@pytest.mark.slow
 def test_error_at_times_is_the_references_and_so_is_its_derivative(mechanism):
     known = load_variation("slider_crank_0.5mm")
     some = slice(60, 201, 20)
@@ -128,6 +129,7 @@ def test_soft_peaks_bound_the_largest_sample(mechanism):
         assert float(high - low) > 0
 
 
+@pytest.mark.slow
 def test_orientation_and_path(mechanism):
     angle = at(metrics.At(metrics.OrientationError("conrod"), [0.003]), mechanism, 5e-4)
     assert 0 < float(angle[0]) < 5e-3  # some clearance over a conrod's length

@@ -159,6 +159,7 @@ def test_a_chaotic_exponent_is_how_two_trajectories_part(crank, growths):
     assert abs(exponent - steps.mean()) < 3 * np.hypot(scatter(ours), scatter(steps))
 
 
+@pytest.mark.slow
 def test_a_regular_exponent_is_the_largest_floquet_multipliers(crank, growths):
     cycle = cj.periodic_motion(cj.replace(crank, {CLEARANCE: REGULAR}), REVOLUTION)
     assert bool(cycle.converged)

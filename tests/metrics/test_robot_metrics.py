@@ -35,6 +35,7 @@ def places(solution):
     return solution["tip.position"]
 
 
+@pytest.mark.slow
 def test_path_deviation_is_the_distance_from_the_whole_curve(arm):
     """The ideal tip swings along an arc, and turns at both of its ends."""
 
@@ -71,6 +72,7 @@ def test_the_peak_of_a_path_deviation_is_the_largest_of_its_samples(arm):
     assert float(found["mean"]) == pytest.approx(np.mean(0.5 * (dense[1:] + dense[:-1])), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_path_that_turns_too_often_for_its_samples_is_refused(arm):
     with refused("samples", 11):
         metrics.At(metrics.PathDeviation("tip", samples=11), [0.05])(arm, T1)
@@ -134,6 +136,7 @@ def settling(block, start=START, band=2e-3, since=0.2, t1=3.0):
     return metrics.SettlingTime(Offset(), band, since)(moved, t1, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_settling_time_of_a_damped_block_and_its_derivatives(block):
     expected = exact_entry(2e-3, 3.0) - 0.2
     value, slope = jax.value_and_grad(lambda start: settling(block, start))(START)
@@ -154,6 +157,7 @@ def test_what_is_settled_at_once_and_what_never_settles(block):
     assert (float(value), float(slope)) == (np.inf, 0.0)
 
 
+@pytest.mark.slow
 def test_a_signal_that_jumps_into_the_band_settles_there(arm):
     """The arm turns at constant acceleration, and stops turning at once when its drive's last piece ends."""
     turn = arm.ideal().with_drives({"hip": cj.drives.StepSum([0.0], [0.05], [0.3])})

@@ -84,6 +84,7 @@ def test_errors_of_a_closed_linkage_without_play_are_nothing():
     assert max(map(float, found.values())) < 1e-9
 
 
+@pytest.mark.slow
 def test_static_weights_of_an_arm_are_one():
     """An offset in a joint of a driven arm moves its end by itself, whatever the arm's shape."""
     drives = {f"joint{i}": cj.drives.Harmonic(0.5, 2.0 + i) for i in range(3)}

@@ -305,6 +305,7 @@ def test_surroundings_are_part_of_the_key(monkeypatch):
     assert key(1) == usual
 
 
+@pytest.mark.slow
 def test_the_library_as_it_stands_in_memory_is_part_of_the_key(monkeypatch):
     def solved():
         return _compiled_solve._key([], jax.tree.structure(()))

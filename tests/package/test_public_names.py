@@ -162,6 +162,7 @@ def solution():
     return cj.simulate(CRANK, T1, **SOLVED)
 
 
+@pytest.mark.slow
 def test_quantities_are_the_datasets(solution):
     table = cj.to_dataset(CRANK, solution)
     for name, expected in {

@@ -120,6 +120,7 @@ def test_a_file_says_what_its_joints_are(arm, tmp_path):
     assert cj.animate(again).exaggeration == cj.animate(arm).exaggeration == 30.0
 
 
+@pytest.mark.slow
 def test_spans_of_contact_are_the_episodes(crank, arm):
     for dataset, joint in ((crank, "wrist"), (arm, "hip")):
         found = spans(dataset, joint)

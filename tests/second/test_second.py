@@ -39,6 +39,7 @@ def test_both_simulators_agree(name, tmp_path):
     assert found[0].ratio <= 1, found[:5]
 
 
+@pytest.mark.slow
 def test_what_is_wrong_by_a_thousandth_is_seen():
     """The comparison itself: the motion with a clearance that is a thousandth larger does not agree."""
     one = scene(case_of("guide"), 0)

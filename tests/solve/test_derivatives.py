@@ -63,6 +63,7 @@ def test_times_of_a_drive(case):
     assert max(row.error for row in found) <= closed_forms.LIMIT
 
 
+@pytest.mark.slow
 def test_time_of_a_drive_against_differences():
     """A contact is driven; the middle of three steps is moved."""
     mechanism = closed_forms.shaken(closed_forms.BEGIN, closed_forms.STOP)
@@ -195,6 +196,7 @@ def test_an_onset_with_a_pole_has_a_derivative():
     assert rate == pytest.approx(-0.7, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_derivative_that_round_off_hides_is_none():
     """Over a gap the derivative grows by the gap over the penetration, and falls again: after a kilometre none of its
     digits is known. It is right or NaN, and never a number that is wrong.

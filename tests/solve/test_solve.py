@@ -40,6 +40,7 @@ def test_slider_crank_error_follows_the_tolerance(solver):
         assert error.max() <= 2e-9
 
 
+@pytest.mark.slow
 def test_a_free_pin_does_not_swing_past_the_contacts_of_a_driven_sleeve():
     """Nothing in the state hints at the drive while the pin flies: its steps must be short enough all the same."""
     c, amplitude, frequency, damping, v0, end = 1.873e-3, 1.2944e-3, 16.103, 0.0813, 0.0268, 0.0896
@@ -93,6 +94,7 @@ def test_small_clearances_after_many_turns_are_not_lost_in_round_off():
         assert bool(cj.simulate(m, 1.2001, t0=1.2, rtol=rtol, energy_balance=False).succeeded)
 
 
+@pytest.mark.slow
 def test_plain_controller_has_a_floor():
     # Whether the plain controller happens to see a contact is luck: the worst of three clearances tells.
     errors: dict[bool, list[float]] = {True: [], False: []}
@@ -139,6 +141,7 @@ def test_batch_equals_loop():
     assert np.max(np.abs(batch - loop) / np.abs(loop).max(0)) <= 10 * 1e-7
 
 
+@pytest.mark.slow
 def test_jvp_runs_and_is_finite():
     m = catalogue.slider_crank()
     _, tangent = jax.jvp(
@@ -245,6 +248,7 @@ def test_books_of_a_mechanism_without_states_follow_the_tolerance():
         assert float(cj.simulate(m, 3.0, rtol=rtol).energy_residual) <= 10 * rtol
 
 
+@pytest.mark.slow
 def test_a_trace_of_many_blocks_is_the_solve():
     m = cj.load(SCENES / "joint5_velocity_1.toml")
     traced = cj.trace(m, 3.0, rtol=1e-7)

@@ -99,6 +99,7 @@ def test_nothing_of_a_failed_motion_looks_like_an_answer():
     assert np.isnan(times).all()
 
 
+@pytest.mark.slow
 def test_a_line_search_steps_back_from_what_is_impossible():
     """A clearance below zero had the value 0 and the gradient 0: a search went there, and found nothing better."""
     wanted = float(tip(1e-3))
@@ -183,6 +184,7 @@ def test_sample_times_of_a_minibatch_come_back_in_its_order():
             sampled(np.array(times))
 
 
+@pytest.mark.slow
 def test_a_derivative_by_sample_times_is_the_velocity_there():
     def total(times):
         return jnp.sum(sampled(times)[0] * jnp.arange(1.0, 6.0))

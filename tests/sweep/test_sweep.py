@@ -56,6 +56,7 @@ def test_a_lane_is_its_own_solve(whole):
         np.testing.assert_allclose(lane["end"], end, rtol=1e-5, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_answer_is_labelled(whole):
     assert whole["peak"].dims == ("wrist.radial_clearance", "drive.main.speed")
     assert whole["end"].dims == (*whole["peak"].dims, "axis")
@@ -74,6 +75,7 @@ def limited():
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_failed_lanes_are_masked_counted_and_run_again(limited):
     few, again = limited(), limited(again={"max_steps": 10_000})
     assert (few.attrs["failed"], again.attrs["failed"]) == (2, 0)
@@ -85,6 +87,7 @@ def test_failed_lanes_are_masked_counted_and_run_again(limited):
     np.testing.assert_array_equal(again["end"][2:], few["end"][2:])
 
 
+@pytest.mark.slow
 def test_models_scatter_and_samples_in_time():
     """A law for each label, correlated scatter along a dimension of samples, a quantity over time."""
 

@@ -201,6 +201,7 @@ def test_what_is_no_worn_sleeve(table, words, tmp_path, dataset):
         worn(tmp_path, table)
 
 
+@pytest.mark.slow
 def test_info_says_that_a_sleeve_is_worn(tmp_path, dataset):
     cj.save(dataset, tmp_path / "wear.nc")
     worn(tmp_path, '{ file = "wear.nc" }')
