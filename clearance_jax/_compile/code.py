@@ -154,8 +154,3 @@ def names_in(code: types.CodeType) -> Iterator[str]:
     """The names that a function looks up in its module (and those of attributes)."""
     for inner in _codes(code):
         yield from inner.co_names
-
-
-# Names of modules of this library that were altered in this process after they were read. JAX may have traced their
-# former state, and use that in a program.
-altered: set[str] = set()

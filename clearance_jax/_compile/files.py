@@ -14,6 +14,8 @@ from hashlib import blake2b
 from pathlib import Path
 from uuid import uuid4
 
+from clearance_jax._compile.runtime import RUNTIME
+
 # Above this number of bytes (some thousand programs) the least recently used files are removed.
 LARGEST = 1 << 30
 _MARK = b"clearance_jax program 1\n"
@@ -173,29 +175,23 @@ def _let_go(folder: Path, largest: int) -> None:
 # Answers at most.
 _MOST = 20_000
 _NAME = "quantities"
-_where: list[Path] = []
-_known: dict[str, float] = {}
-_new: dict[str, float] = {}
 
 
 def remember_in(folder: Path | None) -> None:
-    """Keep answers in this folder from now on; `None`: nowhere."""
-    _where[:] = [] if folder is None else [folder]
-    _known.clear()
-    _new.clear()
-    if folder is not None:
-        _known.update(_read(folder))
+    """Keep programs and answers in this folder from now on; `None`: nowhere."""
+    RUNTIME.folder, RUNTIME.new_answers = folder, {}
+    RUNTIME.answers = {} if folder is None else _read(folder)
 
 
 def remember(question: str, ask: Callable[[], float]) -> float:
     """The answer to a question whose text covers everything on which it depends. Errors of `ask` are not kept."""
-    if not _where:
+    if RUNTIME.folder is None:
         return ask()
-    if question not in _known:
-        if not _new:
+    if question not in RUNTIME.answers:
+        if not RUNTIME.new_answers:
             atexit.register(_write)
-        _known[question] = _new[question] = ask()
-    return _known[question]
+        RUNTIME.answers[question] = RUNTIME.new_answers[question] = ask()
+    return RUNTIME.answers[question]
 
 
 def _read(folder: Path) -> dict[str, float]:
@@ -208,10 +204,11 @@ def _read(folder: Path) -> dict[str, float]:
 
 def _write() -> None:
     """Write the new answers; those that other processes have kept meanwhile stay."""
-    if not _where or not _new:
+    folder, new = RUNTIME.folder, RUNTIME.new_answers
+    if folder is None or not new:
         return
-    every = _read(_where[0]) | _new
+    every = _read(folder) | new
     if len(every) > _MOST:
-        every = dict(_new)
-    write(_where[0], _NAME, json.dumps({key: value.hex() for key, value in every.items()}).encode())
-    _new.clear()
+        every = new
+    write(folder, _NAME, json.dumps({key: value.hex() for key, value in every.items()}).encode())
+    RUNTIME.new_answers = {}

@@ -25,16 +25,14 @@ from jax.core import Tracer
 from jax.experimental import serialize_executable
 
 from clearance_jax._compile import files
-from clearance_jax._compile.code import altered
-from clearance_jax._compile.files import remember_in
 from clearance_jax._compile.library import is_plain, library_text, surroundings
 from clearance_jax._compile.private import find_lapack, jax_cache_off, settings
+from clearance_jax._compile.runtime import RUNTIME
 from clearance_jax._compile.solo import SOLO, is_traced, solo_jit
 from clearance_jax._compile.structure import Reader, Untold, hash_texts
 
 # Largest number of calls that are recognised without reading their arguments again.
 _MOST = 1024
-_where: list[Path] = []
 _making = threading.RLock()
 # A function outside of the program that it calls.
 _CALL = re.compile(r'custom_call_target="([^"]*)"')
@@ -44,8 +42,7 @@ def keep_in(folder: Path | None) -> None:
     """Keep programs in this folder from now on; `None`: nowhere. They are not kept either if the variable
     CLEARANCE_KEPT is 0, or, with a warning, if others can write to the folder.
     """
-    _where.clear()
-    remember_in(None)
+    files.remember_in(None)
     if folder is None or os.environ.get("CLEARANCE_KEPT") == "0":
         return
     why = files.unsafe(folder)
@@ -56,8 +53,7 @@ def keep_in(folder: Path | None) -> None:
             stacklevel=3,
         )
         return
-    _where.append(folder)
-    remember_in(folder)
+    files.remember_in(folder)
 
 
 class kept_jit:
@@ -75,7 +71,7 @@ class kept_jit:
         functools.update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
-        if not _where:
+        if RUNTIME.folder is None:
             return self.plain(*arguments)
         leaves, tree = jax.tree.flatten(arguments)
         if not _is_ordinary(leaves):
@@ -105,7 +101,7 @@ class kept_jit:
             key = self._key(leaves, tree)
         except (Untold, RecursionError):
             return None, None
-        if not (self.filtered or all(map(eqx.is_array, leaves))) or files.unsafe(_where[0]):
+        if not (self.filtered or all(map(eqx.is_array, leaves))) or files.unsafe(RUNTIME.folder):
             return None, None
         if key not in self._programs:
             self._programs[key] = _read(key) or self._compile(key, arguments)
@@ -136,7 +132,7 @@ class kept_jit:
         lowered = jax.jit(flat).lower(*numbers)
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
-        if altered or not files.make_writable(_where[0]):
+        if RUNTIME.altered or not files.make_writable(RUNTIME.folder):
             return lowered.compile(SOLO), outside[0]
         # A program from JAX's own cache cannot be kept: it would lack functions.
         with jax_cache_off():
@@ -148,7 +144,7 @@ class kept_jit:
             content = pickle.dumps((_needs_lapack(calls), frame, serialize_executable.serialize(program)))
         except Exception:  # what a tree holds may refuse in its own words: the program is good in this process
             return program, outside[0]
-        files.write(_where[0], key, content)
+        files.write(RUNTIME.folder, key, content)
         return program, outside[0]
 
 
@@ -183,7 +179,7 @@ def _is_ordinary(leaves: list) -> bool:
 
 
 def _read(key: str) -> tuple[Any, Any] | None:
-    content = files.read(_where[0], key)
+    content = files.read(RUNTIME.folder, key)
     if content is None:
         return None
     try:

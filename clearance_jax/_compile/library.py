@@ -18,16 +18,15 @@ from typing import Any
 import jax
 from jax.extend.backend import get_compile_options  # with XLA's flags in force: the variable may have been set too late
 
-from clearance_jax._compile.code import MADE, PACKAGE, VERSIONED, altered, functions_of, name_of
+from clearance_jax._compile.code import MADE, PACKAGE, VERSIONED, functions_of, name_of
 from clearance_jax._compile.private import settings
+from clearance_jax._compile.runtime import RUNTIME
 from clearance_jax._compile.structure import Reader, hash_texts
 
 _HEAD = PACKAGE.name + "."
 # The state of these changes in a process, and no program depends on it.
-_STATEFUL = "kept", "library", "remembered", "files", "structure", "code", "private"
+_STATEFUL = "kept", "library", "runtime", "files", "structure", "code", "private"
 _ASIDE = {f"{_HEAD}_compile.{name}" for name in _STATEFUL} | {f"{_HEAD}configure"}
-# By module: its contents, its text, and the modules to which it leads.
-_read: dict[str, tuple[list, str, set[str]]] = {}
 
 
 def library_text(modules: Iterable[str]) -> str:
@@ -48,13 +47,13 @@ def library_text(modules: Iterable[str]) -> str:
 
 def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
     now = list(_contents(module))
-    known = _read.get(name)
+    known = RUNTIME.modules.get(name)
     if known is None or len(known[0]) != len(now) or any(a is not b for a, b in zip(known[0], now, strict=True)):
         reader = Reader(strict=True, state=True)
         text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in sorted(_named(module))))
         if known is not None and known[1] != text:
-            altered.add(name)
-        known = _read[name] = now, text, reader.homes
+            RUNTIME.altered.add(name)
+        known = RUNTIME.modules[name] = now, text, reader.homes
     return known[1], known[2]
 
 

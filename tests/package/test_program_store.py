@@ -22,9 +22,9 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax._compile import files, kept, library
-from clearance_jax._compile.code import altered
 from clearance_jax._compile.kept import keep_in, kept_jit
 from clearance_jax._compile.private import WholeEntries
+from clearance_jax._compile.runtime import RUNTIME
 from clearance_jax._compile.structure import Reader, Untold
 from clearance_jax.cli.main import app
 from clearance_jax.laws import HuntCrossley
@@ -53,7 +53,7 @@ print(out["y"].tolist(), out["said"])
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("CLEARANCE_KEPT", "1")
-    altered.clear()  # other tests may have patched the library
+    RUNTIME.altered.clear()  # other tests may have patched the library
     keep_in(tmp_path / "programs")
     yield tmp_path / "programs"
     keep_in(None)
@@ -135,13 +135,13 @@ def test_a_folder_that_others_can_write_to_is_not_used(folder, monkeypatch):
     assert fresh() == (13.0, True)  # it became so while a process ran
     with pytest.warns(UserWarning, match="must be writable by its owner alone, but others than its owner can write"):
         keep_in(folder)
-    assert not kept._where
+    assert not RUNTIME.folder
     folder.chmod(0o700)
     (next(folder.iterdir())).chmod(0o666)
     assert files.read(folder, next(folder.iterdir()).stem) is None
     monkeypatch.setenv("CLEARANCE_KEPT", "0")
     keep_in(folder)
-    assert not kept._where
+    assert not RUNTIME.folder
 
 
 def test_where_nothing_can_be_written_programs_are_compiled(folder):
@@ -359,14 +359,14 @@ import importlib, pkgutil, sys
 import jax
 import clearance_jax as cj
 from clearance_jax._compile import kept, library
-from clearance_jax._compile.code import altered
+from clearance_jax._compile.runtime import RUNTIME
 from clearance_jax._compile.kept import kept_jit
 
 class Told(Exception):
     pass
 
 def key():
-    library._read.clear()
+    RUNTIME.modules.clear()
     kept_jit._key, own = lambda *given: (_ for _ in ()).throw(Told(own(*given))), kept_jit._key
     try:
         cj.simulate(cj.load(sys.argv[1]), 1e-3)
@@ -395,7 +395,7 @@ keys = [key()]
 for load in before or [libraries, traced, others]:
     load()
     keys.append(key())
-print(*sorted(set(keys)), *altered)
+print(*sorted(set(keys)), *RUNTIME.altered)
 """
 
 
@@ -539,7 +539,7 @@ def test_what_the_library_was_patched_with_is_not_kept_later(folder, monkeypatch
         patch.setattr(control, "SAFETY_OF_THE_TEST", 0.5, raising=False)
         jax.vmap(inner)(jnp.ones(2))
     assert inner(jnp.ones(2))[0] == 2.0
-    assert altered == {"clearance_jax.solve.steps.control"}
+    assert RUNTIME.altered == {"clearance_jax.solve.steps.control"}
     assert len(list(folder.iterdir())) == 1
 
 
