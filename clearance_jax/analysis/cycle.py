@@ -26,7 +26,7 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.first_state import initial_state
 from clearance_jax.solve.flow import Inputs, flow
-from clearance_jax.solve.steps.attempt import Options
+from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.steps.problem import Problem
 from clearance_jax.solve.steps.tolerances import LOCAL, largest_length, tolerances
 
@@ -121,7 +121,7 @@ class CycleSearch(NamedTuple):
 class CycleOptions(NamedTuple):
     """The static arguments of a search: other ones compile another program."""
 
-    options: Options
+    options: Settings
     settle: int
     iterations: int
 

@@ -69,4 +69,4 @@ def periodic_motion(
                 f"by {float(gap):.2g} (radians or largest lengths). Give the drives' common period, to full precision."
             ).about(name, float(period))
     search = CycleSearch(mechanism, t0, period, settings.rtol, guess, turns)
-    return find(search, CycleOptions(settings.as_options(), settle, max_iterations))
+    return find(search, CycleOptions(settings.compiled_in(), settle, max_iterations))

@@ -31,7 +31,6 @@ from clearance_jax.solve.first_state import initial
 from clearance_jax.solve.flow import Inputs, refuse_jumps, task_of
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.steps.attempt import Options
 from clearance_jax.solve.steps.problem import Problem, depends, push
 from clearance_jax.solve.steps.step import try_step
 
@@ -191,7 +190,7 @@ SEED = 20
 
 
 @solo_jit
-def _steps(mechanism, values, inputs: Inputs, options: Options):
+def _steps(mechanism, values, inputs: Inputs, options: Settings):
     """Ends of the steps that the motion and its derivative need (infinite beyond the last), and the result code."""
     rng = np.random.default_rng(SEED)
     probe = {
@@ -204,7 +203,7 @@ def _steps(mechanism, values, inputs: Inputs, options: Options):
 
 
 @solo_jit
-def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: Options):
+def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: Settings):
 
     def of(values):
         changed = replace(mechanism, values)
@@ -241,7 +240,7 @@ def reverse(
     energy_balance = settings.energy_balance or layout(mechanism).size == 0
     size = SHORTEST
     while True:
-        options = settings._replace(locate_events=True, energy_balance=energy_balance, max_steps=size).as_options()
+        options = settings._replace(locate_events=True, energy_balance=energy_balance, max_steps=size).compiled_in()
         times, code = _steps(mechanism, values, inputs, options)
         if int(code) != Result.MAX_STEPS or size >= LONGEST:
             break

@@ -121,8 +121,7 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     """The checked options of the solve: those `given`, over the defaults."""
-    from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS
-    from clearance_jax.solve.steps.attempt import STARTS
+    from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS, STARTS
 
     for name, words in (("solver", SOLVER_WORDS), ("start", STARTS), ("fidelity", OF_MOTIONS)):
         if given.get(name) not in (None, *words):

@@ -228,7 +228,7 @@ def _constant_jvp(primals, tangents):
 @eqx.filter_jit
 def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array, options: Any) -> Array:
     """Logarithms of how the largest axes of a ball of states grow in every period, shape (count, exponents)."""
-    size, settings = layout(mechanism).size, options._replace(energy_balance=False).as_options()
+    size, settings = layout(mechanism).size, options._replace(energy_balance=False).compiled_in()
     y = y[:size]
     problem = Problem(mechanism.prepare())
     unit = tolerances(problem, y, begin, begin + metric.period, options.rtol).unit

@@ -11,7 +11,7 @@ from clearance_jax.dynamics.field import balance_at_start
 from clearance_jax.dynamics.settled import settle_start
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout
-from clearance_jax.solve.steps.attempt import CENTRE, SETTLED
+from clearance_jax.solve.settings import CENTRE, SETTLED
 from clearance_jax.solve.steps.problem import Problem, widths
 
 

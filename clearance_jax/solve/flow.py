@@ -26,9 +26,10 @@ from clearance_jax.solve.drivers import lanes
 from clearance_jax.solve.drivers.driver import integrate
 from clearance_jax.solve.drivers.lanes import batch_by
 from clearance_jax.solve.first_state import initial
+from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import refusal_of, unresolved, why_stopped
-from clearance_jax.solve.steps.attempt import Options, Outcome, SolveTask
+from clearance_jax.solve.steps.attempt import Outcome, SolveTask
 from clearance_jax.solve.steps.problem import Problem, basis, field, lift, motion, moves, push, sparsity
 from clearance_jax.solve.steps.tolerances import Tolerances, floors, tolerances
 
@@ -58,19 +59,19 @@ Which: TypeAlias = tuple[bool, ...] | None
 
 
 @eqx.filter_custom_jvp
-def flow(inputs: Inputs, *, options: Options) -> Solution:
+def flow(inputs: Inputs, *, options: Settings) -> Solution:
     """Solve; differentiable by every number of the mechanism, `y0`, `t1` and `save_at`."""
     return _compiled_solve(inputs, options)
 
 
-def plain_flow(inputs: Inputs, options: Options) -> Solution:
+def plain_flow(inputs: Inputs, options: Settings) -> Solution:
     """As `flow`, but JAX differentiates the program as it stands: cheaper, and of unknown accuracy."""
     refuse_jumps(inputs.mechanism)
     return _plain(inputs, options)
 
 
 @flow.def_jvp
-def _flow_jvp(primals, tangents, *, options: Options):
+def _flow_jvp(primals, tangents, *, options: Settings):
     (inputs,), (rates,) = primals, tangents
     rates = jax.tree.map(jnp.asarray, rates)  # a tangent may come as a Python number
     if rates.t0 is not None:
@@ -108,7 +109,7 @@ def states_of(solution: Solution) -> list[Array]:
     return [solution.initial, solution.final, solution.y, *(pick.y for pick in solution.found)]
 
 
-def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
+def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Settings) -> list[Array]:
     """The tangents plus the effect of moving the end or the sample times: the rate of the motion there."""
     problem = Problem(inputs.mechanism.prepare(), inputs.integrands, energy_balance=options.energy_balance)
     start, final, y, *picks = moved
@@ -131,7 +132,7 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
     return [start, final, y, *picks]
 
 
-def variations(inputs: Inputs, which: Which, options: Options) -> tuple[Solution, list[Array]]:
+def variations(inputs: Inputs, which: Which, options: Settings) -> tuple[Solution, list[Array]]:
     """The solution, and the derivatives of its states by each varied number (leading axis)."""
     stacked = _stack(inputs, which, options=options)
     stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
@@ -167,7 +168,7 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 # The solve -----------------------------------------------------------------------------------------------------------
 
 
-def task_of(inputs: Inputs, options: Options, directions: Any = None) -> SolveTask:
+def task_of(inputs: Inputs, options: Settings, directions: Any = None) -> SolveTask:
     """The task of a solve; with directions (a tree like `inputs.varied`) its states are stacks. A motion that cannot
     begin (see `refusal_of`) ends where it begins, with a code of its own.
     """
@@ -180,7 +181,7 @@ def task_of(inputs: Inputs, options: Options, directions: Any = None) -> SolveTa
     return SolveTask(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, refused, errors.seated)
 
 
-def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Options) -> Solution:
+def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Settings) -> Solution:
     """The solution of a task that was to end at `t1`, from its outcome."""
     problem, start, final = task.problem, task.start, out.final
     time, y = out.end_time[None], final[None]
@@ -202,7 +203,7 @@ def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Options) -> S
     return Solution(time, y, start, final, *ended, records, picked, task.seated, **asked)
 
 
-def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
+def solve(inputs: Inputs, options: Settings, which: Which = None, mapped: bool = True) -> Solution:
     """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may batch it."""
     task = task_of(inputs, options, _directions(inputs, which))
     moved = one_function(integrate)(task, options, _breaks_move(task), mapped)
@@ -223,7 +224,7 @@ def _breaks_move(task: SolveTask) -> bool:
     return task.problem.varies and moves(drive_breaks, task.problem)
 
 
-def solve_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solution:
+def solve_lanes(inputs: Inputs, options: Settings, which: Which = None) -> Solution:
     """A batch of motions (or stacks) along the first axis of every array, solved as lanes."""
 
     def begin(inputs, options):
@@ -237,7 +238,7 @@ def solve_lanes(inputs: Inputs, options: Options, which: Which = None) -> Soluti
 # Inside the rule of differentiation: outside, a derivative would trace the motion's own solve in vain, and a rule of
 # batching has no reverse derivative.
 @kept_jit
-def _compiled_solve(inputs: Inputs, options: Options, which: Which = None) -> Solution:
+def _compiled_solve(inputs: Inputs, options: Settings, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
     def single(numbers):
@@ -263,7 +264,7 @@ _plain = solo_jit(solve)
 
 
 def problem_of(
-    inputs: Inputs, options: Options, directions: Any = None
+    inputs: Inputs, options: Settings, directions: Any = None
 ) -> tuple[Problem, Array, Tolerances, StartErrors]:
     """The problem, its initial state (or stack), its tolerances, and the errors of the start."""
 

@@ -23,7 +23,6 @@ from clearance_jax.errors import ClearanceError, quote, require_float64, unknown
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf, check_values
-from clearance_jax.solve.steps.attempt import CENTRE, STARTS, Options
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
 AUTO = "auto"
@@ -61,6 +60,8 @@ MOST_SAMPLES = 1_000_000
 # search soon leaves numbers with which a motion does not end.
 MAX_STEPS = 1_000_000
 DERIVATIVES = ("controlled", "screening")
+# Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall where a load presses them.
+STARTS = CENTRE, SETTLED = "centre", "settled"
 # Models of the motion, from the dearest to the cheapest.
 FIDELITIES = DYNAMICS, QUASI_STATIC, STATIC = "dynamics", "quasi-static", "static"
 # Models that give a motion.
@@ -114,7 +115,9 @@ class SolveOptions(TypedDict, total=False):
 
 
 class Settings(NamedTuple):
-    """`SolveOptions` as read: every option has a value, numbers are arrays (their values are not compiled in)."""
+    """`SolveOptions` as read: every option has a value, numbers are arrays (their values are not compiled in).
+    `observers` see every accepted step.
+    """
 
     t0: Any = 0.0
     save_at: Array | None = None
@@ -128,19 +131,20 @@ class Settings(NamedTuple):
     derivatives: str = "controlled"
     max_steps: int = MAX_STEPS
     fidelity: str = DYNAMICS
+    observers: tuple = ()
 
-    def as_options(self, observers: tuple = ()) -> Options:
-        """The options for which a solve is compiled. **Raises** `ClearanceError` for a `fidelity` without steps."""
+    def compiled_in(self, observers: tuple = ()) -> "Settings":
+        """The choices for which a solve is compiled, without numbers. **Raises** `ClearanceError` for a `fidelity`
+        without steps.
+        """
         if self.fidelity != DYNAMICS:
             text = f'This follows the steps of a motion, and `fidelity = "{self.fidelity}"` has none: use "{DYNAMICS}".'
             raise ClearanceError(text).about("fidelity", self.fidelity, DYNAMICS)
         solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
-        return Options(
-            solver, self.locate_events, self.energy_balance, self.max_steps, self.derivatives, observers, self.start
-        )
+        return self._replace(solver=solver, observers=observers, t0=None, save_at=None, rtol=None, atol=None, y0=None)
 
 
-ALL = Settings._fields
+ALL = tuple(SolveOptions.__annotations__)
 
 
 def settings_of(

@@ -109,7 +109,7 @@ def only_reached(solution: Solution, tree: Any) -> Any:
 
 
 def _moved(mechanism, t1, settings: Settings, throw: bool, observers: tuple, integrands: tuple) -> Solution:
-    options = settings.as_options(observers)
+    options = settings.compiled_in(observers)
     if layout(mechanism).size == 0:
         # Without states, the energy balance is the only thing to integrate.
         options = options._replace(energy_balance=True)

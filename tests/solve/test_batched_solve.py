@@ -14,7 +14,7 @@ from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers import lanes
 from clearance_jax.solve.drivers.lanes import batch_by, over_chunks
 from clearance_jax.solve.flow import Inputs, task_of
-from clearance_jax.solve.steps.attempt import Options
+from clearance_jax.solve.settings import Settings
 
 T1 = 3e-3
 CLEARANCES = jnp.linspace(5e-5, 5e-4, 5)
@@ -106,7 +106,7 @@ def test_an_impossible_lane_takes_no_attempt_wherever_its_start_was_computed():
     """In a loop two programs may compute a lane's start, one for where it is and one for where it ends, an ulp apart:
     a lane whose state is no number would go on until its steps are used up, and its chunk with it.
     """
-    options = Options(diffrax.Tsit5(), locate_events=True, energy_balance=False, max_steps=50)
+    options = Settings(solver=diffrax.Tsit5(), max_steps=50)
 
     def begin(speed, t0):
         mechanism = cj.replace(catalogue.slider_crank(), {"drive.main.speed": speed})

@@ -21,7 +21,8 @@ from clearance_jax.joints.checks import ImplausibleWarning
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.flow import Inputs, problem_of
-from clearance_jax.solve.steps.attempt import Options, means_of
+from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.steps.attempt import means_of
 from clearance_jax.solve.steps.control import factor, on_grid, scaled_error
 from clearance_jax.solve.steps.events import EventJoints, StepCurve, first_of
 from clearance_jax.solve.steps.problem import basis
@@ -108,7 +109,7 @@ def test_what_a_law_remembers_hides_no_derivative():
     inputs = Inputs(m, jnp.zeros(()), jnp.asarray(0.01), None, jnp.asarray(1e-6), None, None)
     leaves = jax.tree.leaves(inputs.varied, is_leaf=lambda x: x is None)
     first = next(i for i, leaf in enumerate(leaves) if eqx.is_inexact_array(leaf))
-    options = Options(diffrax.Tsit5(), True, False, 100)
+    options = Settings(solver=diffrax.Tsit5(), max_steps=100)
     directions = basis(jax.tree.unflatten(
         jax.tree.structure(inputs.varied, is_leaf=lambda x: x is None),
         [leaf if i == first else None for i, leaf in enumerate(leaves)],

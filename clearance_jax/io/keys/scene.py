@@ -13,8 +13,7 @@ from clearance_jax.mechanism.motion.motion_laws import ConstantSpeed, Harmonic, 
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
 from clearance_jax.mechanism.tree.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
 from clearance_jax.mechanism.tree.tree import Fixed, Prismatic, Revolute
-from clearance_jax.solve.settings import MAX_STEPS, MOST_SAMPLES, OF_MOTIONS, SOLVER_WORDS
-from clearance_jax.solve.steps.attempt import STARTS
+from clearance_jax.solve.settings import MAX_STEPS, MOST_SAMPLES, OF_MOTIONS, SOLVER_WORDS, STARTS
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
 DRIVES = {"constant": Constant, "constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum}

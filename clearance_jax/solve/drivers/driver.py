@@ -16,8 +16,8 @@ from jaxtyping import Array
 
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.solve.codes import code_of
+from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.steps.attempt import (
-    Options,
     Outcome,
     SolveTask,
     decide,
@@ -34,7 +34,7 @@ from clearance_jax.solve.steps.step import Trial, try_step
 class Stepper(diffrax.AbstractAdaptiveSolver):
     """Tries a step (`try_step`) of a mechanism's flat state, or of a stack."""
 
-    options: Options
+    options: Settings
     moving_breaks: bool = eqx.field(static=True, default=False)
     """Whether the times of the drives' breaks are varied."""
     term_structure: ClassVar = diffrax.AbstractTerm
@@ -99,7 +99,7 @@ class DriverState(NamedTuple):
 class Controller(diffrax.AbstractAdaptiveStepSizeController):
     """Judges a try and decides (`attempt.decide`)."""
 
-    options: Options
+    options: Settings
     means: Means
     at: Array | None = None
     """Sample times."""
@@ -142,7 +142,7 @@ def _own_field(t, y, args):
     return y
 
 
-def integrate(task: SolveTask, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
+def integrate(task: SolveTask, options: Settings, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
     """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it; diffrax samples then, with fewer copies."""
     at = task.save_at
     by_diffrax = mapped and at is not None
@@ -158,14 +158,14 @@ def integrate(task: SolveTask, options: Options, moving_breaks: bool = False, ma
     return Outcome(out.ys[0][-1], out.ts[0][-1], sampled, record, code_of(out.result), *counts)
 
 
-def step_ends(task: SolveTask, options: Options) -> tuple[Array, Array]:
+def step_ends(task: SolveTask, options: Settings) -> tuple[Array, Array]:
     """The start and the end of every step, then infinite; and the code with which the solve ends."""
     out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)], False)
     assert out.ts is not None
     return out.ts[1], code_of(out.result)
 
 
-def _by_diffrax(task: SolveTask, options: Options, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
+def _by_diffrax(task: SolveTask, options: Settings, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
     """Diffrax's solution: the end, and what `subs` save; `samples`: the controller takes the task's samples."""
     at = task.save_at if samples else None
     # To pyright the abstract rtol, atol and norm are fields, not properties.

@@ -18,7 +18,8 @@ from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
 from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.platforms import by_platform
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.steps.attempt import Carry, Options, Outcome, SolveTask, attempt, dense, means_of, start_carry
+from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.steps.attempt import Carry, Outcome, SolveTask, attempt, dense, means_of, start_carry
 
 # Numbers in one instruction (512 bits): a chunk of whole vectors leaves no lanes to do one by one.
 VECTOR = 8
@@ -34,14 +35,14 @@ def chunk_on(platform: str | None = None) -> int:
     return LANES_ON_GPU if (platform or jax.default_backend()) == "gpu" else LANES
 
 
-def integrate(task: SolveTask, options: Options) -> Outcome:
+def integrate(task: SolveTask, options: Settings) -> Outcome:
     """Every lane of a task to its end. States at samples that a lane does not reach are infinite."""
     # A number for each lane broadcasts with an array of components, see `lane_axis`.
     with jax.numpy_rank_promotion("allow"):
         return one_function(_integrate)(task, options)
 
 
-def _integrate(task: SolveTask, options: Options) -> Outcome:
+def _integrate(task: SolveTask, options: Settings) -> Outcome:
     problem, start, last = task.problem, task.start, task.t1
     means = means_of(options, task.allowed)
     times = jnp.zeros((0, *jnp.shape(last))) if task.save_at is None else task.save_at

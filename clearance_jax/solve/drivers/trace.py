@@ -21,11 +21,11 @@ from clearance_jax.dynamics.field import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.flow import Inputs, problem_of, project_samples
-from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
+from clearance_jax.solve.settings import ALL, Settings, SolveOptions, settings_of
 from clearance_jax.solve.simulate import warn_of_energy
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import check_start, unresolved, why_stopped
-from clearance_jax.solve.steps.attempt import Carry, Options, attempt, dense, means_of, start_carry
+from clearance_jax.solve.steps.attempt import Carry, attempt, dense, means_of, start_carry
 from clearance_jax.solve.steps.problem import Problem
 from clearance_jax.solve.steps.step import Trial
 from clearance_jax.solve.steps.tolerances import Tolerances
@@ -66,12 +66,12 @@ class Steps(NamedTuple):
 
 
 @kept_jit
-def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
+def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Settings):
     """A block of steps, see `_step`."""
     return problem.mechanism.form.once(_step)(problem, allowed, carry, last, grid, options)
 
 
-def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
+def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Settings):
     """At most `BLOCK` more steps: the new carry, the ends of the steps, their number, and the samples among them."""
     carry, steps, count = one_function(_steps)(problem, allowed, carry, last, options)
 
@@ -87,7 +87,7 @@ def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, optio
     return carry, steps.next, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
 
 
-def _steps(problem: Problem, allowed: Tolerances, carry: Carry, last, options: Options) -> tuple[Carry, Steps, Array]:
+def _steps(problem: Problem, allowed: Tolerances, carry: Carry, last, options: Settings) -> tuple[Carry, Steps, Array]:
     """The carry after a block of steps, the steps, and their number."""
     means = means_of(options, allowed)
 
@@ -111,7 +111,7 @@ def _steps(problem: Problem, allowed: Tolerances, carry: Carry, last, options: O
 
 
 @kept_jit
-def _begin(inputs: Inputs, options: Options):
+def _begin(inputs: Inputs, options: Settings):
     problem, start, allowed, errors = problem_of(inputs, options)
     carry = start_carry(problem, options, means_of(options, allowed), inputs.t0, inputs.t1, start)
     return problem, allowed, carry, errors
@@ -133,7 +133,7 @@ def trace(
     `save_at`: 1001 samples unless you say otherwise; `progress`: called with the fraction done.
     """
     settings = settings_of(mechanism, t1, options, KNOWN, energy_balance=True, save_at=1001)
-    chosen, t0, t1 = settings.as_options(), float(settings.t0), float(t1)
+    chosen, t0, t1 = settings.compiled_in(), float(settings.t0), float(t1)
     start, last = settings.t0, np.asarray(t1)
     grid = np.array([t1]) if settings.save_at is None else np.sort(np.asarray(settings.save_at))
     inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)

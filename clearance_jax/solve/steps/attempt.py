@@ -15,26 +15,12 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Code, Each, EachFlag, Scalar
 from clearance_jax._compile.lane_axis import each_lane, sharing_lanes
 from clearance_jax.dynamics.seated import Seated
+from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.start import has_left, leaves_walls
 from clearance_jax.solve.steps.control import Control, Decision, Means, first_end, judge, next_step
 from clearance_jax.solve.steps.problem import Problem, motion
 from clearance_jax.solve.steps.step import Trial, tableau_of, try_step
 from clearance_jax.solve.steps.tolerances import Tolerances
-
-# Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall where a load presses them.
-STARTS = CENTRE, SETTLED = "centre", "settled"
-
-
-class Options(NamedTuple):
-    """The choices of `simulate` for which a solve is compiled; `observers` see every accepted step."""
-
-    solver: Any
-    locate_events: bool
-    energy_balance: bool
-    max_steps: int
-    derivatives: str = "controlled"
-    observers: tuple = ()
-    start: str = CENTRE
 
 
 class SolveTask(NamedTuple):
@@ -65,7 +51,7 @@ class Outcome(NamedTuple):
     rejected: Array
 
 
-def means_of(options: Options, allowed) -> Means:
+def means_of(options: Settings, allowed) -> Means:
     """The criteria by which the attempts of a solve are judged."""
     longest = None
     for observer in options.observers:
@@ -76,7 +62,7 @@ def means_of(options: Options, allowed) -> Means:
     return Means(allowed, options.locate_events, float(options.solver.error_order(None)), longest)
 
 
-def start_records(options: Options, t0: Scalar, y0: Array, problem: Problem) -> tuple:
+def start_records(options: Settings, t0: Scalar, y0: Array, problem: Problem) -> tuple:
     """The observers' records before the first step."""
     return tuple(observer.start(t0, y0, problem) for observer in options.observers)
 
@@ -119,7 +105,7 @@ class Carry(NamedTuple):
 
 
 def attempt(
-    carry: Carry, problem: Problem, options: Options, means: Means, last: Each
+    carry: Carry, problem: Problem, options: Settings, means: Means, last: Each
 ) -> tuple[Carry, Trial, EachFlag]:
     """One attempt on the way to `last`: the new carry, the try, and whether it was kept."""
     times = carry.time, carry.end
@@ -146,7 +132,7 @@ def attempt(
     return moved, trial, keep
 
 
-def start_carry(problem: Problem, options: Options, means: Means, t0: Each, t1: Each, y0: Array) -> Carry:
+def start_carry(problem: Problem, options: Settings, means: Means, t0: Each, t1: Each, y0: Array) -> Carry:
     """The carry before the first attempt."""
     end = jnp.minimum(each_lane(first_end, t0)(problem, t0, t1, y0, means), t1)
     yes, no, none = (jnp.full(jnp.shape(t0), value) for value in (True, False, 0))
@@ -154,12 +140,12 @@ def start_carry(problem: Problem, options: Options, means: Means, t0: Each, t1: 
     return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(t0), record, none, none, no)
 
 
-def dense_info(options: Options, trial: Trial, times: tuple) -> dict[str, Array]:
+def dense_info(options: Settings, trial: Trial, times: tuple) -> dict[str, Array]:
     """The data of the solver's own interpolation of a step."""
     count = tableau_of(options.solver).stages
     return {"y0": trial.start, "y1": trial.end, "k": (times[1] - times[0]) * trial.slopes[:count]}
 
 
-def dense(options: Options, trial: Trial, times: tuple) -> Any:
+def dense(options: Settings, trial: Trial, times: tuple) -> Any:
     """The solver's own interpolation of a step."""
     return options.solver.interpolation_cls(t0=times[0], t1=times[1], **dense_info(options, trial, times))
