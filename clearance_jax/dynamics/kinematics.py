@@ -154,7 +154,7 @@ def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: Abstr
 
 
 class SpringState(NamedTuple):
-    """Elongation [m], its rate, tension [N] and direction (a to b) of a spring."""
+    """A spring's elongation [m], the rate of that [m/s], its tension [N], and the direction `along` it from a to b."""
 
     elongation: Array
     rate: Array

@@ -47,8 +47,8 @@ def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) 
 
 def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
     """The lowest frequency [Hz] of contacts with a `stiffness` [J, for play in units of its size] and the `inverse` of
-    the masses. Directions without stiffness have no place of rest and are left out; 0 where it is negative. (So is the
-    weight: its square of 2 pi f is gravity over a length of the mechanism.)
+    the masses. Directions without stiffness have no place of rest and are left out; 0 where it is negative. (The weight
+    is left out too: it would add g over a length of the mechanism to (2 pi f)^2.)
     """
     values, ways = small_eigh(stiffness)
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))

@@ -39,7 +39,8 @@ from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.variants import gives_way, with_motions
 from clearance_jax.spatial import as_array, dot, hamilton, scale
 
-# Newton's iterations: what gives way is nearly linear, and so the second is round-off; the last two have derivatives.
+# Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more
+# make first and second derivatives right.
 DEFLECTIONS = 4
 
 
@@ -100,7 +101,8 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         y, opened = now.y, jnp.zeros(0)
         if loops:
             y, opened = correct(time, y, fixed, fixed.loops, settle=settle)
-        # Of the state before: so the kinematics stands once in the program, and is one round behind.
+        # The reactions are those of the state before `correct`, whose kinematics they share. So they are one round
+        # behind.
         motion = balance(fixed, time, plan.split(now.y))
         reactions = held_reactions(mechanism, time, motion).values()
         # Otherwise the compiler computes the reactions anew at every use.
@@ -125,7 +127,8 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         )
         y_rate, loads_rate, _, opened_rate = jax.tree.map(lambda leaf: leaf[0], changes)
         slopes = _slopes(joints, changes[1], tilts)
-        # The load changes with the pin and with its place: its slope counts once.
+        # `loads_rate` contains the slopes times the rates of the pins. `Turned` takes that off again, because its place
+        # `at` moves too, and adds the slopes times the rates of the new places: so each slope counts once.
         moved, change, (contacts, errors) = jax.jvp(
             lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, slopes),
             (now, y, loads, opened),
@@ -136,7 +139,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
 
     first = Seats(initial_values(mechanism.ideal()), begin)
     still = jax.tree.map(jnp.zeros_like, first)
-    errors = StartErrors(*(jnp.zeros(len(those)) for those in (loops, joints, joints)))
+    errors = StartErrors(jnp.zeros(len(loops)), jnp.zeros(len(joints)), jnp.zeros(len(joints)))
     free = tuple(jnp.asarray(False) for _ in joints), tuple(jnp.zeros((len(size), len(size))) for size in sizes)
     begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, (first, still, (still, free), errors))
     now, resting, (rate, (pressed, firm)), errors = begun
@@ -164,7 +167,9 @@ def _check(mechanism: PreparedMechanism) -> None:
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:
-    """Unit tangents of the play that turns pins, by joint (tilts, play): loads depend on hardly any other play."""
+    """By joint (tilts, play): unit vectors along the play coordinates that turn pins. The loads hardly depend on
+    others.
+    """
     turning = [[c.slides is None and is_searched(joint) for c in joint.joint.play()] for joint in joints]
     places = np.flatnonzero([turns for joint in turning for turns in joint])
     units = np.eye(sum(map(len, sizes)))[places]

@@ -47,7 +47,9 @@ class AbstractClearance(Parametrised):
     kind: ClassVar[str] = ""
     """What scenes and datasets call it; empty: a kind of your own."""
     flat: ClassVar[bool] = False
-    """Whether flat walls bound its slides across, each by itself; round ones bound them together."""
+    """Whether its walls are flat: then each slide across the axis has limits of its own. In round walls the limit is on
+    the distance from the middle.
+    """
 
     @property
     def count(self) -> int:
@@ -246,7 +248,8 @@ class PreparedClearance(Module):
         (depth, speed, slip), (_, change, _) = point, rates
         normal_memory, rest, touched = self._parts(memory)
         touching, touched = depth > 0, touched[0] > 0.5
-        # A solve may start deep in contact; only a touch since which little has changed can be traced back.
+        # The instant of the touch is traced back along a straight line, which is right only if the speed has hardly
+        # changed since. (A solve may start deep in contact.)
         recent = jnp.abs(change * depth) < 0.01 * speed**2
         elapsed = jnp.where(recent, depth / jnp.where(recent, speed, 1.0), 0.0)
         then = jnp.where(recent, speed - change * elapsed, speed)
@@ -298,7 +301,9 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     def memory_growth(self) -> tuple[float, ...]:
-        """By memory variable: 1 if its error counts relative to its size too: a normal law's grows with contact."""
+        """By memory variable: 1 if the error control allows for an error relative to its size too, as in the memory of
+        a normal law, which grows while contact lasts; else 0.
+        """
         growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
         return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
@@ -344,7 +349,8 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:
     """The rates of a law's memory; zero while apart, except for a law that acts there.
 
-    This depends on the latched touch, not on the penetration: a rate that jumps inside a step, at a touch that cuts it,
-    would be an error of first order, and steps would shrink until they end at the touch.
+    Whether they are apart is what was latched at the start of the step, not the sign of the penetration. With that sign
+    the rate would jump within a step that is tried across a touch. The large error would make steps shrink until they
+    end at the touch, before event location could cut one there.
     """
     return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)

@@ -5,10 +5,11 @@ and depths h. It touches where that is largest. The largest value over the secto
 
     d = T log(sum_j exp(d_j / T) / m),    T = w^2 max(|e|, c / 2),    w: the width of a sector,
 
-with T some 1e-4 of the clearance: so wide that the sum over sectors is an integral to 1e-8 of T (the bell that a round
-wall makes of exp(d / T) is w wide), and the pin does not feel the sectors. T grows with the eccentricity, and m is the
-sum of a round wall. So if h is the same everywhere, d and its gradient, a unit vector, are those of a round sleeve,
-however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is constant.)
+with T some 1e-4 of the clearance. In a round wall exp(d_j / T) is a bell over the angle, and this T makes it one sector
+w wide. Then the sum over sectors is the integral to 1e-8 of T, and the pin does not feel the sectors. T grows with the
+eccentricity, and m is the sum of a round wall. So if h is the same everywhere, d and its gradient, a unit vector, are
+those of a round sleeve, however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is
+constant.)
 
 If a profile bears at two places at once, both are in the sum, and the gradient is shorter than one. d is convex, except
 for walls as sharp as a sector, and has all derivatives in e and h where a pin can touch. The force is along its
@@ -92,7 +93,7 @@ class Bore(NamedTuple):
         whole = jnp.sum(weight)
         # Relative to a round wall's sum, whose largest term is one.
         more = jnp.log(whole) - np.log(np.sum(np.exp((np.cos(self._angles) - 1) / square)))
-        # By how much the sum grows with T.
+        # The change of d because T changes with the pin's place.
         wider = jnp.where(grows, square * (more - jnp.sum(weight * below) / whole), 0.0)
         gx, gy = jnp.sum(weight * cosines) / whole + wider * nx, jnp.sum(weight * sines) / whole + wider * ny
         return Depth(top + blend * more - self.clearance, gx, gy)
@@ -140,7 +141,7 @@ class Bore(NamedTuple):
 
 
 def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections fine"]:
-    """The profile at `FINE` places or more, with the same first place; a profile of so many sectors as it is."""
+    """The profile with `FINE` sectors or more, the first one in the same place; one that has as many stays as it is."""
     parts = -(-FINE // depth.shape[-1])
     if parts == 1:
         return depth

@@ -233,7 +233,9 @@ class PlayNumbers(TypedDict, total=False):
 
 
 class Preset(NamedTuple):
-    """How to `make` a clearance from a designer's numbers: `fields` that the joint has too, and more `words`."""
+    """How to `make` a clearance from a designer's numbers: `fields`, the numbers that are fields of the clearance too,
+    and `words`, the others (a fit, for example).
+    """
 
     make: Callable[..., AbstractClearance]
     fields: tuple[str, ...]

@@ -40,8 +40,8 @@ Bristles = tuple[Slip, ...]
 
 class Touch(NamedTuple):
     """An instant at which contact `began` or `ended` (flags): the `penetration_rate` [m/s] and the `slip` [m/s] at that
-    instant, and the time `elapsed` since [s]. This time is as small as a round-off error. It carries the derivative of
-    the instant by the parameters.
+    instant, and the time `elapsed` since [s]. The value of this time is round-off. Its derivative is not: it says how
+    the instant moves with the parameters.
     """
 
     began: Flag
@@ -175,8 +175,9 @@ class AbstractNormalLaw(AbstractLaw):
         return ""
 
     def friction_lever(self, constants: Any, penetration: Scalar) -> Scalar | None:
-        """How much further from the pin's axis than its contact point friction acts [m]: the pressures of a wide
-        contact lie around the pin, and all of them rub. `None` (the default): at the point.
+        """How much further from the pin's axis than the contact point friction acts [m]. In a wide contact the sum of
+        the pressures, which all rub, is larger than the normal force, so the moment of friction is larger too. `None`
+        (the default): friction acts at the point.
         """
         return None
 
@@ -285,7 +286,9 @@ class AbstractModifiedLaw(AbstractNormalLaw):
 # A smooth onset ------------------------------------------------------------------------------------------------------
 
 SMOOTHED: dict[Smoothness, Smoothness] = {"C-1": "C0", "C0": "C0", "C1": "C2", "C2": "C2"}
-"""The class of a law with a smooth onset, by its own: a force that is cut off where it would pull keeps that kink."""
+"""The class of a law with a smooth onset, by the law's own. A force that is cut off where it would pull keeps that
+corner.
+"""
 
 
 class SmoothedOnset(AbstractModifiedLaw):
@@ -324,8 +327,8 @@ class SmoothedOnset(AbstractModifiedLaw):
 def smooth_width(law: AbstractNormalLaw, penetration: Any, rtol: Any) -> Any:
     """The width w [m] with a bias below `rtol` in impacts as deep as `penetration`.
 
-    Damping that jumps to its full size loses a share w / d of itself, one that grows with the elastic force (w / d)^2.5
-    at most for n >= 3/2; of a kink (n = 1, a damping that grows) it is (w / d)^2.
+    Damping that grows as d^p loses the share (w / d)^(p + 1) of its work in an impact of the depth d. At the least p is
+    0 for a law of class C-1, 1/4 for one of class C0 (`Tsuji`), and 1 for a smoother one.
     """
     order = {"C-1": 1.0, "C0": 1.25}.get(law.smoothness, 2.0)
     return penetration * rtol ** (1 / order)

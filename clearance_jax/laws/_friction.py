@@ -24,8 +24,8 @@ from clearance_jax.parameters import Demand, flatten, physical
 
 class Kink(NamedTuple):
     """A corner of the coefficient of friction over the slip: at the `speed` [m/s] its slope jumps by `slope` [s/m] and
-    its curvature by `curvature` [s^2/m^2]. At the speed 0 they are half of the jump. `coefficient`: the largest one of
-    the law, the measure of a small change.
+    its curvature by `curvature` [s^2/m^2]. At the speed 0 give half of the jumps: the mirror image at negative slip
+    adds the other half. `coefficient`: the largest one of the law, by which the size of a change is judged.
     """
 
     speed: Scalar | float
@@ -182,8 +182,9 @@ class AbstractModifiedFriction(AbstractFrictionLaw):
 
 
 class SmoothedFriction(AbstractModifiedFriction):
-    """T = T_law - N sum_k C(|v| - v_k), C(x) = (j + x k / 2) (w - |x|)^3 (3 w + |x|) / (16 w^3) for |x| < w: at every
-    corner v_k of the `law`, where its slope jumps by j and its curvature by k, a polynomial takes the jumps away.
+    """T = T_law - N sum_i C_i(|v| - v_i), C_i(x) = (j_i + x k_i / 2) (w - |x|)^3 (3 w + |x|) / (16 w^3) for |x| < w: at
+    every corner v_i of the `law`, where its slope jumps by j_i and its curvature by k_i, a polynomial takes the jumps
+    away.
 
     Further than w from every corner the traction is that of the law.
 
@@ -210,7 +211,7 @@ class SmoothedFriction(AbstractModifiedFriction):
         total = jnp.zeros_like(v)
         for kink in self.law.kinks():
             x = v - kink.speed
-            # By its sign, so that the derivative at the corner itself is the mean of both sides, as the law's is.
+            # |x| as x sign(x): its derivative at 0 is 0, the mean of both sides, as that of the law at its corner.
             added = self.width * corner(x * jnp.sign(x) / self.width)
             total += added * (0.5 * kink.slope + 0.25 * kink.curvature * x)
         return total
@@ -221,7 +222,9 @@ class SmoothedFriction(AbstractModifiedFriction):
 
 
 def _room(low: Scalar | float | None, high: Scalar | float) -> Scalar:
-    """The largest width for two corners at successive speeds; of the first one (`None` before it) and of its image."""
+    """The largest width for corners at two successive speeds: half their distance. `low=None`: `high` is the first
+    corner, whose neighbour is its mirror image at the negative speed.
+    """
     if low is None:
         return jnp.where(jnp.asarray(high) > 0, high, jnp.inf)
     return 0.5 * (jnp.asarray(high) - low)
@@ -233,10 +236,10 @@ def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
     """
     widths = []
     for kink in kinks:
-        # At zero both sides of it are half a corner.
+        # A corner at zero is given as one half, and the negative slip adds the other: each may make half the change.
         room = rtol * kink.coefficient * jnp.where(jnp.asarray(kink.speed) > 0, 1.0, 0.5)
         slope, curvature = 3 / 16 * jnp.abs(kink.slope), 0.011 * jnp.abs(kink.curvature)
-        # The root of slope w + curvature w^2 = room; any, where nothing jumps.
+        # The root w of slope w + curvature w^2 = room. Where nothing jumps, any width will do.
         divisor = slope + safe_sqrt(slope**2 + 4 * curvature * room)
         widths.append(jnp.where(slope + curvature > 0, 2 * room / jnp.where(divisor > 0, divisor, 1.0), jnp.inf))
     speeds = [kink.speed for kink in kinks]

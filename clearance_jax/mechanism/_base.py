@@ -169,16 +169,18 @@ class AbstractMechanism(Parametrised):
 
 
 def drive_breaks(mechanism: AbstractMechanism) -> Array:
-    """Times [s] at which a drive, an actuator, a target or a load breaks or a payload is handed over; of models too."""
+    """Times [s] at which a drive, an actuator, a controller's target or a load breaks, or a payload comes or goes, in
+    the mechanism and in the models of its controllers.
+    """
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
     laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
     laws += [actuator for motion in motions for actuator in motion.actuators]
     laws += [reference.target for controller in mechanism.controllers for reference in controller.references]
     handed = [time for body in mechanism.bodies for time in (body.picked_up, body.put_down) if time is not None]
     handed = [jnp.asarray(time, float)[None] for time in handed]
-    believed = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
+    in_models = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
     breaks = [law.breaks() for law in (*laws, *mechanism.wrenches)]
-    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *believed])
+    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *in_models])
 
 
 def sampling_periods(mechanism: AbstractMechanism) -> tuple[float, ...]:

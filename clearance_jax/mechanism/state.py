@@ -18,7 +18,9 @@ from clearance_jax.spatial import Term, add, as_array, dot, plus, quaternion_rat
 
 
 class State(NamedTuple):
-    """A state by its parts: positions, velocities; by name the memory of a joint, the efforts that something holds."""
+    """A state by its parts: positions, velocities, and `memory`: by the name of a clearance joint the memory of its
+    laws, by the name of a sampled actuator or controller the efforts that it holds.
+    """
 
     q: Rows
     v: Rows

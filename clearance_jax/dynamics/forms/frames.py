@@ -113,7 +113,9 @@ class Frames(abc.ABC):
 
     mechanism: PreparedMechanism
     is_solved_implicitly: ClassVar[bool]
-    """Whether accelerations are differentiated by what they leave over in the equations, not as they are computed."""
+    """Whether derivatives of accelerations follow from those of the equations' residual, by the known factors, and not
+    from the derivatives of each operation that computes them.
+    """
 
     @abc.abstractmethod
     def __getitem__(self, body: str) -> Frame:

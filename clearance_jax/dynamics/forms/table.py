@@ -23,7 +23,9 @@ from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtra
 
 
 class ColumnArrays(NamedTuple):
-    """Free columns: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1 if it moves a body."""
+    """The free columns for one body: `spins` and `slides` (columns, 3), the spin and the velocity that each gives to
+    what it moves, the velocity at the `origin`; `moves`: 1 if it moves the body, else 0.
+    """
 
     spins: Float[Array, "columns 3"]
     slides: Float[Array, "columns 3"]
@@ -171,7 +173,8 @@ class TabledFrames(Frames):
         force = masses[:, None] * slides + jnp.cross(spins, first)
         moment = jnp.einsum("cij,cj->ci", second, spins) + jnp.cross(first, slides)
         lower = jnp.asarray(self.masks.columns[:n, :n]) * (force @ slides.T + moment @ spins.T)
-        # Of two columns the momentum of the outer one counts; columns of one ball move the same bodies.
+        # `lower` has the entries of each outer column with itself and with those nearer to the ground: the momentum is
+        # that of what the outer one moves. The columns of one ball have both entries already.
         both = self.masks.columns[:n, :n] * self.masks.columns[:n, :n].T
         return lower + jnp.where(both > 0, 0.0, lower.T)
 

@@ -116,7 +116,9 @@ class WrittenOut(Module, Frames):
     # Inertia --------------------------------------------------------------------------------------------------------
 
     def _sums(self, alone: Callable, barriers: Callable, every: bool = False) -> dict[str, Any]:
-        """By body that a free coordinate moves, or `every` body: what it is `alone`, with what hangs on it, as one."""
+        """By body, the sum of what `alone` gives for it and for all bodies that hang on it, about the body's pivot.
+        Only for bodies that a free coordinate moves, or for `every` body.
+        """
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]
@@ -132,11 +134,10 @@ class WrittenOut(Module, Frames):
     def mass_matrix(self, firm=None):
         mechanism = self.mechanism
         matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
-        # By body that a free coordinate moves: it and all that hangs on it, as one.
         whole = self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
         columns = self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
-        # A chain in space is deep: what one link does is made of what the others do.
+        # In a chain in space each momentum is computed from the one before it, and would otherwise be computed again.
         once = (lambda momentum: momentum) if mechanism.is_plane else with_barriers
         for joint in mechanism.joints:
             for column in columns[joint.child]:

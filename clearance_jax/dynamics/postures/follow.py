@@ -37,8 +37,8 @@ from clearance_jax.mechanism.motion.pieces import HERMITE
 BLOCK, FIRST = 32, 4
 # Places between two knots at which the point is compared with the path; a quintic's error is largest in the middle.
 INSIDE = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
-# How often a knot is corrected along what the path leaves free: the first guess errs by the third power of the
-# distance of the knots, the last by the fifth.
+# How often the joints at a knot are corrected in the directions that the path leaves free (redundant joints). The first
+# guess errs by the third power of the distance of the knots, the last by the fifth.
 CORRECTIONS = 3
 # An interval of less than this part of the path is a place where no posture follows; knots at most, and passes.
 SHORTEST, MOST_KNOTS, PASSES = 1e-6, 20_000, 30

@@ -161,7 +161,9 @@ class CartesianPath(Module):
 
 
 class PreparedPath(Module):
-    """A path as a program evaluates it: stretches, the parameter at their `ends` (`inner`: in segments), its timing."""
+    """A path as a program evaluates it: `stretches`; the path's parameter at their `ends`, of which `inner` are the
+    indices of those within a segment; `law`: the parameter as a function of time.
+    """
 
     stretches: Stretch
     ends: Values

@@ -125,8 +125,12 @@ def _inertia(body: Body, rotation: Rotation) -> Array:
 
 
 class Masks(NamedTuple):
-    """Which columns move what, as zeros and ones: `bodies` (columns, bodies); `columns` (columns, columns): whether the
-    second is the first or lies between it and the ground. `links`: the link of each column, free columns first.
+    """The columns, free ones first, and what they move, as zeros and ones. A ball has three columns.
+
+    - `links`: the link of each column; `local` (columns, 3): for a ball the axis of the column in the link, else zero;
+      `turns`: whether the column turns (else it slides).
+    - `beyond` (columns, links), `bodies` (columns, bodies): whether a column moves a link, a body; `columns` (columns,
+      columns): whether the second one lies between the first one and the ground, or at the same link.
     """
 
     links: tuple[int, ...]

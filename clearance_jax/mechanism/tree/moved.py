@@ -95,8 +95,8 @@ def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
     return spin, subtract(faster, scale(times(at.part, growth), spin))
 
 
-def beyond(frame: Frame, step: FrameStep) -> Frame:
-    """The frame after a step of a joint, with the columns of its coordinates."""
+def carry_with_columns(frame: Frame, step: FrameStep) -> Frame:
+    """The frame after a step (see `carry`), with the columns of the coordinates that make it."""
     by, slides, turns, tilts = step
     if tilts is not None:
         at = swing(*tilts, *by.q)
@@ -121,7 +121,7 @@ def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> 
     """The frame of a joint's child."""
     frame = joint.on_parent(parent)
     for step in steps(joint.coordinates(), time, values):
-        frame = beyond(frame, step)
+        frame = carry_with_columns(frame, step)
     frame = frame._replace(pivot=frame.position)
     if joint.child_orientation is not None:
         rows = joint.child_orientation.rotation.rows
