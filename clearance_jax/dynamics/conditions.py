@@ -41,8 +41,8 @@ def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
     a, b = motion[loop.parent], motion[loop.child]
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
-    # A point of b stays at a point of a, or in planes of a through that point. In planes it moves over a, so its velocity
-    # is compared with that of the material point of a where it is now (`seen`).
+    # A point of b stays at a point of a, or in planes of a through that point. In planes it moves over a, so its
+    # velocity is compared with that of the material point of a where it is now (`seen`).
     seen, directions = (here, UNIT) if hold.along is None else (there, [sleeve.apply(along) for along in hold.along])
     gap, rate = subtract(there, here), subtract(b.velocity_at(there), a.velocity_at(seen))
     acceleration = subtract(b.acceleration_at(there), a.acceleration_at(seen))

@@ -101,8 +101,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         y, opened = now.y, jnp.zeros(0)
         if loops:
             y, opened = correct(time, y, fixed, fixed.loops, settle=settle)
-        # The reactions are those of the state before `correct`, whose kinematics they share. So they are one round
-        # behind.
+        # Of the state before `correct`, with which they share the kinematics: the reactions are one round behind.
         motion = balance(fixed, time, plan.split(now.y))
         reactions = held_reactions(mechanism, time, motion).values()
         # Otherwise the compiler computes the reactions anew at every use.
@@ -127,8 +126,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         )
         y_rate, loads_rate, _, opened_rate = jax.tree.map(lambda leaf: leaf[0], changes)
         slopes = _slopes(joints, changes[1], tilts)
-        # `loads_rate` contains the slopes times the rates of the pins. `Turned` takes that off again, because its place
-        # `at` moves too, and adds the slopes times the rates of the new places: so each slope counts once.
+        # `loads_rate` has the slopes times the pins' rates in it. `Turned` takes that off: a slope counts once.
         moved, change, (contacts, errors) = jax.jvp(
             lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, slopes),
             (now, y, loads, opened),

@@ -47,9 +47,7 @@ class AbstractClearance(Parametrised):
     kind: ClassVar[str] = ""
     """What scenes and datasets call it; empty: a kind of your own."""
     flat: ClassVar[bool] = False
-    """Whether its walls are flat: then each slide across the axis has limits of its own. In round walls the limit is on
-    the distance from the middle.
-    """
+    """Whether flat walls limit each slide across by itself; round ones limit the distance from the middle."""
 
     @property
     def count(self) -> int:
@@ -248,8 +246,7 @@ class PreparedClearance(Module):
         (depth, speed, slip), (_, change, _) = point, rates
         normal_memory, rest, touched = self._parts(memory)
         touching, touched = depth > 0, touched[0] > 0.5
-        # The instant of the touch is traced back along a straight line, which is right only if the speed has hardly
-        # changed since. (A solve may start deep in contact.)
+        # Traced back on a straight line, if the speed has hardly changed since (a solve may start deep in contact).
         recent = jnp.abs(change * depth) < 0.01 * speed**2
         elapsed = jnp.where(recent, depth / jnp.where(recent, speed, 1.0), 0.0)
         then = jnp.where(recent, speed - change * elapsed, speed)
@@ -282,11 +279,8 @@ class PreparedClearance(Module):
 
     def elastic_energy(self, at: Relative) -> Scalar:
         """Elastic energy [J]."""
-
-        def energy(point: ContactPoint):
-            return times(point.part, self.normal.at(point.local).energy(point.penetration))
-
-        return jnp.sum(self._map(energy)(self.joint.points(at))) + self._filling_energy(at)
+        energy = self._map(lambda point: times(point.part, self.normal.at(point.local).energy(point.penetration)))
+        return jnp.sum(energy(self.joint.points(at))) + self._filling_energy(at)
 
     def _filling_energy(self, at: Relative) -> Scalar | float:
         """Elastic energy of the element that fills the play [J]."""
@@ -301,9 +295,7 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     def memory_growth(self) -> tuple[float, ...]:
-        """By memory variable: 1 if the error control allows for an error relative to its size too, as in the memory of
-        a normal law, which grows while contact lasts; else 0.
-        """
+        """By memory variable: 1 if an error relative to its size is allowed too (a normal law's grows with contact)."""
         growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
         return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
@@ -349,8 +341,8 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:
     """The rates of a law's memory; zero while apart, except for a law that acts there.
 
-    Whether they are apart is what was latched at the start of the step, not the sign of the penetration. With that sign
-    the rate would jump within a step that is tried across a touch. The large error would make steps shrink until they
-    end at the touch, before event location could cut one there.
+    Whether they are apart is what was latched at the start of the step. By the sign of the penetration the rate would
+    jump inside a step that is tried across a touch: a large error, for which steps shrink until they end at the touch,
+    before event location can cut one there.
     """
     return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)

@@ -72,16 +72,13 @@ class Bore(NamedTuple):
         return 2 * np.pi * np.arange(self.depth.shape[0]) / self.depth.shape[0]
 
     @property
-    def _cosines(self) -> Array:
-        return jnp.asarray(np.cos(self._angles))
-
-    @property
-    def _sines(self) -> Array:
-        return jnp.asarray(np.sin(self._angles))
+    def _directions(self) -> tuple[Array, Array]:
+        """Cosines and sines of the sectors' angles."""
+        return jnp.asarray(np.cos(self._angles)), jnp.asarray(np.sin(self._angles))
 
     def depth_at(self, x: Scalar, y: Scalar) -> Depth:
         """Penetration of a pin in the wall, with its gradient."""
-        cosines, sines = self._cosines, self._sines
+        cosines, sines = self._directions
         square = (2 * np.pi / self.depth.shape[0]) ** 2
         far, nx, ny = safe_unit(x, y)
         grows = far > 0.5 * self.clearance
@@ -98,20 +95,19 @@ class Bore(NamedTuple):
         gx, gy = jnp.sum(weight * cosines) / whole + wider * nx, jnp.sum(weight * sines) / whole + wider * ny
         return Depth(top + blend * more - self.clearance, gx, gy)
 
-    def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
-        """The distance from the middle, along a direction, at which a pin has a penetration."""
-        return self._distance(x, y, depth, 2)  # for two derivatives
-
-    def _distance(self, x: Scalar, y: Scalar, depth: Scalar, last: int) -> Scalar:
-        """`distance` by Newton, from the place that the deepest sector alone would give."""
+    def distance(self, x: Scalar, y: Scalar, depth: Scalar, derivatives: int = 2) -> Scalar:
+        """The distance from the middle, along a direction, at which a pin has a penetration, with so many
+        `derivatives`. Newton's method begins at the place that the deepest sector alone would give.
+        """
 
         def step(far, bore, x, y, depth):
             now = bore.depth_at(far * x, far * y)
             return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
 
-        ahead = x * self._cosines + y * self._sines
+        cosines, sines = self._directions
+        ahead = x * cosines + y * sines
         start = jnp.min(jnp.where(ahead > 0, (self.clearance + self.depth + depth) / ahead, jnp.inf))
-        return newton(step, start, ITERATIONS, self, x, y, depth, last=last)
+        return newton(step, start, ITERATIONS, self, x, y, depth, last=derivatives)
 
     def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
         """The place of a pin that a force presses so deep along a direction, that of the wall's gradient there."""
@@ -125,7 +121,7 @@ class Bore(NamedTuple):
 
         def at(angle):
             x, y = jnp.cos(angle), jnp.sin(angle)
-            far = still._distance(x, y, deep, 0)
+            far = still.distance(x, y, deep, 0)
             return far * x, far * y
 
         ends = middle - 0.5 * np.pi, middle + 0.5 * np.pi

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypedDict, cast
+from typing import Any, NamedTuple, TypedDict
 
 import jax.numpy as jnp
 
@@ -129,9 +129,8 @@ def shaft(
     of `pin_clearance` for the kind "sleeve".
     """
     numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
-    return cast(
-        SleeveClearance, pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
-    )
+    sleeve: Any = pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
+    return sleeve
 
 
 def socket(

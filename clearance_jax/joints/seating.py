@@ -237,7 +237,7 @@ class Seating(NamedTuple):
         return jnp.abs(self.residual((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
 
     def more_than_round_off(self) -> Array:
-        """Which components of the load exceed round-off, that of the largest one and that of a wall's force at touch."""
+        """Which components of the load exceed round-off, that of the largest one and that of a wall's force."""
         most = self.most
         return (most > TOUCHING * jnp.max(most)) & (most > self.wall(TOUCHING))
 

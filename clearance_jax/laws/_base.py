@@ -97,6 +97,10 @@ class AbstractLaw(Parametrised):
         """The constants at one contact point that differs from the others; the same by default."""
         return constants
 
+    def latch(self, constants: Any, memory: Any, touch: Touch) -> Any:
+        """The memory after an instant at which contact began or ended; unchanged by default."""
+        return memory
+
 
 # Normal laws ---------------------------------------------------------------------------------------------------------
 
@@ -191,17 +195,13 @@ class AbstractNormalLaw(AbstractLaw):
         """Time derivative of the memory; zero by default."""
         return tuple(jnp.zeros_like(m) for m in memory)
 
-    def latch(self, constants: Any, memory: Memory, touch: Touch) -> Memory:
-        """The memory after an instant at which contact began or ended; unchanged by default."""
-        return memory
-
     def memory_scale(self, constants: Any) -> Memory:
         """Magnitude of each memory variable for error control; infinite (the default) where it only latches."""
         return tuple(jnp.asarray(jnp.inf) for _ in self.remembers)
 
 
 class PreparedNormal(Module):
-    """A normal law with the constants of one joint: the form that a step evaluates."""
+    """A normal law with the constants of one joint: the form that a step evaluates. See the law for its methods."""
 
     law: AbstractNormalLaw
     constants: Any
@@ -211,7 +211,7 @@ class PreparedNormal(Module):
         return self if local is None else PreparedNormal(self.law, self.law.localise(self.constants, local))
 
     def force(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Scalar:
-        """The normal force [N]."""
+        """The normal force [N]: the law's formula, clipped and without contact zero."""
         force = self.law.formula(self.constants, penetration, penetration_rate, memory)
         force = positive_part(force) if self.law.clips else force
         return force if self.law.acts_apart else jnp.where(penetration > 0, force, 0.0)
@@ -232,19 +232,15 @@ class PreparedNormal(Module):
         return (*out, *(jnp.where(active, piece, 1.0) for piece in pieces)), presses
 
     def energy(self, penetration: Scalar) -> Scalar:
-        """The elastic energy [J]."""
         return self.law.energy(self.constants, penetration)
 
     def memory_rate(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory."""
         return self.law.memory_rate(self.constants, penetration, penetration_rate, memory)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
-        """The memory after an instant at which contact began or ended."""
         return self.law.latch(self.constants, memory, touch)
 
     def memory_scale(self) -> Memory:
-        """Magnitude of each memory variable."""
         return self.law.memory_scale(self.constants)
 
 

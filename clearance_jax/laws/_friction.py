@@ -85,17 +85,15 @@ class AbstractFrictionLaw(AbstractLaw):
         """Time derivative of the memory; zero by default."""
         return tuple(tuple(jnp.zeros_like(m) for m in vector) for vector in memory)
 
-    def latch(self, constants: Any, memory: Bristles, touch: Touch) -> Bristles:
-        """The memory after an instant at which contact began or ended; unchanged by default."""
-        return memory
-
     def memory_scale(self, constants: Any) -> Memory:
         """Magnitude of each kind of memory for error control; infinite (the default) where it only latches."""
         return tuple(jnp.asarray(jnp.inf) for _ in self.bristles)
 
 
 class PreparedFriction(Module):
-    """A friction law with a joint's constants, as a step evaluates it. Its memory is flat, by component."""
+    """A friction law with a joint's constants, as a step evaluates it. See the law for its methods, but memory is flat
+    here, by component.
+    """
 
     law: AbstractFrictionLaw
     constants: Any
@@ -105,7 +103,6 @@ class PreparedFriction(Module):
         return self if local is None else PreparedFriction(self.law, self.law.localise(self.constants, local))
 
     def traction(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Slip:
-        """The traction on the pin [N]."""
         return self.law.traction(self.constants, slip, normal_force, self._split(memory, slip))
 
     def event_functions(
@@ -122,12 +119,10 @@ class PreparedFriction(Module):
         return tuple(jnp.where(presses, function, 1.0) for function in (*zones, *sides))
 
     def memory_rate(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory."""
         rates = self.law.memory_rate(self.constants, slip, normal_force, self._split(memory, slip))
         return tuple(rate for vector in rates for rate in vector)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
-        """The memory after an instant at which contact began or ended."""
         new = self.law.latch(self.constants, self._split(memory, touch.slip), touch)
         return tuple(m for vector in new for m in vector)
 

@@ -1,6 +1,6 @@
 """The base of both kinds of mechanism, the user's and the one prepared for a solve: structure, and times of breaks."""
 
-import abc
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
@@ -138,7 +138,7 @@ class AbstractMechanism(Parametrised):
 
     def joint(self, name: str) -> AbstractJoint:
         """The joint of that name. **Raises** `ClearanceError` for an unknown one."""
-        for joint in (*self.joints, *self.loops):
+        for joint in self.all_joints():
             if joint.name == name:
                 return joint
         raise unknown_name(f"There is no joint `{name}`.", name, [j.name for j in self.all_joints()])
@@ -163,9 +163,10 @@ class AbstractMechanism(Parametrised):
         """The ideal mechanism with pins held at values of their `play` by joint [m or rad] (default: in the middle)."""
         return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
 
-    @abc.abstractmethod
     def _with_joints(self: Kind, change: Callable[[AbstractJoint], AbstractJoint]) -> Kind:
         """The same mechanism with every joint changed."""
+        joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
+        return dataclasses.replace(self, joints=joints, loops=loops)
 
 
 def drive_breaks(mechanism: AbstractMechanism) -> Array:

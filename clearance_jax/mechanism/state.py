@@ -58,7 +58,11 @@ def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ..
 
 
 class Layout(NamedTuple):
-    """Places in a state (static): names of positions, velocities, memory of each joint, and held efforts."""
+    """Places in a state (static): names of positions, velocities, memory of each joint, and held efforts.
+
+    `q`, `v` and `memory` are the slices of the positions, of the velocities, and of the rest; `free`, `remembered` and
+    `held` the numbers of velocities, of memory variables (held efforts among them), and of held efforts.
+    """
 
     positions: tuple[str, ...]
     velocities: tuple[str, ...]
@@ -67,32 +71,26 @@ class Layout(NamedTuple):
 
     @property
     def free(self) -> int:
-        """Number of free velocities."""
         return len(self.velocities)
 
     @property
     def q(self) -> slice:
-        """The slice of the positions."""
         return slice(0, len(self.positions))
 
     @property
     def v(self) -> slice:
-        """The slice of the velocities."""
         return slice(len(self.positions), len(self.positions) + len(self.velocities))
 
     @property
     def memory(self) -> slice:
-        """The slice of the laws' memory and the held efforts."""
         return slice(self.v.stop, self.size)
 
     @property
     def remembered(self) -> int:
-        """Number of memory variables, held efforts included."""
         return sum(len(names) for _, names in (*self.memories, *self.efforts))
 
     @property
     def held(self) -> int:
-        """Number of held efforts."""
         return sum(len(names) for _, names in self.efforts)
 
     @property
@@ -111,12 +109,8 @@ class Layout(NamedTuple):
 
     def index(self, joint: str, memory: str) -> int:
         """The place of a named memory variable of a joint."""
-        start = self.v.stop
-        for name, names in (*self.memories, *self.efforts):
-            if name == joint:
-                return start + names.index(memory)
-            start += len(names)
-        raise KeyError(f"{joint}.{memory}")
+        names = [(name, variable) for name, variables in (*self.memories, *self.efforts) for variable in variables]
+        return self.v.stop + names.index((joint, memory))
 
 
 def layout(mechanism: AbstractMechanism) -> Layout:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.symmetric import Dense
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames, Moves, SpatialForce, rotors
+from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, SpatialForce, rotors
 from clearance_jax.dynamics.forms.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -41,19 +41,6 @@ class ColumnArrays(NamedTuple):
     def spin(self) -> Float[Array, "columns 3"]:
         """Spin of a body by each column."""
         return jnp.asarray(self.moves)[:, None] * self.spins
-
-
-class ArrayExtra(AbstractExtra):
-    """Extra accelerations as products with the columns."""
-
-    def __init__(self, motion: "TabledFrames", acceleration: list[Term]):
-        self._motion, self._acceleration = motion, acceleration
-
-    def at(self, body, point):
-        return three(as_array(self._acceleration) @ self._motion.columns(body).velocity_at(point))
-
-    def spin_rate(self, body):
-        return three(as_array(self._acceleration) @ self._motion.columns(body).spin)
 
 
 class TabledFrames(Frames):
@@ -109,7 +96,10 @@ class TabledFrames(Frames):
         return Moves(spin if base is None else spin - self.columns(base).spin)
 
     def extra(self, acceleration):
-        return ArrayExtra(self, acceleration)
+        return Extra(
+            lambda body, point: three(as_array(acceleration) @ self.columns(body).velocity_at(point)),
+            lambda body: three(as_array(acceleration) @ self.columns(body).spin),
+        )
 
     def _at(self, body: str) -> tuple[Frame, ColumnArrays]:
         if body not in self._frames:

@@ -207,12 +207,8 @@ def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, toler
         parts = np.where(bad, 2**halvings, 1)
         if np.any(np.diff(edges)[bad] < SHORTEST * span) or parts.sum() > MOST_KNOTS:
             raise ClearanceError(_stop_reason(chain, path, edges, blocks, int(np.argmax(bad)), lost))
-        edges = np.append(
-            np.concatenate(
-                [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
-            ),
-            edges[-1],
-        )
+        halved = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
+        edges = np.concatenate([*halved, edges[-1:]])
     raise ClearanceError(f"The path cannot be followed within {shown_length(tolerance)}: ask for less.")
 
 

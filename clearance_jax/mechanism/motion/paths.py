@@ -186,7 +186,6 @@ class PreparedPath(Module):
 
     @whole
     def __call__(self, time: Scalar | float) -> Waypoint:
-        """Where it is at a time [s], and how it moves."""
         at = jnp.asarray(time, float)
         (place, q, velocity, spin), (_, _, acceleration, spin_rate) = jax.jvp(
             lambda t: self.motion(t, at), (at,), (jnp.ones_like(at),)
@@ -195,7 +194,6 @@ class PreparedPath(Module):
 
     @whole
     def breaks(self) -> Values:
-        """Times at which a derivative jumps [s], increasing."""
         if not self.inner:
             return self.law.times
         ends = self.ends[np.array(self.inner)]

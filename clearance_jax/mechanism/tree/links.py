@@ -154,10 +154,9 @@ def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
     driven = [i for i, c in enumerate(plan.coordinates) if not c.motion.is_free]
     links, local, turns = [], [], []
     for i in (*free, *driven):
-        for k, unit in enumerate(UNIT if plan.coordinates[i].is_ball else (None,)):
-            del k
+        for unit in UNIT if plan.coordinates[i].is_ball else (ZERO,):
             links.append(i)
-            local.append((0.0, 0.0, 0.0) if unit is None else unit)
+            local.append(unit)
             turns.append(plan.coordinates[i].slides is None)
     carriers = [plan.carriers[body.name] for body in bodies]
     carried = np.array([[0.0 if at < 0 else beyond[i, at] for at in carriers] for i in links])

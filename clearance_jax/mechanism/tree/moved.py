@@ -101,20 +101,17 @@ def carry_with_columns(frame: Frame, step: FrameStep) -> Frame:
     if tilts is not None:
         at = swing(*tilts, *by.q)
         after = frame.swivel(at.rows, *swing_rates(at, by))
-        for k, axis in enumerate(at.outside):
-            after = after.add_motion(JacobianColumn(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
-        return after
-    after = carry(frame, step)
-    if slides is None and turns is None:
-        for k, axis in enumerate(UNIT):
-            after = after.add_motion(JacobianColumn(by.index + k, after.rotation.apply(axis), after.position), 0.0)
-        return after
-    if turns is not None:
-        column = JacobianColumn(by.index, frame.rotation.apply(turns), frame.position)
+        axes = [frame.rotation.apply(axis) for axis in at.outside]
     else:
-        assert slides is not None
-        column = JacobianColumn(by.index, frame.rotation.apply(slides), None)
-    return after.add_motion(column, by.v[0])
+        after = carry(frame, step)
+        if slides is not None:
+            return after.add_motion(JacobianColumn(by.index, frame.rotation.apply(slides), None), by.v[0])
+        if turns is not None:
+            return after.add_motion(JacobianColumn(by.index, frame.rotation.apply(turns), frame.position), by.v[0])
+        axes = [after.rotation.apply(axis) for axis in UNIT]
+    for k, axis in enumerate(axes):
+        after = after.add_motion(JacobianColumn(by.index + k, axis, frame.position), 0.0)
+    return after
 
 
 def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
