@@ -143,7 +143,9 @@ class AbstractFactors(Module):
 
 
 class Constraint(AbstractConstraint):
-    """M^-1 J^T, J M^-1 J^T factored, and which conditions are `kept` (1) or repeat others (0); `None`: all."""
+    """A constraint number by number: `spread` is M^-1 J^T, `factored` is J M^-1 J^T; `kept`: 1 for the conditions to
+    solve for, 0 for those that repeat others (`None`: all are solved for).
+    """
 
     spread: list[list[Term]]
     factored: AbstractFactors

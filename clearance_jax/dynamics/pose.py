@@ -20,7 +20,7 @@ from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax.dynamics.closures import StartErrors, project
 from clearance_jax.dynamics.reactions import by_joint, determinate, pin_loads
-from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
+from clearance_jax.dynamics.seated import lowest_frequency
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import PreparedClearance
@@ -159,15 +159,13 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
 
     _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begun))
     state = step.state(mechanism)
-    size = jnp.concatenate([size_of(joint.joint.play()) for joint in joints])
-    mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
     pressed = [
         (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
         for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
     ]
     stiffnesses = side_by_side(held_stiffness, pressed)
     firm = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
-    frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
+    frequency = lowest_frequency(mechanism, time, state, firm, [size_of(joint.joint.play()) for joint in joints])
     return StaticPose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
 
 

@@ -88,6 +88,7 @@ def reactions(mechanism: PreparedMechanism, now: Balance) -> list[SpatialForce]:
     joint, and both contact and holding forces of a joint with clearance.
     """
     wrenches = now.motion.wrenches(now.acceleration)
+    # The first pairs are those of the clearance joints, in the order of their actions.
     by_name = dict(zip(now.actions, now.pairs, strict=False))
     by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
     out: list[SpatialForce] = []

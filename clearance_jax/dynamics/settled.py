@@ -28,7 +28,7 @@ from clearance_jax.dynamics.closures import HELD, StartErrors, correct
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.reactions import by_joint, held_reactions, hold_still
-from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency, play_mobility
+from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.seating import Near, Seat, SeatLoad, Turned, relative_at, seat, size_of, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
@@ -119,7 +119,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
 
     def once(k, carry):
         now, rate, _, _ = carry
-        # Loops are closed with the pins where they were, and speeds belong to closed loops.
+        # The first HELD rounds close the loops, with the pins where they were; the last of them gives velocities too.
         seated, settle = k >= HELD, jnp.where(k >= HELD - 1, 1.0, 0.0)
         (y, loads, slope, opened), changes = _derivatives(
             lambda time, now: loads_of(settle, time, now), (time, now), (jnp.ones_like(time), rate), tilts
@@ -144,7 +144,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     paces = [speed / size for speed, size in zip(rate.play, sizes, strict=True)]
     seated = _keep_pace(mechanism, time, whole_state(mechanism, now, rate, pressed), paces, firm, sizes)
     rates = tuple(jnp.where(rest > 0, 0.0, p) for rest, p in zip(seated.rest, rate.play, strict=True))
-    # Loops that are closed by pins at rest move as they do with pins held.
+    # If pins are at rest and close loops, the velocities are those of the mechanism with all pins held.
     y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
     return whole_state(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
 
@@ -200,11 +200,8 @@ def _keep_pace(
 ) -> Seated:
     """Which pins can follow their place of rest; `rates`: of that place, in units of their play."""
     mechanism, time, y, rates, firm, sizes = without_derivatives((mechanism, time, y, rates, firm, sizes))
-    mechanism = mechanism.as_small_program()
     pace = as_array([jnp.max(jnp.abs(speed)) for speed in rates])
-    size = jnp.concatenate(sizes)
-    inverse = play_mobility(mechanism, time, y) / (size[:, None] * size[None, :])
-    frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), inverse)
+    frequency = lowest_frequency(mechanism, time, y, firm, sizes)
     return Seated(followers(pace, frequency, bool(mechanism.loops)), pace, frequency)
 
 

@@ -296,7 +296,8 @@ class PreloadedBearing(AbstractElement):
     def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
         """Force and torque of the springs and their damping."""
         radial, axial, tilt = (scale(-k / _opening(k, preload, at), at) for k, preload, at in self._springs(offset))
-        # The moment is the derivative of the tilt's energy by its angle, of which the chord is twice the half's sine.
+        # The energy of the tilt depends on the chord 2 sin(a / 2) of its angle a. Its derivative by a has a factor
+        # cos(a / 2).
         lean = jnp.sqrt((1 + jnp.asarray(offset.cosine, float)) / 2)
         damping = _damping_force(self.radial_stiffness, self.axial_stiffness, offset.velocity)
         force = add(add(radial, axial), scale(self.damping_time, damping))

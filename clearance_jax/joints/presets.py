@@ -27,11 +27,8 @@ PUNCH = 0.95
 
 def round_contact(radial_clearance: Any) -> HuntCrossley:
     """Hunt and Crossley's law of steel in bronze, with Hertz's stiffness for a `radial_clearance` [m]."""
-    steel, bronze = STEEL, BRONZE
-    stiffness = InternalHertz(
-        steel.modulus, bronze.modulus, steel.poisson_ratio, bronze.poisson_ratio, reference_clearance=radial_clearance
-    )
-    return HuntCrossley(stiffness, DAMPING)
+    moduli, ratios = (STEEL.modulus, BRONZE.modulus), (STEEL.poisson_ratio, BRONZE.poisson_ratio)
+    return HuntCrossley(InternalHertz(*moduli, *ratios, radial_clearance), DAMPING)
 
 
 def flat_contact(length: Any, breadth: Any, corners: int) -> HuntCrossley:

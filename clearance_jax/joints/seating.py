@@ -166,6 +166,7 @@ def seat(
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
     x, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
+    # Zero, but with a derivative: along coordinates that nothing resists the pin stays at the start.
     x = x + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load, turned=turned)
 

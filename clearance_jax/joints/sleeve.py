@@ -211,7 +211,7 @@ class SleeveClearance(AbstractPin):
         )
         deep, gx, gy = (jnp.pad(term, beyond) for term in depths)
         along = minus(0.0, plus(times(gx, slope[0]), times(gy, slope[1])))
-        # From the pin's axis along the force: it has no moment about a round pin.
+        # The arm is along the force, from the pin's axis: a force has no moment about a round pin.
         size, *_ = safe_unit(gx, gy)
         reach = (self.pin_radius - deep) / jnp.where(size > 0, size, 1.0)
         return Meeting(deep, (gx, gy, along), add(arm, scale(reach, (gx, gy, along))))

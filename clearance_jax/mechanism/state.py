@@ -125,8 +125,7 @@ def layout(mechanism: AbstractMechanism) -> Layout:
 def initial_values(mechanism: AbstractMechanism) -> Array:
     """The given initial positions and velocities of the free coordinates."""
     starts = [c.motion.initial() for c in mechanism.free_coordinates()]
-    places = [jnp.asarray(x, float) for q, _ in starts for x in q]
-    return vector((*places, *(jnp.asarray(x, float) for _, v in starts for x in v)))
+    return as_array([x for q, _ in starts for x in q] + [x for _, v in starts for x in v])
 
 
 class StateSlices(NamedTuple):
