@@ -10,9 +10,7 @@ CLONE = Path(__file__).parents[2]
 
 
 def missing_extra(what: str, package: str, extra: str) -> ClearanceError:
-    """The error for a missing package: `what` needs it, and the command that installs its extra, from a clone if in
-    one.
-    """
+    """The error for a missing package: `what` needs it, and the command that installs its extra."""
     source = CLONE if (CLONE / "pyproject.toml").is_file() else "clearance-jax"
     command = f"pip install '{source}[{extra}]'"
     return ClearanceError(f"{what} needs {package}, which is not installed. Install it: `{command}`.")

@@ -7,7 +7,6 @@ import abc
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array
@@ -130,8 +129,10 @@ class AbstractConstraint(Module):
 class AbstractFactors(Module):
     """A symmetric positive matrix M, factored."""
 
-    inverse_diagonal: eqx.AbstractVar[Any]
-    """The inverse of the pivots, by row."""
+    @property
+    @abc.abstractmethod
+    def inverse_diagonal(self) -> Any:
+        """The inverse of the pivots, by row."""
 
     @abc.abstractmethod
     def solve(self, right: list[Term]) -> list[Term]:
@@ -185,13 +186,17 @@ class DenseConstraint(AbstractConstraint):
 
 
 class Factored(AbstractFactors):
-    """L D L^T of a symmetric positive matrix: `lower[i][j]` for j < i, and the inverse of D."""
+    """L D L^T of a symmetric positive matrix: `lower[i][j]` for j < i, and the `inverse` of D."""
 
     lower: list[list[Term]]
-    inverse_diagonal: list[Term]
+    inverse: list[Term]
+
+    @property
+    def inverse_diagonal(self):
+        return self.inverse
 
     def solve(self, right):
-        lower, inverse = self.lower, self.inverse_diagonal
+        lower, inverse = self.lower, self.inverse
         n = len(right)
         x, once = list(right), _sharing(n)
         for i in range(n):

@@ -5,8 +5,7 @@ its pin what the ideal joint would, with all pins where they are. Rounds of "rea
 the pins" find it; each round reduces the error by the ratio of clearance to length. Friction of a joint that turns or
 slides shifts the load of a seat (`dynamics/reactions`). Newton steps of the whole end the search.
 
-A pose depends on its instant only. Where pins swing about the pose, or slide to it slowly, the motion differs from it:
-see `frequency`.
+A pose depends on its instant only. The motion differs where pins swing about it or slide to it slowly: see `frequency`.
 """
 
 from typing import NamedTuple

@@ -165,9 +165,7 @@ def _check(mechanism: PreparedMechanism) -> None:
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:
-    """By joint (tilts, play): unit vectors along the play coordinates that turn pins. The loads hardly depend on
-    others.
-    """
+    """By joint (tilts, play): unit vectors along the play that turns pins. The loads hardly depend on other play."""
     turning = [[c.slides is None and is_searched(joint) for c in joint.joint.play()] for joint in joints]
     places = np.flatnonzero([turns for joint in turning for turns in joint])
     units = np.eye(sum(map(len, sizes)))[places]

@@ -175,8 +175,7 @@ def seat(
         return carry[0] - inverse @ left, jax.lax.stop_gradient(left)
 
     x, left = jax.lax.fori_loop(0, 2, once, (x, jnp.zeros_like(x)))
-    # Along a coordinate without a load the edge of a tilted pin may exert a force. It is not counted: nothing there has
-    # to be in equilibrium.
+    # The edge of a tilted pin may press along a coordinate without a load: this need not be in equilibrium.
     asked, left = (jnp.linalg.norm(jnp.where(search.counts, part, 0.0)) for part in (search.asked, left))
     left = jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
     return Seat(size * x, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
@@ -258,8 +257,7 @@ class Seating(NamedTuple):
             stiff, ways = small_eigh(0.5 * (slope + slope.T))
             step = -ways @ jnp.clip((ways.T @ g) / jnp.maximum(stiff, PRESSED * TOUCHING * asked), -1.0, 1.0)
             further = jax.vmap(lambda part: residual(x + part * step, factor))(parts)
-            # The largest part of the step at whose end the energy rises at most half as steeply as it fell at the
-            # start.
+            # The largest part of the step after which the energy rises at most half as steeply as it fell at first.
             good = (further @ step) <= 0.5 * jnp.abs(g @ step)
             part = jnp.where(jnp.any(good), jnp.argmax(good), len(parts) - 1)
             before, after = jnp.linalg.norm(g), jnp.linalg.norm(further[part])

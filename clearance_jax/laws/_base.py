@@ -282,9 +282,7 @@ class AbstractModifiedLaw(AbstractNormalLaw):
 # A smooth onset ------------------------------------------------------------------------------------------------------
 
 SMOOTHED: dict[Smoothness, Smoothness] = {"C-1": "C0", "C0": "C0", "C1": "C2", "C2": "C2"}
-"""The class of a law with a smooth onset, by the law's own. A force that is cut off where it would pull keeps that
-corner.
-"""
+"""The class of a law with a smooth onset, by its own. A force that is cut off where it would pull keeps a corner."""
 
 
 class SmoothedOnset(AbstractModifiedLaw):

@@ -91,9 +91,7 @@ class AbstractFrictionLaw(AbstractLaw):
 
 
 class PreparedFriction(Module):
-    """A friction law with a joint's constants, as a step evaluates it. See the law for its methods, but memory is flat
-    here, by component.
-    """
+    """A friction law with a joint's constants, as a step evaluates it: the law's methods, for memory by component."""
 
     law: AbstractFrictionLaw
     constants: Any
@@ -178,8 +176,7 @@ class AbstractModifiedFriction(AbstractFrictionLaw):
 
 class SmoothedFriction(AbstractModifiedFriction):
     """T = T_law - N sum_i C_i(|v| - v_i), C_i(x) = (j_i + x k_i / 2) (w - |x|)^3 (3 w + |x|) / (16 w^3) for |x| < w: at
-    every corner v_i of the `law`, where its slope jumps by j_i and its curvature by k_i, a polynomial takes the jumps
-    away.
+    every corner v_i of the `law` a polynomial takes away the jumps j_i of its slope and k_i of its curvature.
 
     Further than w from every corner the traction is that of the law.
 
@@ -191,8 +188,7 @@ class SmoothedFriction(AbstractModifiedFriction):
     smoothness: ClassVar[Smoothness] = "C2"
 
     def demands(self):
-        speeds = [kink.speed for kink in self.law.kinks()]
-        most = functools.reduce(jnp.minimum, [_room(low, high) for low, high in itertools.pairwise([None, *speeds])])
+        most = functools.reduce(jnp.minimum, _widths_without_overlap(self.law.kinks()))
         words = "must be at most {:g} m/s: the next corner of the law is as near as that".format
         yield Demand("width", self.width <= most, lambda: words(most))
 
@@ -216,13 +212,11 @@ class SmoothedFriction(AbstractModifiedFriction):
         return (*super().event_functions(constants, slip, normal_force, memory), *ends)
 
 
-def _room(low: Scalar | float | None, high: Scalar | float) -> Scalar:
-    """The largest width for corners at two successive speeds: half their distance. `low=None`: `high` is the first
-    corner, whose neighbour is its mirror image at the negative speed.
-    """
-    if low is None:
-        return jnp.where(jnp.asarray(high) > 0, high, jnp.inf)
-    return 0.5 * (jnp.asarray(high) - low)
+def _widths_without_overlap(kinks: tuple[Kink, ...]) -> list[Scalar]:
+    """By corner, half the distance to the one before it [m/s]; before the first comes its image at negative slip."""
+    speeds = [jnp.asarray(kink.speed) for kink in kinks]
+    first = jnp.where(speeds[0] > 0, speeds[0], jnp.inf)
+    return [first, *(0.5 * (high - low) for low, high in itertools.pairwise(speeds))]
 
 
 def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
@@ -237,6 +231,4 @@ def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
         # The root w of slope w + curvature w^2 = room. Where nothing jumps, any width will do.
         divisor = slope + safe_sqrt(slope**2 + 4 * curvature * room)
         widths.append(jnp.where(slope + curvature > 0, 2 * room / jnp.where(divisor > 0, divisor, 1.0), jnp.inf))
-    speeds = [kink.speed for kink in kinks]
-    widths += [_room(low, high) for low, high in itertools.pairwise([None, *speeds])]
-    return functools.reduce(jnp.minimum, widths)
+    return functools.reduce(jnp.minimum, widths + _widths_without_overlap(kinks))

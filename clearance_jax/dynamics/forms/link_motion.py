@@ -42,22 +42,21 @@ class Given(NamedTuple):
 def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State) -> Given:
     """The motion of the links' coordinates, from drives and the state."""
     free = {part.coordinate.name: part for part in parts(mechanism)}
-    out = Given([], [], [], {}, [])
+    moved, turned = [], {}
     for i, c in enumerate(plan.coordinates):
-        part, spin = free.get(c.name), jnp.zeros(3)
+        part, spin, q, v, a = free.get(c.name), jnp.zeros(3), 0.0, 0.0, 0.0
         if part is None:
             assert c.motion.drive is not None
             q, v, a = c.motion.drive(time)
         elif c.is_ball:
             w, x, y, z = state.q[part.q]
-            out.turned[i] = matrix(of_quaternion(w, x, y, z))
+            turned[i] = matrix(of_quaternion(w, x, y, z))
             spin = as_array(state.v[part.v])
-            q = v = a = 0.0
         else:
-            q, v, a = state.q[part.q.start], state.v[part.v.start], 0.0
-        for values, value in zip((out.values, out.rates, out.accelerations, out.spins), (q, v, a, spin), strict=True):
-            values.append(value)
-    return out
+            q, v = state.q[part.q.start], state.v[part.v.start]
+        moved.append((q, v, a, spin))
+    values, rates, accelerations, spins = (list(each) for each in zip(*moved, strict=True))
+    return Given(values, rates, accelerations, turned, spins)
 
 
 class Swept(NamedTuple):

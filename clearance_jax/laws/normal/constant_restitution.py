@@ -40,8 +40,7 @@ class Gradual(NamedTuple):
 
 def fourth_root(penetration: Scalar, onset: Scalar) -> Scalar:
     """d^(1/4), but w^(1/4) P(d/w) for d < w. The polynomial P continues it with two continuous derivatives, and its
-    slope at first touch is zero. (That of d^(1/4) is infinite: no step would be short enough for derivatives of a
-    motion.)
+    slope at first touch is zero. (Derivatives of a motion with an infinite slope there cannot be resolved in time.)
     """
     s = jnp.clip(penetration / onset, 0.0, 1.0)
     return jnp.sqrt(jnp.sqrt(jnp.maximum(penetration, onset))) * s * s * (165 + s * (77 * s - 210)) / 32

@@ -161,9 +161,7 @@ class Spline(AbstractDrive):
 
 
 class PreparedSpline(AbstractMotionLaw):
-    """A cubic spline whose q'' at the knots is known: what a solve evaluates of a `Spline`, or of a `HeldSpline`, which
-    has an `end_speed`.
-    """
+    """A cubic spline whose q'' at the knots is known: a `Spline` in a solve, or a `HeldSpline` with its `end_speed`."""
 
     times: Values = physical("s")
     values: Values = physical("coordinate")

@@ -96,8 +96,7 @@ def _solve(diagonal: Blocks, beside: Blocks, right: Blocks) -> Blocks:
     """Solve a positive definite system of three bands of blocks: (n, b, b), (n - 1, b, b), (n, b)."""
 
     def eliminate(before, row):
-        # `before`: of the row above, the inverse of the diagonal block times the block beside it, and times the right
-        # side.
+        # `before`, of the row above: its inverse diagonal block times the block beside it, and times its right side.
         down, block, above, side = row
         block = block - above.T @ before[0]
         side = side - above.T @ before[1]
