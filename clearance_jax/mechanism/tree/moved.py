@@ -90,7 +90,7 @@ def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
     """The spin of a swing and the rate of its components, in the rotated axes."""
     (a, b), (p, q), (u, v) = by.q, by.v, by.a
     spin, faster = (add(scale(x, at.inside[0]), scale(y, at.inside[1])) for x, y in ((p, q), (u, v)))
-    # The spin is divided by 1 + g^2, which grows by 2 g g'.
+    # The spin has the divisor 1 + g^2 (`spatial.swing`), g = (a, b) / 2, whose rate is (a p + b q) / 2.
     growth = times(0.5, plus(times(a, p), times(b, q)))
     return spin, subtract(faster, scale(times(at.part, growth), spin))
 
