@@ -9,15 +9,11 @@ from clearance_jax.errors import ClearanceError
 CLONE = Path(__file__).parents[2]
 
 
-def install_command(extra: str) -> str:
-    """The command that installs an extra of this library, from the clone if there is one."""
-    inside = (CLONE / "pyproject.toml").is_file()
-    return f"pip install '{CLONE if inside else 'clearance-jax'}[{extra}]'"
-
-
 def missing_extra(what: str, package: str, extra: str) -> ClearanceError:
-    """The error for a missing package: `what` needs it, and the command that installs it."""
-    return ClearanceError(f"{what} needs {package}, which is not installed. Install it: `{install_command(extra)}`.")
+    """The error for a missing package: `what` needs it, and the command that installs its extra."""
+    source = CLONE if (CLONE / "pyproject.toml").is_file() else "clearance-jax"
+    command = f"pip install '{source}[{extra}]'"
+    return ClearanceError(f"{what} needs {package}, which is not installed. Install it: `{command}`.")
 
 
 def require(what: str, extra: str, *packages: str) -> None:

@@ -15,7 +15,7 @@ class Module(eqx.Module):
     Here a method is an ordinary bound method. Give `eqx.filter_jit` a function or a lambda, not such a method.
     """
 
-    if not TYPE_CHECKING:  # a class with this method may have any attribute, as far as a type checker knows
+    if not TYPE_CHECKING:  # a type checker would let a class with this method have any attribute
         __getattribute__ = object.__getattribute__
 
 

@@ -44,7 +44,7 @@ def sincos(angle: Real) -> tuple[Real, Real]:
     XLA calls the scalar library for float64 sin and cos on the CPU, which is several times slower. The error is below
     4e-16 for |angle| < 50 and grows as 1e-16 * |angle| beyond, the resolution of such an angle in float64.
     """
-    # Both results choose among both polynomials: what these are made of is shared.
+    # Sine and cosine both read both polynomials. Without `share` each would compute them, and their inputs, again.
     quarter_turns = share(jnp.floor(angle * (2 / np.pi) + 0.5))
     x = share((angle - quarter_turns * _HALF_PI_HIGH) - quarter_turns * _HALF_PI_LOW)
     xx = x * x

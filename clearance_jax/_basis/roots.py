@@ -10,10 +10,11 @@ from clearance_jax._basis.types import Scalar
 
 
 def newton(step: Callable, start: Any, count: int, *numbers: Any, last: int = 1, unrolled: bool = False) -> Any:
-    """The fixed point of `step(x, *numbers)`: `count` steps hidden from differentiation, then the `last` ones.
+    """The fixed point of `step(x, *numbers)`: `count` steps without derivatives, then `last` steps with them.
 
-    A Newton step has at the root the derivative of the implicit function by the `numbers`; two have the second one too,
-    if their slope is hidden. `unrolled`: the steps stand one by one in the program, for few short ones of a field.
+    At the root one Newton step gives the first derivatives by the `numbers`, those of the implicit function. Two steps
+    also give the second derivatives, if `step` hides its slope from differentiation. `unrolled`: without a loop in the
+    program, for few short steps in a vector field.
     """
     x, still = jax.lax.stop_gradient((start, numbers))
     if unrolled:
@@ -27,7 +28,7 @@ def newton(step: Callable, start: Any, count: int, *numbers: Any, last: int = 1,
     return x
 
 
-# Iterations in logarithms; the longest of them, in powers of e.
+# The number of iterations in logarithms, and the largest change of the logarithm in one of them.
 SEARCH, STRIDE = 16, 5.0
 
 

@@ -16,7 +16,7 @@ LITTLE = 4096
 
 
 def _in_small_batches(function: Callable) -> Callable:
-    """The function of a matrix or a few; for more, in several batches one after the other."""
+    """The same function of a matrix. A batch that is too large for one kernel call is computed in several, in turn."""
     few = jax.custom_batching.custom_vmap(function)
 
     @few.def_vmap

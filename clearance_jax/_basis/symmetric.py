@@ -67,7 +67,9 @@ def of_point(mass: Term, arm: Vector, moment: Vector) -> Symmetric:
 
 
 def shift(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric:
-    """An inertia moved to another point, from which `by` leads to the old one; mass times arms `old` and `new`."""
+    """An inertia about a point P, moved to a point Q: `by` is the vector from Q to P; `old` and `new` are the mass
+    times the vectors from P and from Q to the centre of mass.
+    """
 
     def entry(i: int, j: int) -> Term:
         if i == j:
@@ -106,7 +108,9 @@ class Row(Module):
 
 
 Choice = Callable[[Callable[[], Array]], Array | None]
-"""Which conditions are asked for (1) and which repeat others (0), `None` for all; from what makes J M^-1 J^T."""
+"""A function that marks the conditions to solve for with 1 and those that repeat others with 0 (`None`: solve for all).
+Its argument is a function that computes J M^-1 J^T, which is not needed where all are solved for.
+"""
 
 
 class AbstractConstraint(Module):
@@ -140,7 +144,9 @@ class AbstractFactors(Module):
 
 
 class Constraint(AbstractConstraint):
-    """M^-1 J^T, J M^-1 J^T factored, and which conditions are `kept` (1) or repeat others (0); `None`: all."""
+    """A constraint number by number: `spread` is M^-1 J^T, `factored` is J M^-1 J^T; `kept`: 1 for the conditions to
+    solve for, 0 for those that repeat others (`None`: all are solved for).
+    """
 
     spread: list[list[Term]]
     factored: AbstractFactors
@@ -180,7 +186,7 @@ class DenseConstraint(AbstractConstraint):
 
 
 class Factored(AbstractFactors):
-    """L D L^T of a symmetric positive matrix, `lower[i][j]` for j < i, and the `inverse` of D."""
+    """L D L^T of a symmetric positive matrix: `lower[i][j]` for j < i, and the `inverse` of D."""
 
     lower: list[list[Term]]
     inverse: list[Term]
@@ -192,7 +198,7 @@ class Factored(AbstractFactors):
     def solve(self, right):
         lower, inverse = self.lower, self.inverse
         n = len(right)
-        x, once = list(right), _links(n)
+        x, once = list(right), _sharing(n)
         for i in range(n):
             x[i] = once(minus(x[i], total(times(lower[i][j], x[j]) for j in range(i))))
         x = [times(inverse[i], x[i]) for i in range(n)]
@@ -241,12 +247,13 @@ class Dense(AbstractFactors):
 
 # From this many rows on a symmetric system is an array.
 MANY = 25
-# With at least this many rows, rows are shared over lanes: each uses all before it.
+# A row is computed from all rows before it. With at least this many, each row is shared: without that the compiler may
+# compute the earlier ones again in every later one.
 DEEP = 5
 
 
-def _links(rows: int) -> Callable:
-    """A function that keeps the links of a chain of so many rows from being computed anew in the next ones."""
+def _sharing(rows: int) -> Callable:
+    """`share` for a system of so many `rows`, or a function that does nothing where they are few."""
     return share if rows >= DEEP else lambda tree: tree
 
 
@@ -264,7 +271,7 @@ def factor(matrix: list[list[Term]]) -> AbstractFactors:
         return Dense(jnp.linalg.cholesky(dense(matrix)))
     lower: list[list[Term]] = []
     inverse: list[Term] = []
-    once = _links(len(matrix))
+    once = _sharing(len(matrix))
     for i, entries in enumerate(matrix):
         row: list[Term] = []
         scaled: list[Term] = []

@@ -12,4 +12,4 @@ Each: TypeAlias = Float[Array, "*lanes"]
 """One number, or one for every lane of a batch: lanes are the last axis of whatever they are of."""
 EachFlag: TypeAlias = Bool[Array, "*lanes"]
 Rows: TypeAlias = tuple[Float[Array, "..."], ...]
-"""A state, or its rate, as one array a component: a scalar, or a stack of motion and derivatives."""
+"""A state or its rate, one array for each component: a number, or a number and its derivatives along one axis."""

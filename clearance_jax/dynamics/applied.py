@@ -1,6 +1,6 @@
 """What acts on a mechanism beside its joints: springs, loads from outside, actuators and controllers.
 
-The latter act by what they measure now or, where they are sampled, have measured last.
+Actuators and controllers act by what they measure now; sampled ones by what they measured at the last sampling instant.
 """
 
 from collections.abc import Sequence

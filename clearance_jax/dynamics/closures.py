@@ -18,7 +18,7 @@ from clearance_jax.mechanism.state import initial_values, layout, move, parts
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import ZERO, Term, as_array, cross, dot, minus, plus, times
 
-# Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
+# Factor on the inertia of a coordinate that is to stay. While a loop closes by a metre, it moves less than a nanometre.
 FIRM = 1e9
 # Newton iterations of an assembly: with pins almost held in their sleeves, then with everything free; the very last one
 # only measures.
@@ -55,7 +55,7 @@ def correct(
     motion = frames(mechanism, time, state)
     loop_conditions, gaps, rates, opened = [], [], [], []
     for loop in loops:
-        # Of a joint with clearance, its pin is where it starts.
+        # The pin of a joint with clearance is held at its `eccentricity`, where it starts.
         offset = ZERO
         if isinstance(loop, AbstractPlayed) and loop.clearance is not None:
             offset = sleeve_axes(loop, motion).apply(loop.eccentricity.vector)

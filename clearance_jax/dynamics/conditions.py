@@ -41,8 +41,8 @@ def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
     a, b = motion[loop.parent], motion[loop.child]
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
-    # A point of b stays at a point of a, or in planes through this that are normal to directions of a: then, seen from
-    # a, it moves against the point of a at the same place.
+    # A point of b stays at a point of a, or in planes of a through that point. In planes it moves over a, so its
+    # velocity is compared with that of the material point of a where it is now (`seen`).
     seen, directions = (here, UNIT) if hold.along is None else (there, [sleeve.apply(along) for along in hold.along])
     gap, rate = subtract(there, here), subtract(b.velocity_at(there), a.velocity_at(seen))
     acceleration = subtract(b.acceleration_at(there), a.acceleration_at(seen))
@@ -109,8 +109,9 @@ def independent(
     as a rule: a four-bar linkage with parallel pins keeps its plane three times. Each turn takes the condition with the
     largest part that is independent of those taken before.
 
-    The part is relative to the whole motion of which the condition is a component, because the condition's own motion
-    may be round-off. Forces and moments are compared apart, because their sizes are not comparable.
+    The part is relative to the whole relative velocity or spin of which the condition is a component. (Relative to the
+    component itself it could be large where both are round-off.) Conditions with forces and with moments are compared
+    apart, because their sizes are not comparable.
     """
     count = len(loop_conditions)
     whole = as_array([now.moves.square(inertia.inverse_diagonal) for now in loop_conditions])

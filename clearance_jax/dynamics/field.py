@@ -25,8 +25,9 @@ from clearance_jax.mechanism.state import State, layout, parts, position_rates, 
 from clearance_jax.mechanism.tree.compounds import Ball
 from clearance_jax.spatial import Term, plus, put, times, total
 
-# Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
-# loss: an integral of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
+# Quadratures beside the state. `absorbed_work` is what contacts and dampers take up; less the contacts' elastic energy
+# it is the damping loss. The loss itself is not integrated: its rate would contain the rate of the elastic energy, also
+# where the force is clipped to zero.
 BALANCE_TERMS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
 # Part of all energies that counts as exchanged: a million round-offs, so that one round-off is a residual of 1e-6.
 RESTING = 1e6 * float(np.finfo(np.float64).eps)

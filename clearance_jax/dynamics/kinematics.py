@@ -8,7 +8,7 @@ from jaxtyping import Array
 from clearance_jax._basis.numerics import safe_sqrt, safe_unit
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax._compile.barriers import share, with_barriers
-from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames
+from clearance_jax.dynamics.forms.frames import Extra, Frames
 from clearance_jax.dynamics.forms.table import TabledFrames
 from clearance_jax.dynamics.forms.written_out import write_out
 from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
@@ -133,7 +133,7 @@ def relative_accelerations(
     return out
 
 
-def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: AbstractExtra) -> Relative:
+def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: Extra) -> Relative:
     """The rate of the relative motion in a joint that closes a loop: for the pin's place u in the sleeve's axes R, of
     the spin w, u'' = R^T (a_pin - a_sleeve) - 2 w x u', of the pin's centre and the sleeve's material point there.
     """
@@ -154,7 +154,7 @@ def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: Abstr
 
 
 class SpringState(NamedTuple):
-    """Elongation [m], its rate, tension [N] and direction (a to b) of a spring."""
+    """A spring's elongation [m], the rate of that [m/s], its tension [N], and the direction `along` it from a to b."""
 
     elongation: Array
     rate: Array

@@ -5,7 +5,7 @@ its pin what the ideal joint would, with all pins where they are. Rounds of "rea
 the pins" find it; each round reduces the error by the ratio of clearance to length. Friction of a joint that turns or
 slides shifts the load of a seat (`dynamics/reactions`). Newton steps of the whole end the search.
 
-A pose has no history. Pins that swing about it, or slide to it slowly, are elsewhere: see `frequency`.
+A pose depends on its instant only. The motion differs where pins swing about it or slide to it slowly: see `frequency`.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax.dynamics.closures import StartErrors, project
 from clearance_jax.dynamics.reactions import by_joint, determinate, pin_loads
-from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
+from clearance_jax.dynamics.seated import lowest_frequency
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import PreparedClearance
@@ -32,8 +32,8 @@ from clearance_jax.spatial import as_array
 # Rounds that seat pins, from the middle of a sleeve and from between two poses. Each reduces the error by the ratio of
 # clearance to length, with friction by its coefficient.
 SMOOTH, RUBBED = (2, 1), (6, 3)
-# One of STRIDE poses begins at the middle; the others, in this ORDER, between poses known by then, which are so far
-# AWAY.
+# Times are the rows of an array of STRIDE columns, searched column by column in this ORDER. The search in the first one
+# begins in the middle of the sleeves, in the others between the poses of two columns known by then, so far AWAY.
 STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
 # Newton steps on all joints together: until the part of a load that is not borne is below this, or this many; and those
 # of a derivative.
@@ -106,9 +106,9 @@ def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Fl
     times, ideal = times[places], ideal[places]
     begin = tuple(jnp.broadcast_to(at, (rows, STRIDE, len(at))) for at in middles)
 
-    def column(play, which):
-        k, away = which
-        known = away < STRIDE
+    def column(play, k_and_away):
+        k, away = k_and_away
+        known = away < STRIDE  # in all columns but the first
         near = tuple(jnp.where(known, _between(times, values, k, away), values[:, k]) for values in play)
         seated = jax.vmap(lambda *start: _pose(mechanism, known, *start))(times[:, k], ideal[:, k], near)
         return tuple(values.at[:, k].set(new) for values, new in zip(play, seated.play, strict=True)), seated
@@ -119,13 +119,15 @@ def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Fl
 
 
 def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
-    """The play in column k of every row, interpolated between the columns `away` from it; none follows the last row."""
-    behind = jnp.append(jnp.arange(1, len(times)), len(times) - 1)
-    after, later = (jnp.concatenate([x, x[behind][:, :1]], axis=1)[:, k + away] for x in (times, play))
-    before, earlier = times[:, k - away], play[:, k - away]
+    """The play in column k of every row, interpolated between the columns `away` from it. After the last column comes
+    the first one of the next row (the last row takes its own).
+    """
+    next_row = jnp.append(jnp.arange(1, len(times)), len(times) - 1)
+    after, play_after = (jnp.concatenate([x, x[next_row][:, :1]], axis=1)[:, k + away] for x in (times, play))
+    before, play_before = times[:, k - away], play[:, k - away]
     span = after - before
     part = jnp.where(span > 0, (times[:, k] - before) / jnp.where(span > 0, span, 1.0), 0.0)
-    return earlier + part[:, None] * (later - earlier)
+    return play_before + part[:, None] * (play_after - play_before)
 
 
 def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> StaticPose:
@@ -156,15 +158,13 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
 
     _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begun))
     state = step.state(mechanism)
-    size = jnp.concatenate([size_of(joint.joint.play()) for joint in joints])
-    mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
     pressed = [
         (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
         for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
     ]
     stiffnesses = side_by_side(held_stiffness, pressed)
     firm = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
-    frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
+    frequency = lowest_frequency(mechanism, time, state, firm, [size_of(joint.joint.play()) for joint in joints])
     return StaticPose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
 
 

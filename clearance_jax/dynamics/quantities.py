@@ -211,7 +211,7 @@ class QuantityEntry(NamedTuple):
 
 def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[str, QuantityEntry]:
     """All quantities by name; `energy_balance`: whether states contain the energy balance."""
-    # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
+    # Names follow from the structure. Making them takes longer than some solves, so they are kept.
     return _quantities(tree_shape(mechanism), energy_balance)
 
 

@@ -26,8 +26,8 @@ from clearance_jax.spatial import ZERO, Term, Vector, add, cross, scale, subtrac
 
 class Reaction(NamedTuple):
     """Reaction of a joint on the pin (its child): `force` [N] in the world's axes; `on_pin`, the same in the sleeve's
-    axes, and `turning`, the moment about the pin's centre there [N m], without that about the sleeve's axis, which is
-    its drive's or actuator's; `at`: the pin's centre in the world [m].
+    axes, and `turning`, the moment about the pin's centre there [N m], of which the part about the sleeve's axis is the
+    effort of a drive or an actuator; `at`: the pin's centre in the world [m].
     """
 
     force: Vector
@@ -88,6 +88,7 @@ def reactions(mechanism: PreparedMechanism, now: Balance) -> list[SpatialForce]:
     joint, and both contact and holding forces of a joint with clearance.
     """
     wrenches = now.motion.wrenches(now.acceleration)
+    # The first pairs are those of the clearance joints, in the order of their actions.
     by_name = dict(zip(now.actions, now.pairs, strict=False))
     by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
     out: list[SpatialForce] = []

@@ -8,6 +8,7 @@ The place at which a load presses a pin moves with the load. A pin follows it on
 frequencies, as a driven oscillator follows quasi-statically only far below resonance.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -45,12 +46,16 @@ def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) 
     return jnp.where(jnp.any(rest) if together else rest, jnp.ones(len(pace)), 0.0)
 
 
-def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
-    """The lowest frequency [Hz] of contacts with a `stiffness` [J, for play in units of its size] and the `inverse` of
-    the masses. Directions without stiffness have no place of rest and are left out; 0 where it is negative. (So is the
-    weight: its square of 2 pi f is gravity over a length of the mechanism.)
+def lowest_frequency(
+    mechanism: PreparedMechanism, time: Scalar, y: Array, stiffnesses: Sequence[Array], sizes: Sequence[Array]
+) -> Scalar:
+    """The lowest frequency [Hz] of the contacts in a state; by joint their `stiffnesses` [J, for play in units of its
+    size], and the `sizes`. Directions without stiffness have no place of rest and are left out; 0 where it is negative.
+    (The weight is left out too: it would add g over a length of the mechanism to (2 pi f)^2.)
     """
-    values, ways = small_eigh(stiffness)
+    size = jnp.concatenate(sizes)
+    inverse = play_mobility(mechanism.as_small_program(), time, y) / (size[:, None] * size[None, :])
+    values, ways = small_eigh(jax.scipy.linalg.block_diag(*stiffnesses))
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))
     root = (ways * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ ways.T
     # Directions that nothing holds come first, with zeros.

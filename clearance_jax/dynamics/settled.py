@@ -28,7 +28,7 @@ from clearance_jax.dynamics.closures import HELD, StartErrors, correct
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.reactions import by_joint, held_reactions, hold_still
-from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency, play_mobility
+from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.seating import Near, Seat, SeatLoad, Turned, relative_at, seat, size_of, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
@@ -39,7 +39,8 @@ from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.variants import gives_way, with_motions
 from clearance_jax.spatial import as_array, dot, hamilton, scale
 
-# Newton's iterations: what gives way is nearly linear, and so the second is round-off; the last two have derivatives.
+# Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more
+# make first and second derivatives right.
 DEFLECTIONS = 4
 
 
@@ -100,7 +101,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         y, opened = now.y, jnp.zeros(0)
         if loops:
             y, opened = correct(time, y, fixed, fixed.loops, settle=settle)
-        # Of the state before: so the kinematics stands once in the program, and is one round behind.
+        # Of the state before `correct`, with which they share the kinematics: the reactions are one round behind.
         motion = balance(fixed, time, plan.split(now.y))
         reactions = held_reactions(mechanism, time, motion).values()
         # Otherwise the compiler computes the reactions anew at every use.
@@ -118,14 +119,14 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
 
     def once(k, carry):
         now, rate, _, _ = carry
-        # Loops are closed with the pins where they were, and speeds belong to closed loops.
+        # The first HELD rounds close the loops, with the pins where they were; the last of them gives velocities too.
         seated, settle = k >= HELD, jnp.where(k >= HELD - 1, 1.0, 0.0)
         (y, loads, slope, opened), changes = _derivatives(
             lambda time, now: loads_of(settle, time, now), (time, now), (jnp.ones_like(time), rate), tilts
         )
         y_rate, loads_rate, _, opened_rate = jax.tree.map(lambda leaf: leaf[0], changes)
         slopes = _slopes(joints, changes[1], tilts)
-        # The load changes with the pin and with its place: its slope counts once.
+        # `loads_rate` has the slopes times the pins' rates in it. `Turned` takes that off: a slope counts once.
         moved, change, (contacts, errors) = jax.jvp(
             lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, slopes),
             (now, y, loads, opened),
@@ -136,14 +137,14 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
 
     first = Seats(initial_values(mechanism.ideal()), begin)
     still = jax.tree.map(jnp.zeros_like, first)
-    errors = StartErrors(*(jnp.zeros(len(those)) for those in (loops, joints, joints)))
+    errors = StartErrors(jnp.zeros(len(loops)), jnp.zeros(len(joints)), jnp.zeros(len(joints)))
     free = tuple(jnp.asarray(False) for _ in joints), tuple(jnp.zeros((len(size), len(size))) for size in sizes)
     begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, (first, still, (still, free), errors))
     now, resting, (rate, (pressed, firm)), errors = begun
     paces = [speed / size for speed, size in zip(rate.play, sizes, strict=True)]
     seated = _keep_pace(mechanism, time, whole_state(mechanism, now, rate, pressed), paces, firm, sizes)
     rates = tuple(jnp.where(rest > 0, 0.0, p) for rest, p in zip(seated.rest, rate.play, strict=True))
-    # Loops that are closed by pins at rest move as they do with pins held.
+    # If pins are at rest and close loops, the velocities are those of the mechanism with all pins held.
     y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
     return whole_state(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
 
@@ -164,7 +165,7 @@ def _check(mechanism: PreparedMechanism) -> None:
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:
-    """Unit tangents of the play that turns pins, by joint (tilts, play): loads depend on hardly any other play."""
+    """By joint (tilts, play): unit vectors along the play that turns pins. The loads hardly depend on other play."""
     turning = [[c.slides is None and is_searched(joint) for c in joint.joint.play()] for joint in joints]
     places = np.flatnonzero([turns for joint in turning for turns in joint])
     units = np.eye(sum(map(len, sizes)))[places]
@@ -197,11 +198,8 @@ def _keep_pace(
 ) -> Seated:
     """Which pins can follow their place of rest; `rates`: of that place, in units of their play."""
     mechanism, time, y, rates, firm, sizes = without_derivatives((mechanism, time, y, rates, firm, sizes))
-    mechanism = mechanism.as_small_program()
     pace = as_array([jnp.max(jnp.abs(speed)) for speed in rates])
-    size = jnp.concatenate(sizes)
-    inverse = play_mobility(mechanism, time, y) / (size[:, None] * size[None, :])
-    frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), inverse)
+    frequency = lowest_frequency(mechanism, time, y, firm, sizes)
     return Seated(followers(pace, frequency, bool(mechanism.loops)), pace, frequency)
 
 

@@ -47,7 +47,7 @@ class AbstractClearance(Parametrised):
     kind: ClassVar[str] = ""
     """What scenes and datasets call it; empty: a kind of your own."""
     flat: ClassVar[bool] = False
-    """Whether flat walls bound its slides across, each by itself; round ones bound them together."""
+    """Whether flat walls limit each slide across by itself; round ones limit the distance from the middle."""
 
     @property
     def count(self) -> int:
@@ -246,7 +246,7 @@ class PreparedClearance(Module):
         (depth, speed, slip), (_, change, _) = point, rates
         normal_memory, rest, touched = self._parts(memory)
         touching, touched = depth > 0, touched[0] > 0.5
-        # A solve may start deep in contact; only a touch since which little has changed can be traced back.
+        # Traced back on a straight line, if the speed has hardly changed since (a solve may start deep in contact).
         recent = jnp.abs(change * depth) < 0.01 * speed**2
         elapsed = jnp.where(recent, depth / jnp.where(recent, speed, 1.0), 0.0)
         then = jnp.where(recent, speed - change * elapsed, speed)
@@ -279,11 +279,8 @@ class PreparedClearance(Module):
 
     def elastic_energy(self, at: Relative) -> Scalar:
         """Elastic energy [J]."""
-
-        def energy(point: ContactPoint):
-            return times(point.part, self.normal.at(point.local).energy(point.penetration))
-
-        return jnp.sum(self._map(energy)(self.joint.points(at))) + self._filling_energy(at)
+        energy = self._map(lambda point: times(point.part, self.normal.at(point.local).energy(point.penetration)))
+        return jnp.sum(energy(self.joint.points(at))) + self._filling_energy(at)
 
     def _filling_energy(self, at: Relative) -> Scalar | float:
         """Elastic energy of the element that fills the play [J]."""
@@ -298,7 +295,7 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     def memory_growth(self) -> tuple[float, ...]:
-        """By memory variable: 1 if its error counts relative to its size too: a normal law's grows with contact."""
+        """By memory variable: 1 if an error relative to its size is allowed too (a normal law's grows with contact)."""
         growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
         return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
@@ -344,7 +341,8 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:
     """The rates of a law's memory; zero while apart, except for a law that acts there.
 
-    This depends on the latched touch, not on the penetration: a rate that jumps inside a step, at a touch that cuts it,
-    would be an error of first order, and steps would shrink until they end at the touch.
+    Whether they are apart is what was latched at the start of the step. By the sign of the penetration the rate would
+    jump inside a step that is tried across a touch: a large error, for which steps shrink until they end at the touch,
+    before event location can cut one there.
     """
     return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)

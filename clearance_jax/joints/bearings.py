@@ -16,7 +16,7 @@ from jax.core import Tracer
 
 from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.joints.checks import check_known, check_sizes
-from clearance_jax.joints.elements import ROLLING_DAMPING, PreloadedBearing
+from clearance_jax.joints.elements import PreloadedBearing
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import RevoluteClearance
 from clearance_jax.joints.presets import DAMPING
@@ -166,14 +166,14 @@ class Rows(NamedTuple):
         """The lever of an element's line about the middle of the bearing [m]."""
         return self.half_spread * jnp.cos(self.angle) + self.radius * jnp.sin(self.angle)
 
-    def centring_element(self, preload: Any, damping_time: Any) -> PreloadedBearing:
+    def centring_element(self, preload: Any) -> PreloadedBearing:
         """The element that holds the rings in the middle of their play."""
         across, along = jnp.cos(self.angle), jnp.sin(self.angle)
         deep = (preload / (self.count * along * self.factor)) ** (1 / self.power)
         stiff = self.count * self.power * self.factor * deep ** (self.power - 1)
         radial, axial, tilt = stiff * across**2, 2 * stiff * along**2, stiff * self.lever**2
         loose = radial * deep / across, axial * deep / along, tilt * deep / self.lever
-        return PreloadedBearing(radial, axial, tilt, *loose, damping_time)
+        return PreloadedBearing(radial, axial, tilt, *loose)
 
     def with_play(self, radial_clearance: Any, preload: Any, friction: AbstractFrictionLaw | None) -> SleeveClearance:
         """The joint: a sleeve so long that its tilt ends where the elements' own play does."""
@@ -181,7 +181,7 @@ class Rows(NamedTuple):
         # Both rows bear a radial load, each element along its line.
         law = HuntCrossley(2 * self.count / MOST_LOADED * self.factor * across ** (self.power + 1), DAMPING, self.power)
         length = 2 * self.lever / across
-        element = None if preload is None else self.centring_element(preload, ROLLING_DAMPING)
+        element = None if preload is None else self.centring_element(preload)
         numbers: Any = {"pin_radius": self.radius, "length": length, "element": element}
         return SleeveClearance(radial_clearance=radial_clearance, normal=law, friction=friction, **numbers)
 
@@ -214,11 +214,10 @@ def crossed_roller(
     count = _check_count("rollers", rollers, 6) / 2
     if rollers % 2:
         raise ClearanceError(f"`rollers` must be even, one half leaning each way, but there are {rollers}.")
-    sizes = _check(
-        preload, pitch_diameter=pitch_diameter, roller_length=roller_length, radial_clearance=radial_clearance
-    )
-    factor = (sizes["roller_length"] ** 0.8 / ROLLERS) ** (10 / 9)
-    rows = Rows(count, factor, 10 / 9, CROSSED, sizes["pitch_diameter"] / 2)
+    check_sizes(pitch_diameter=pitch_diameter, roller_length=roller_length, radial_clearance=radial_clearance)
+    check_sizes("N", preload=preload)
+    factor = (roller_length**0.8 / ROLLERS) ** (10 / 9)
+    rows = Rows(count, factor, 10 / 9, CROSSED, pitch_diameter / 2)
     return rows.with_play(radial_clearance, preload, friction)
 
 
@@ -244,18 +243,17 @@ def angular_contact_pair(
     **Source:** Palmgren's point contact.
     """
     count = _check_count("balls", balls, 3)
-    given = {"pitch_diameter": pitch_diameter, "ball_diameter": ball_diameter, "spread": spread}
-    sizes = _check(preload, **given, radial_clearance=radial_clearance)
+    sizes = {"pitch_diameter": pitch_diameter, "ball_diameter": ball_diameter, "spread": spread}
+    check_sizes(**sizes, radial_clearance=radial_clearance)
+    check_sizes("N", preload=preload)
     if not isinstance(contact_angle, Tracer) and not 0 < contact_angle < np.pi / 2:
         raise wrong_value("`contact_angle`", "above 0 and below pi/2 rad", contact_angle, shown=repr(contact_angle))
-    if not any(isinstance(x, Tracer) for x in sizes.values()) and not (
-        count * sizes["ball_diameter"] < np.pi * sizes["pitch_diameter"]
-    ):
-        raise ClearanceError(
-            f"{count} `balls` of {sizes['ball_diameter']:g} m do not fit on a circle of {sizes['pitch_diameter']:g} m."
-        ).about("balls", count)
-    factor = sizes["ball_diameter"] ** 0.5 / BALLS**1.5
-    rows = Rows(count, factor, 1.5, contact_angle, sizes["pitch_diameter"] / 2, sizes["spread"] / 2)
+    known = not any(isinstance(size, Tracer) for size in (*sizes.values(), radial_clearance))
+    if known and not count * ball_diameter < np.pi * pitch_diameter:
+        text = f"{count} `balls` of {ball_diameter:g} m do not fit on a circle of {pitch_diameter:g} m."
+        raise ClearanceError(text).about("balls", count)
+    factor = ball_diameter**0.5 / BALLS**1.5
+    rows = Rows(count, factor, 1.5, contact_angle, pitch_diameter / 2, spread / 2)
     return rows.with_play(radial_clearance, preload, friction)
 
 
@@ -263,10 +261,3 @@ def _check_count(name: str, count: Any, least: int) -> int:
     if isinstance(count, bool) or not isinstance(count, int) or count < least:
         raise ClearanceError(f"A bearing has at least {least} `{name}`, but it is {count!r}.").about(name, count, least)
     return count
-
-
-def _check(preload: Any, **sizes: Any) -> dict[str, Any]:
-    check_sizes(**sizes)
-    if preload is not None:
-        check_sizes("N", preload=preload)
-    return sizes

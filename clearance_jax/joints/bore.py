@@ -5,10 +5,11 @@ and depths h. It touches where that is largest. The largest value over the secto
 
     d = T log(sum_j exp(d_j / T) / m),    T = w^2 max(|e|, c / 2),    w: the width of a sector,
 
-with T some 1e-4 of the clearance: so wide that the sum over sectors is an integral to 1e-8 of T (the bell that a round
-wall makes of exp(d / T) is w wide), and the pin does not feel the sectors. T grows with the eccentricity, and m is the
-sum of a round wall. So if h is the same everywhere, d and its gradient, a unit vector, are those of a round sleeve,
-however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is constant.)
+with T some 1e-4 of the clearance. In a round wall exp(d_j / T) is a bell over the angle, and this T makes it one sector
+w wide. Then the sum over sectors is the integral to 1e-8 of T, and the pin does not feel the sectors. T grows with the
+eccentricity, and m is the sum of a round wall. So if h is the same everywhere, d and its gradient, a unit vector, are
+those of a round sleeve, however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is
+constant.)
 
 If a profile bears at two places at once, both are in the sum, and the gradient is shorter than one. d is convex, except
 for walls as sharp as a sector, and has all derivatives in e and h where a pin can touch. The force is along its
@@ -71,16 +72,13 @@ class Bore(NamedTuple):
         return 2 * np.pi * np.arange(self.depth.shape[0]) / self.depth.shape[0]
 
     @property
-    def _cosines(self) -> Array:
-        return jnp.asarray(np.cos(self._angles))
-
-    @property
-    def _sines(self) -> Array:
-        return jnp.asarray(np.sin(self._angles))
+    def _directions(self) -> tuple[Array, Array]:
+        """Cosines and sines of the sectors' angles."""
+        return jnp.asarray(np.cos(self._angles)), jnp.asarray(np.sin(self._angles))
 
     def depth_at(self, x: Scalar, y: Scalar) -> Depth:
         """Penetration of a pin in the wall, with its gradient."""
-        cosines, sines = self._cosines, self._sines
+        cosines, sines = self._directions
         square = (2 * np.pi / self.depth.shape[0]) ** 2
         far, nx, ny = safe_unit(x, y)
         grows = far > 0.5 * self.clearance
@@ -92,25 +90,24 @@ class Bore(NamedTuple):
         whole = jnp.sum(weight)
         # Relative to a round wall's sum, whose largest term is one.
         more = jnp.log(whole) - np.log(np.sum(np.exp((np.cos(self._angles) - 1) / square)))
-        # By how much the sum grows with T.
+        # The change of d because T changes with the pin's place.
         wider = jnp.where(grows, square * (more - jnp.sum(weight * below) / whole), 0.0)
         gx, gy = jnp.sum(weight * cosines) / whole + wider * nx, jnp.sum(weight * sines) / whole + wider * ny
         return Depth(top + blend * more - self.clearance, gx, gy)
 
-    def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
-        """The distance from the middle, along a direction, at which a pin has a penetration."""
-        return self._distance(x, y, depth, 2)  # for two derivatives
-
-    def _distance(self, x: Scalar, y: Scalar, depth: Scalar, last: int) -> Scalar:
-        """`distance` by Newton, from the place that the deepest sector alone would give."""
+    def distance(self, x: Scalar, y: Scalar, depth: Scalar, derivatives: int = 2) -> Scalar:
+        """The distance from the middle, along a direction, at which a pin has a penetration, with so many
+        `derivatives`. Newton's method begins at the place that the deepest sector alone would give.
+        """
 
         def step(far, bore, x, y, depth):
             now = bore.depth_at(far * x, far * y)
             return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
 
-        ahead = x * self._cosines + y * self._sines
+        cosines, sines = self._directions
+        ahead = x * cosines + y * sines
         start = jnp.min(jnp.where(ahead > 0, (self.clearance + self.depth + depth) / ahead, jnp.inf))
-        return newton(step, start, ITERATIONS, self, x, y, depth, last=last)
+        return newton(step, start, ITERATIONS, self, x, y, depth, last=derivatives)
 
     def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
         """The place of a pin that a force presses so deep along a direction, that of the wall's gradient there."""
@@ -124,7 +121,7 @@ class Bore(NamedTuple):
 
         def at(angle):
             x, y = jnp.cos(angle), jnp.sin(angle)
-            far = still._distance(x, y, deep, 0)
+            far = still.distance(x, y, deep, 0)
             return far * x, far * y
 
         ends = middle - 0.5 * np.pi, middle + 0.5 * np.pi
@@ -140,7 +137,7 @@ class Bore(NamedTuple):
 
 
 def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections fine"]:
-    """The profile at `FINE` places or more, with the same first place; a profile of so many sectors as it is."""
+    """The profile with `FINE` sectors or more, the first one in the same place; one that has as many stays as it is."""
     parts = -(-FINE // depth.shape[-1])
     if parts == 1:
         return depth

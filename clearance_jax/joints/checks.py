@@ -29,7 +29,7 @@ def above_pin(radial: Any, pin: Any) -> str:
         return ""
     try:
         large = np.asarray(radial, float) >= np.asarray(pin, float)
-    except (TypeError, ValueError):  # said where numbers are checked
+    except (TypeError, ValueError):  # no numbers: another check says so
         return ""
     if not np.any(large):
         return ""

@@ -59,8 +59,8 @@ class ContactPoint(NamedTuple):
     - `slip` [m/s]: velocity of the pin's surface on the sleeve's, along the `tangents`.
     - `normal`: from the pin's surface into the sleeve's: the gradient of the penetration by the place of the pin.
     - `arm` [m]: from the pin's centre to the point.
-    - `turning` [rad/s]: how fast the plane of contact turns, without turning about its normal, where the slip is given
-      along all three axes; `None`: along the tangents, which turn with it.
+    - `turning` [rad/s]: the spin of the plane of contact, without a part about its normal. It is given where the slip
+      has the components of all three axes. `None`: the slip is along the tangents, which turn with the plane.
     - `lever` [m]: by how much further from the pin's axis the friction around it acts, and `sweep` [m/s]: what the
       pin's spin adds there to the slip; `None`: it acts at the point.
     - `local`: what is different at this point for the laws; `share`: its part of the joint's normal force, if there are
@@ -90,13 +90,15 @@ class ContactPoint(NamedTuple):
         return self.slip if self.sweep is None else (self.slip[0] + self.sweep, *self.slip[1:])
 
     def rubbing_around(self, lever: Array, spin: Term) -> "ContactPoint":
-        """The same with friction further from the axis by a lever; the pin spins about it [rad/s]. Not of faces."""
+        """The same with friction further from the axis by a `lever`, for a pin with the `spin` about it [rad/s]. Points
+        of faces, whose normal is along the axis, have no lever.
+        """
         x, y, _ = self.normal
         lever = jnp.where(plus(times(x, x), times(y, y)) > 0.5, lever, 0.0)
         return self._replace(lever=lever, sweep=lever * spin)
 
     def carry(self, rates: Memory, memory: Memory) -> Memory:
-        """The rates of vectors, by component, that turn with the plane of contact if that has a `turning`."""
+        """The rates of the friction's memory, flat. Vectors in all three axes also turn with the plane of contact."""
         if self.turning is None:
             return rates
         vectors = [(memory[i], memory[i + 1], memory[i + 2]) for i in range(0, len(memory), 3)]

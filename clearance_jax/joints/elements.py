@@ -40,10 +40,8 @@ class Offset(NamedTuple):
     @classmethod
     def of(cls, play: Sequence[PlayCoordinate], at: Relative) -> "Offset":
         """The part of a relative motion along the coordinates of a `play`."""
-        slides, turns = (
-            tuple(any(axis[i] for axis in axes) for i in range(3))
-            for axes in zip(*((c.slides or ZERO, c.turns or ZERO) for c in play), strict=True)
-        )
+        slides = [any((c.slides or ZERO)[i] for c in play) for i in range(3)]
+        turns = [any((c.turns or ZERO)[i] for c in play) for i in range(3)]
         sine, cosine = ZERO, 1.0
         if at.rows is not None and turns[2]:
             (_, a, b), (c, _, d), (e, f, _) = at.rows
@@ -52,12 +50,12 @@ class Offset(NamedTuple):
         elif at.rows is not None:  # a turn of the pin about its axis is no tilt
             sine, cosine = cross(Z, at.axis), at.axis[2]
 
-        def only(among, vector: Vector) -> Vector:
-            x, y, z = (component if there else 0.0 for there, component in zip(among, vector, strict=True))
+        def only(axes: list[bool], vector: Vector) -> Vector:
+            x, y, z = (component if has_play else 0.0 for has_play, component in zip(axes, vector, strict=True))
             return x, y, z
 
-        across = only(slides, at.place), only(slides, at.velocity)
-        return cls(*across, only(turns, sine), cosine, only(turns, at.spin), at.spin[2])
+        place, velocity = only(slides, at.place), only(slides, at.velocity)
+        return cls(place, velocity, only(turns, sine), cosine, only(turns, at.spin), at.spin[2])
 
 
 class AbstractElement(Parametrised):
@@ -151,12 +149,12 @@ class ShortBearing(AbstractElement):
         closed = 1 + wall.value / c
         lift = (closed - self._eccentricity(closed, self.roughness / c)) * c
         x, y = place[0] - lift * wall.x, place[1] - lift * wall.y
-        depth, rise = _between(bore.depth)
+        depth, wear_slope = _between(bore.depth)
         angles = 2 * np.pi * (np.arange(depth.shape[0]) + 0.5) / depth.shape[0]
         cosines, sines, width = jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 2 * np.pi / len(angles)
         # It may still be too near elsewhere, if it bears at two places.
         height = jnp.maximum(c + depth - x * cosines - y * sines, self.roughness)
-        slope = rise + x * sines - y * cosines
+        slope = wear_slope + x * sines - y * cosines
         closing = velocity[0] * cosines + velocity[1] * sines - 0.5 * turning * slope
         # The pressure, summed over the width of the film.
         pressure = self.viscosity * length**3 * _mean_positive(closing) / height**3
@@ -175,7 +173,7 @@ class ShortBearing(AbstractElement):
 
 
 def _between(depth: Array) -> tuple[Array, Array]:
-    """Depths at the middles of equal parts of the sectors, by lines between sectors; and slopes by angle."""
+    """Depths at places between the sectors, interpolated linearly, and their slopes over the angle [m/rad]."""
     parts, rise = -(-PLACES // depth.shape[0]), jnp.roll(depth, -1) - depth
     at = ((np.arange(parts) + 0.5) / parts)[None]
     slope = jnp.repeat(rise * (depth.shape[0] / (2 * np.pi)), parts)
@@ -252,7 +250,7 @@ class PlayDamper(AbstractElement):
 
     def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
         """The damping force and torque."""
-        return _each(self.radial, self.axial, offset.velocity), scale(-self.tilt, offset.spin)
+        return _damping_force(self.radial, self.axial, offset.velocity), scale(-self.tilt, offset.spin)
 
 
 class PreloadedBearing(AbstractElement):
@@ -298,9 +296,10 @@ class PreloadedBearing(AbstractElement):
     def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
         """Force and torque of the springs and their damping."""
         radial, axial, tilt = (scale(-k / _opening(k, preload, at), at) for k, preload, at in self._springs(offset))
-        # The moment is the derivative of the tilt's energy by its angle, of which the chord is twice the half's sine.
+        # The energy of the tilt depends on the chord 2 sin(a / 2) of its angle a. Its derivative by a has a factor
+        # cos(a / 2).
         lean = jnp.sqrt((1 + jnp.asarray(offset.cosine, float)) / 2)
-        damping = _each(self.radial_stiffness, self.axial_stiffness, offset.velocity)
+        damping = _damping_force(self.radial_stiffness, self.axial_stiffness, offset.velocity)
         force = add(add(radial, axial), scale(self.damping_time, damping))
         spent = scale(-times(self.damping_time, self.tilt_stiffness), offset.spin)
         return force, add(scale(lean, tilt), spent)
@@ -313,8 +312,7 @@ class PreloadedBearing(AbstractElement):
         return jnp.asarray(stored, float)
 
 
-def _each(across: Scalar, along: Scalar, rate: Vector) -> Vector:
-    """Force of the dampers."""
+def _damping_force(across: Scalar, along: Scalar, rate: Vector) -> Vector:
     return times(-across, rate[0]), times(-across, rate[1]), times(-along, rate[2])
 
 
@@ -324,4 +322,4 @@ def _opening(stiffness: Scalar, preload: Scalar | None, at: Vector) -> Scalar | 
 
 
 ELEMENTS = {"damper": PlayDamper, "preloaded-bearing": PreloadedBearing, "short-bearing": ShortBearing}
-"""By their words in scene files."""
+"""Elements by their words in scene files."""

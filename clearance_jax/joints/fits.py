@@ -191,12 +191,8 @@ def _millimetres(diameter: SupportsFloat) -> float:
 def _letter_and_grade(tolerance_class: str) -> tuple[str, int]:
     match = re.fullmatch(r"([A-Za-z]+)([0-9]+)", tolerance_class)
     if match is None:
-        where, shown, fix = (
-            "Argument `tolerance_class`",
-            repr(tolerance_class),
-            'Write it as "H7" (a hole) or "g6" (a shaft).',
-        )
-        raise wrong_value(where, "a letter and a grade", tolerance_class, shown, fix)
+        shown, fix = repr(tolerance_class), 'Write it as "H7" (a hole) or "g6" (a shaft).'
+        raise wrong_value("Argument `tolerance_class`", "a letter and a grade", tolerance_class, shown, fix)
     letter, grade = match[1], int(match[2])
     if letter not in HOLES and letter not in SHAFTS:
         raise ClearanceError(

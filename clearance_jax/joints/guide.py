@@ -13,7 +13,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
-from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate, Relative
+from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import Vector, X, Y, Z, dot
@@ -109,7 +109,9 @@ class GuideClearance(AbstractClearance):
             sides = np.array([(*corner, *wall) for wall in ((1, 0), (0, 1)) for corner in corners], float)
         x, y, z, first, second = (jnp.asarray(column) for column in sides.T)
         corner: Vector = (x * half[0], y * half[1], z * half[2])
-        arm = with_barriers(turn(at, corner))
+        rows = (X, Y, Z) if at.rows is None else at.rows
+        turned = (jnp.asarray(dot(row, corner), float) for row in rows)
+        arm = with_barriers(tuple(jnp.broadcast_to(term, x.shape) for term in turned))
         normal: Vector = (first * x, second * y, jnp.zeros_like(x))
         other: Vector = (-second * y, first * x, jnp.zeros_like(x))
         along: Vector = (jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x))
@@ -140,10 +142,3 @@ class GuideClearance(AbstractClearance):
 
     def travel(self, along):
         return self.side_clearance
-
-
-def turn(at: Relative, vector: Vector) -> Vector:
-    """A vector from the pin's axes to the sleeve's."""
-    rows = (X, Y, Z) if at.rows is None else at.rows
-    x, y, z = (jnp.broadcast_to(jnp.asarray(dot(row, vector), float), jnp.shape(vector[0])) for row in rows)
-    return x, y, z

@@ -177,7 +177,7 @@ class RevoluteClearance(AbstractPin):
             depth, gx, gy = self._bore.depth_at(x, y)
             _, nx, ny = safe_unit(gx, gy)
             normal = (gx, gy, 0.0)
-            # From the pin's centre along the force: it has no moment about a round pin.
+            # The arm is along the force, from the pin's centre: a force has no moment about a round pin.
             reach = self.pin_radius - depth
         tangent: Vector = (-ny, nx, 0.0)
         return ContactPoint(

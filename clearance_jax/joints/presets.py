@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypedDict, cast
+from typing import Any, NamedTuple, TypedDict
 
 import jax.numpy as jnp
 
@@ -27,11 +27,8 @@ PUNCH = 0.95
 
 def round_contact(radial_clearance: Any) -> HuntCrossley:
     """Hunt and Crossley's law of steel in bronze, with Hertz's stiffness for a `radial_clearance` [m]."""
-    steel, bronze = STEEL, BRONZE
-    stiffness = InternalHertz(
-        steel.modulus, bronze.modulus, steel.poisson_ratio, bronze.poisson_ratio, reference_clearance=radial_clearance
-    )
-    return HuntCrossley(stiffness, DAMPING)
+    moduli, ratios = (STEEL.modulus, BRONZE.modulus), (STEEL.poisson_ratio, BRONZE.poisson_ratio)
+    return HuntCrossley(InternalHertz(*moduli, *ratios, radial_clearance), DAMPING)
 
 
 def flat_contact(length: Any, breadth: Any, corners: int) -> HuntCrossley:
@@ -129,9 +126,8 @@ def shaft(
     of `pin_clearance` for the kind "sleeve".
     """
     numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
-    return cast(
-        SleeveClearance, pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
-    )
+    sleeve: Any = pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
+    return sleeve
 
 
 def socket(
@@ -233,7 +229,9 @@ class PlayNumbers(TypedDict, total=False):
 
 
 class Preset(NamedTuple):
-    """How to `make` a clearance from a designer's numbers: `fields` that the joint has too, and more `words`."""
+    """How to `make` a clearance from a designer's numbers: `fields`, the numbers that are fields of the clearance too,
+    and `words`, the others (a fit, for example).
+    """
 
     make: Callable[..., AbstractClearance]
     fields: tuple[str, ...]

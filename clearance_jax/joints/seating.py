@@ -21,16 +21,18 @@ from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, a
 
 # Iterations at most (some twenty are usual).
 MOST = 200
-# Parts of a step that a search tries, and iterations at its end, without springs. Fewer of both are enough if Newton
-# steps of all joints follow (see `Near`).
+# PARTS: the fractions of a step that the line search tries. LAST: how many iterations follow the search, without
+# springs. Fewer of both are enough if Newton steps of all joints together follow (see `Near`).
 PARTS, LAST = 0.5 ** np.arange(12), 5
 FEWER_PARTS, FEWER_LAST = 0.5 ** np.array([0, 1, 3, 6]), 1
-# The first load presses so deep (in parts of the play); each time a load is borne to NEAR, it is divided by LESS.
+# The search begins with a load that presses the pin to a depth of WIDE plays. When the residual is below the part NEAR
+# of the load, the load is divided by LESS, until it is the real one.
 WIDE, LESS, NEAR = 0.3, 8.0, 0.1
-# Residuals in parts of the load: at the end of a search; at most, if a step no longer helps; and for a search from near
-# its end, which the iterations without springs finish.
+# Residuals in parts of the load. A search ends below ROUND_OFF, or below SOLVED if a step no longer helps. A search
+# that begins near its end stops at ALMOST: the iterations without springs do the rest.
 ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
-# Stiffness of the springs per play: in parts of the whole load where it does not press, else of its component.
+# Stiffnesses of the springs, as force over play. LOOSE, in parts of the whole load: along coordinates without a load.
+# PRESSED, in parts of the load along the coordinate: along the others.
 LOOSE, PRESSED = 1e-4, 1e-6
 # A load changes with its pin up to this distance, in sizes of the play: from wall to wall. Otherwise a pin in a sleeve
 # far too soft could turn over and rest upside down.
@@ -164,6 +166,7 @@ def seat(
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
     x, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
+    # Zero, but with a derivative: along coordinates that nothing resists the pin stays at the start.
     x = x + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load, turned=turned)
 
@@ -172,7 +175,7 @@ def seat(
         return carry[0] - inverse @ left, jax.lax.stop_gradient(left)
 
     x, left = jax.lax.fori_loop(0, 2, once, (x, jnp.zeros_like(x)))
-    # A force along a coordinate without load is that of a tilted pin's edge, which need not be in equilibrium.
+    # The edge of a tilted pin may press along a coordinate without a load: this need not be in equilibrium.
     asked, left = (jnp.linalg.norm(jnp.where(search.counts, part, 0.0)) for part in (search.asked, left))
     left = jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
     return Seat(size * x, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
@@ -208,7 +211,9 @@ class Seating(NamedTuple):
 
     @property
     def most(self) -> Values:
-        """The same, at the middle or where the load was computed: parts of a tilted pin's vanish at the middle."""
+        """The larger one of `asked` and its value at the place for which a changing load was computed. (For a pin that
+        is tilted there, components of the load are zero in the middle.)
+        """
         if self.turned is None:
             return self.asked
         return jnp.maximum(self.asked, jnp.where(self.counts, self._along(self.load, self.turned.at), 0.0))
@@ -224,13 +229,15 @@ class Seating(NamedTuple):
         return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
-        """What it bears at a `depth` [play] beyond its wall along its first slide (or a stiff element's middle)."""
+        """What the joint bears along its first slide at a `depth` beyond its wall, in plays. With a stiff element,
+        which bears before the wall does, the depth is from the middle.
+        """
         element = self.clearance.joint.element
         free = 0 if element is not None and element.stiff else 1
         return jnp.abs(self.residual((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
 
     def more_than_round_off(self) -> Array:
-        """Which parts of the load exceed round-off, of the largest part and of any pressing load."""
+        """Which components of the load exceed round-off, that of the largest one and that of a wall's force."""
         most = self.most
         return (most > TOUCHING * jnp.max(most)) & (most > self.wall(TOUCHING))
 
@@ -250,7 +257,7 @@ class Seating(NamedTuple):
             stiff, ways = small_eigh(0.5 * (slope + slope.T))
             step = -ways @ jnp.clip((ways.T @ g) / jnp.maximum(stiff, PRESSED * TOUCHING * asked), -1.0, 1.0)
             further = jax.vmap(lambda part: residual(x + part * step, factor))(parts)
-            # The largest part of the step at which the energy does not rise half as steeply as it fell at the start.
+            # The largest part of the step after which the energy rises at most half as steeply as it fell at first.
             good = (further @ step) <= 0.5 * jnp.abs(g @ step)
             part = jnp.where(jnp.any(good), jnp.argmax(good), len(parts) - 1)
             before, after = jnp.linalg.norm(g), jnp.linalg.norm(further[part])

@@ -4,10 +4,10 @@ At stations along the sleeve the plane joint's contact is evaluated for the pin'
 quadrature of the contact along its length. Two faces of the sleeve limit axial play; a collar of the pin bears on them
 at points of a ring.
 
-A force is along the gradient of its penetration, and acts where that gradient's moment is, so that power balances
-exactly, for a tilted pin too. The penetrations leave out terms of second order in the tilt: a tilted pin's section is
-not quite round. Friction leaves out terms of first order: it acts along the directions of the sleeve, which are not
-quite normal to the gradient of a tilted pin.
+A force is along the gradient of its penetration by the pin's place. It acts at the point where its moment is the
+gradient by the pin's tilt. So power balances exactly, for a tilted pin too. The penetrations leave out terms of second
+order in the tilt: a tilted pin's section is not quite round. Friction leaves out terms of first order: it acts along
+the directions of the sleeve, which are not quite normal to the gradient of a tilted pin.
 
 A worn sleeve has its own bore at every station (see `joints.bore`).
 """
@@ -37,7 +37,7 @@ from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plu
 # More stations gain little: a contact may begin between two of them.
 MOST = 64
 PINS = ("through", "inside")
-# Largest error at the largest tilt, in parts of the clearance.
+# Largest error of a penetration at the largest tilt, in parts of the clearance: the pin's section is taken as round.
 OVAL = 0.1
 
 
@@ -150,7 +150,8 @@ class SleeveClearance(AbstractPin):
         if self.axial_clearance is None:
             meeting = with_barriers(self._stations(at, places))
             return self._contact_points(at, meeting, _around(self._radial(meeting)), weights)
-        # Both kinds for every point, and a selection: a compiled concatenation would test the part of every number.
+        # Every point is computed as a station and as a point of a face, and one of both is selected. A concatenation is
+        # slower: compiled, it finds out for each number from which part it comes.
         angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
         along = np.arange(self.count) < self.stations
         angles = np.append(np.zeros(self.stations), angles)
@@ -210,7 +211,7 @@ class SleeveClearance(AbstractPin):
         )
         deep, gx, gy = (jnp.pad(term, beyond) for term in depths)
         along = minus(0.0, plus(times(gx, slope[0]), times(gy, slope[1])))
-        # From the pin's axis along the force: it has no moment about a round pin.
+        # The arm is along the force, from the pin's axis: a force has no moment about a round pin.
         size, *_ = safe_unit(gx, gy)
         reach = (self.pin_radius - deep) / jnp.where(size > 0, size, 1.0)
         return Meeting(deep, (gx, gy, along), add(arm, scale(reach, (gx, gy, along))))
@@ -223,9 +224,9 @@ class SleeveClearance(AbstractPin):
         return (x, y, 0.0)
 
     def _faces(self, at: Relative, angles: np.ndarray) -> "Meeting":
-        """Where a ring of the collar comes nearest to one of the faces; none comes near both."""
+        """Where points of the collar's ring come nearest to the nearer one of the two faces."""
         assert self.axial_clearance is not None
-        # The collar is square to the pin's axis: its height over a place of the face.
+        # The collar is a plane normal to the pin's axis. Its height over a point of the face is `height`.
         radius, slope = self._face_radius, self._slope(at)
         arm = subtract((radius * np.cos(angles), radius * np.sin(angles), 0.0), (*at.place[:2], 0.0))
         fall = with_barriers(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))

@@ -40,8 +40,8 @@ Bristles = tuple[Slip, ...]
 
 class Touch(NamedTuple):
     """An instant at which contact `began` or `ended` (flags): the `penetration_rate` [m/s] and the `slip` [m/s] at that
-    instant, and the time `elapsed` since [s]. This time is as small as a round-off error. It carries the derivative of
-    the instant by the parameters.
+    instant, and the time `elapsed` since [s]. The value of this time is round-off. Its derivative is not: it says how
+    the instant moves with the parameters.
     """
 
     began: Flag
@@ -96,6 +96,10 @@ class AbstractLaw(Parametrised):
     def localise(self, constants: Any, local: Local) -> Any:
         """The constants at one contact point that differs from the others; the same by default."""
         return constants
+
+    def latch(self, constants: Any, memory: Any, touch: Touch) -> Any:
+        """The memory after an instant at which contact began or ended; unchanged by default."""
+        return memory
 
 
 # Normal laws ---------------------------------------------------------------------------------------------------------
@@ -175,8 +179,9 @@ class AbstractNormalLaw(AbstractLaw):
         return ""
 
     def friction_lever(self, constants: Any, penetration: Scalar) -> Scalar | None:
-        """How much further from the pin's axis than its contact point friction acts [m]: the pressures of a wide
-        contact lie around the pin, and all of them rub. `None` (the default): at the point.
+        """How much further from the pin's axis than the contact point friction acts [m]. In a wide contact the sum of
+        the pressures, which all rub, is larger than the normal force, so the moment of friction is larger too. `None`
+        (the default): friction acts at the point.
         """
         return None
 
@@ -190,17 +195,13 @@ class AbstractNormalLaw(AbstractLaw):
         """Time derivative of the memory; zero by default."""
         return tuple(jnp.zeros_like(m) for m in memory)
 
-    def latch(self, constants: Any, memory: Memory, touch: Touch) -> Memory:
-        """The memory after an instant at which contact began or ended; unchanged by default."""
-        return memory
-
     def memory_scale(self, constants: Any) -> Memory:
         """Magnitude of each memory variable for error control; infinite (the default) where it only latches."""
         return tuple(jnp.asarray(jnp.inf) for _ in self.remembers)
 
 
 class PreparedNormal(Module):
-    """A normal law with the constants of one joint: the form that a step evaluates."""
+    """A normal law with the constants of one joint: the form that a step evaluates. See the law for its methods."""
 
     law: AbstractNormalLaw
     constants: Any
@@ -210,7 +211,7 @@ class PreparedNormal(Module):
         return self if local is None else PreparedNormal(self.law, self.law.localise(self.constants, local))
 
     def force(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Scalar:
-        """The normal force [N]."""
+        """The normal force [N]: the law's formula, clipped and without contact zero."""
         force = self.law.formula(self.constants, penetration, penetration_rate, memory)
         force = positive_part(force) if self.law.clips else force
         return force if self.law.acts_apart else jnp.where(penetration > 0, force, 0.0)
@@ -231,19 +232,15 @@ class PreparedNormal(Module):
         return (*out, *(jnp.where(active, piece, 1.0) for piece in pieces)), presses
 
     def energy(self, penetration: Scalar) -> Scalar:
-        """The elastic energy [J]."""
         return self.law.energy(self.constants, penetration)
 
     def memory_rate(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory."""
         return self.law.memory_rate(self.constants, penetration, penetration_rate, memory)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
-        """The memory after an instant at which contact began or ended."""
         return self.law.latch(self.constants, memory, touch)
 
     def memory_scale(self) -> Memory:
-        """Magnitude of each memory variable."""
         return self.law.memory_scale(self.constants)
 
 
@@ -285,7 +282,7 @@ class AbstractModifiedLaw(AbstractNormalLaw):
 # A smooth onset ------------------------------------------------------------------------------------------------------
 
 SMOOTHED: dict[Smoothness, Smoothness] = {"C-1": "C0", "C0": "C0", "C1": "C2", "C2": "C2"}
-"""The class of a law with a smooth onset, by its own: a force that is cut off where it would pull keeps that kink."""
+"""The class of a law with a smooth onset, by its own. A force that is cut off where it would pull keeps a corner."""
 
 
 class SmoothedOnset(AbstractModifiedLaw):
@@ -324,8 +321,8 @@ class SmoothedOnset(AbstractModifiedLaw):
 def smooth_width(law: AbstractNormalLaw, penetration: Any, rtol: Any) -> Any:
     """The width w [m] with a bias below `rtol` in impacts as deep as `penetration`.
 
-    Damping that jumps to its full size loses a share w / d of itself, one that grows with the elastic force (w / d)^2.5
-    at most for n >= 3/2; of a kink (n = 1, a damping that grows) it is (w / d)^2.
+    Damping that grows as d^p loses the share (w / d)^(p + 1) of its work in an impact of the depth d. At the least p is
+    0 for a law of class C-1, 1/4 for one of class C0 (`Tsuji`), and 1 for a smoother one.
     """
     order = {"C-1": 1.0, "C0": 1.25}.get(law.smoothness, 2.0)
     return penetration * rtol ** (1 / order)

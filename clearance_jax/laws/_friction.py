@@ -24,8 +24,8 @@ from clearance_jax.parameters import Demand, flatten, physical
 
 class Kink(NamedTuple):
     """A corner of the coefficient of friction over the slip: at the `speed` [m/s] its slope jumps by `slope` [s/m] and
-    its curvature by `curvature` [s^2/m^2]. At the speed 0 they are half of the jump. `coefficient`: the largest one of
-    the law, the measure of a small change.
+    its curvature by `curvature` [s^2/m^2]. At the speed 0 give half of the jumps: the mirror image at negative slip
+    adds the other half. `coefficient`: the largest one of the law, by which the size of a change is judged.
     """
 
     speed: Scalar | float
@@ -85,17 +85,13 @@ class AbstractFrictionLaw(AbstractLaw):
         """Time derivative of the memory; zero by default."""
         return tuple(tuple(jnp.zeros_like(m) for m in vector) for vector in memory)
 
-    def latch(self, constants: Any, memory: Bristles, touch: Touch) -> Bristles:
-        """The memory after an instant at which contact began or ended; unchanged by default."""
-        return memory
-
     def memory_scale(self, constants: Any) -> Memory:
         """Magnitude of each kind of memory for error control; infinite (the default) where it only latches."""
         return tuple(jnp.asarray(jnp.inf) for _ in self.bristles)
 
 
 class PreparedFriction(Module):
-    """A friction law with a joint's constants, as a step evaluates it. Its memory is flat, by component."""
+    """A friction law with a joint's constants, as a step evaluates it: the law's methods, for memory by component."""
 
     law: AbstractFrictionLaw
     constants: Any
@@ -105,7 +101,6 @@ class PreparedFriction(Module):
         return self if local is None else PreparedFriction(self.law, self.law.localise(self.constants, local))
 
     def traction(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Slip:
-        """The traction on the pin [N]."""
         return self.law.traction(self.constants, slip, normal_force, self._split(memory, slip))
 
     def event_functions(
@@ -122,12 +117,10 @@ class PreparedFriction(Module):
         return tuple(jnp.where(presses, function, 1.0) for function in (*zones, *sides))
 
     def memory_rate(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory."""
         rates = self.law.memory_rate(self.constants, slip, normal_force, self._split(memory, slip))
         return tuple(rate for vector in rates for rate in vector)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
-        """The memory after an instant at which contact began or ended."""
         new = self.law.latch(self.constants, self._split(memory, touch.slip), touch)
         return tuple(m for vector in new for m in vector)
 
@@ -182,8 +175,8 @@ class AbstractModifiedFriction(AbstractFrictionLaw):
 
 
 class SmoothedFriction(AbstractModifiedFriction):
-    """T = T_law - N sum_k C(|v| - v_k), C(x) = (j + x k / 2) (w - |x|)^3 (3 w + |x|) / (16 w^3) for |x| < w: at every
-    corner v_k of the `law`, where its slope jumps by j and its curvature by k, a polynomial takes the jumps away.
+    """T = T_law - N sum_i C_i(|v| - v_i), C_i(x) = (j_i + x k_i / 2) (w - |x|)^3 (3 w + |x|) / (16 w^3) for |x| < w: at
+    every corner v_i of the `law` a polynomial takes away the jumps j_i of its slope and k_i of its curvature.
 
     Further than w from every corner the traction is that of the law.
 
@@ -195,8 +188,7 @@ class SmoothedFriction(AbstractModifiedFriction):
     smoothness: ClassVar[Smoothness] = "C2"
 
     def demands(self):
-        speeds = [kink.speed for kink in self.law.kinks()]
-        most = functools.reduce(jnp.minimum, [_room(low, high) for low, high in itertools.pairwise([None, *speeds])])
+        most = functools.reduce(jnp.minimum, _widths_without_overlap(self.law.kinks()))
         words = "must be at most {:g} m/s: the next corner of the law is as near as that".format
         yield Demand("width", self.width <= most, lambda: words(most))
 
@@ -210,7 +202,7 @@ class SmoothedFriction(AbstractModifiedFriction):
         total = jnp.zeros_like(v)
         for kink in self.law.kinks():
             x = v - kink.speed
-            # By its sign, so that the derivative at the corner itself is the mean of both sides, as the law's is.
+            # |x| as x sign(x): its derivative at 0 is 0, the mean of both sides, as that of the law at its corner.
             added = self.width * corner(x * jnp.sign(x) / self.width)
             total += added * (0.5 * kink.slope + 0.25 * kink.curvature * x)
         return total
@@ -220,11 +212,11 @@ class SmoothedFriction(AbstractModifiedFriction):
         return (*super().event_functions(constants, slip, normal_force, memory), *ends)
 
 
-def _room(low: Scalar | float | None, high: Scalar | float) -> Scalar:
-    """The largest width for two corners at successive speeds; of the first one (`None` before it) and of its image."""
-    if low is None:
-        return jnp.where(jnp.asarray(high) > 0, high, jnp.inf)
-    return 0.5 * (jnp.asarray(high) - low)
+def _widths_without_overlap(kinks: tuple[Kink, ...]) -> list[Scalar]:
+    """By corner, half the distance to the one before it [m/s]; before the first comes its image at negative slip."""
+    speeds = [jnp.asarray(kink.speed) for kink in kinks]
+    first = jnp.where(speeds[0] > 0, speeds[0], jnp.inf)
+    return [first, *(0.5 * (high - low) for low, high in itertools.pairwise(speeds))]
 
 
 def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
@@ -233,12 +225,10 @@ def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
     """
     widths = []
     for kink in kinks:
-        # At zero both sides of it are half a corner.
+        # A corner at zero is given as one half, and the negative slip adds the other: each may make half the change.
         room = rtol * kink.coefficient * jnp.where(jnp.asarray(kink.speed) > 0, 1.0, 0.5)
         slope, curvature = 3 / 16 * jnp.abs(kink.slope), 0.011 * jnp.abs(kink.curvature)
-        # The root of slope w + curvature w^2 = room; any, where nothing jumps.
+        # The root w of slope w + curvature w^2 = room. Where nothing jumps, any width will do.
         divisor = slope + safe_sqrt(slope**2 + 4 * curvature * room)
         widths.append(jnp.where(slope + curvature > 0, 2 * room / jnp.where(divisor > 0, divisor, 1.0), jnp.inf))
-    speeds = [kink.speed for kink in kinks]
-    widths += [_room(low, high) for low, high in itertools.pairwise([None, *speeds])]
-    return functools.reduce(jnp.minimum, widths)
+    return functools.reduce(jnp.minimum, widths + _widths_without_overlap(kinks))

@@ -1,6 +1,6 @@
 """The base of both kinds of mechanism, the user's and the one prepared for a solve: structure, and times of breaks."""
 
-import abc
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
@@ -138,7 +138,7 @@ class AbstractMechanism(Parametrised):
 
     def joint(self, name: str) -> AbstractJoint:
         """The joint of that name. **Raises** `ClearanceError` for an unknown one."""
-        for joint in (*self.joints, *self.loops):
+        for joint in self.all_joints():
             if joint.name == name:
                 return joint
         raise unknown_name(f"There is no joint `{name}`.", name, [j.name for j in self.all_joints()])
@@ -163,22 +163,25 @@ class AbstractMechanism(Parametrised):
         """The ideal mechanism with pins held at values of their `play` by joint [m or rad] (default: in the middle)."""
         return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
 
-    @abc.abstractmethod
     def _with_joints(self: Kind, change: Callable[[AbstractJoint], AbstractJoint]) -> Kind:
         """The same mechanism with every joint changed."""
+        joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
+        return dataclasses.replace(self, joints=joints, loops=loops)
 
 
 def drive_breaks(mechanism: AbstractMechanism) -> Array:
-    """Times [s] at which a drive, an actuator, a target or a load breaks or a payload is handed over; of models too."""
+    """Times [s] at which a drive, an actuator, a controller's target or a load breaks, or a payload comes or goes, in
+    the mechanism and in the models of its controllers.
+    """
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
     laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
     laws += [actuator for motion in motions for actuator in motion.actuators]
     laws += [reference.target for controller in mechanism.controllers for reference in controller.references]
     handed = [time for body in mechanism.bodies for time in (body.picked_up, body.put_down) if time is not None]
     handed = [jnp.asarray(time, float)[None] for time in handed]
-    believed = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
+    in_models = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
     breaks = [law.breaks() for law in (*laws, *mechanism.wrenches)]
-    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *believed])
+    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *in_models])
 
 
 def sampling_periods(mechanism: AbstractMechanism) -> tuple[float, ...]:

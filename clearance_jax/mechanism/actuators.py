@@ -20,7 +20,7 @@ from clearance_jax.spatial import Term
 __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"]
 
 
-# A step starts four round-offs past an instant, see `solve.steps.control.past_break`.
+# A step that begins at an instant starts 4 eps past it (`solve.steps.control.past_break`): 16 eps include that.
 _HAIR = 16 * float(np.finfo(np.float64).eps)
 
 

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 from clearance_jax._compile.once import compute_once
 
-# A mechanism in space with more free velocities and conditions of ideal closures than these, without play and with it,
-# or with more coordinates in all than the third, becomes a table: the mass matrix grows with the square of the free
-# ones, the frames with all. Written out it runs several times faster, as a table it compiles several times faster. Play
-# makes so many steps that the time of an attempt decides; without play the time of compiling does.
+# A mechanism in space becomes a table if its free velocities and conditions of ideal closures are more than UNROLLED
+# (with play: PLAYED), because the mass matrix grows with their square; or if its coordinates in all are more than
+# FRAMED, because the frames grow with them. Written out it runs several times faster, as a table it compiles several
+# times faster. Play makes so many steps that the time of an attempt decides; without play the time of compiling does.
 UNROLLED, PLAYED, FRAMED = 16, 24, 40
 
 

@@ -13,17 +13,8 @@ from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.structure import (
-    check_attached,
-    check_control,
-    check_loose,
-    check_model,
-    check_names,
-    check_payloads,
-    check_tilting,
-    check_tree,
-)
-from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
+from clearance_jax.mechanism.structure import check_model, check_structure
+from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play
 
 NO_GRAVITY = Gravity()
@@ -64,16 +55,7 @@ class Mechanism(AbstractMechanism):
     notes: tuple[str, ...] = eqx.field(static=True, default=())
 
     def __check_init__(self):
-        parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points, *self.wrenches)
-        motors = [joint.motor for joint in self.joints if isinstance(joint, Revolute | Prismatic)]
-        check_names((*parts, *self.controllers, *(motor for motor in motors if motor is not None)))
-        check_tree(self.bodies, self.joints, self.loops)
-        check_attached(self.bodies, self.springs, (*self.points, *self.wrenches))
-        check_payloads(self.bodies, self.joints)
-        check_control(self.controllers, tuple(self.coordinates()))
-        if not self.is_plane:
-            check_tilting(self.bodies, self.joints)
-            check_loose(self.loops)
+        check_structure(self)
 
     # Variants ------------------------------------------------------------------------------------------------------
 
@@ -131,12 +113,8 @@ class Mechanism(AbstractMechanism):
 
         **Raises:** `ClearanceError` for an unknown coordinate, and for one whose drive gives way: free its motor.
         """
-        check_freed((*self.joints, *self.loops), names)
+        check_freed(self.all_joints(), names)
         return self._with_joints(lambda joint: with_drives(joint, dict.fromkeys(names)))
-
-    def _with_joints(self, change) -> "Mechanism":
-        joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
-        return dataclasses.replace(self, joints=joints, loops=loops)
 
     def prepare(self) -> PreparedMechanism:
         """The mechanism as a solve uses it: a `PreparedMechanism`, with everything that depends on its numbers only."""

@@ -88,10 +88,10 @@ class PreparedOrientation(Module):
 
     @property
     def rotation(self) -> Rotation:
-        """The rotation to the outer frame's axes."""
         rest = iter(self.numbers)
         entries = [next(rest) if constant is None else constant for constant in self.constants]
-        return IDENTITY.compose(_matrix(entries))
+        x, y, z = (tuple(entries[i : i + 3]) for i in (0, 3, 6))
+        return IDENTITY.compose((x, y, z))  # pyright: ignore[reportArgumentType]
 
     @property
     def is_plane(self) -> bool:
@@ -104,11 +104,6 @@ def as_prepared(rows: Matrix) -> PreparedOrientation:
     entries = [term for row in rows for term in row]
     constants = tuple(term if isinstance(term, float) else None for term in entries)
     return PreparedOrientation(tuple(t for t in entries if not isinstance(t, float)), constants)
-
-
-def _matrix(entries: list[Term]) -> Matrix:
-    rows = [(entries[i], entries[i + 1], entries[i + 2]) for i in (0, 3, 6)]
-    return rows[0], rows[1], rows[2]
 
 
 LETTERS: dict[str, Vector] = {"x": X, "y": Y, "z": Z} | {
@@ -182,9 +177,10 @@ class Inertia(Module):
 
     def __check_init__(self):
         six = [self.xx, self.yy, self.zz, self.xy, self.xz, self.yz]
-        if any(isinstance(n, (Tracer, type(None))) or np.ndim(n) or not hasattr(n, "dtype") for n in six[:3]):
-            return
+        # Not where a leaf is a tracer, a batch or, while trees are mapped, something else.
         if any(isinstance(n, Tracer) or (n is not None and np.ndim(n)) for n in six):
+            return
+        if not all(hasattr(n, "dtype") for n in six[:3]):
             return
         xx, yy, zz, xy, xz, yz = (0.0 if n is None else float(n) for n in six)
         check_inertia(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), "An inertia")

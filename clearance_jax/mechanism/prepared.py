@@ -44,8 +44,7 @@ class PreparedMechanism(AbstractMechanism):
         return self.links is not None or self.form.is_table
 
     def _with_joints(self, change):
-        joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
-        return dataclasses.replace(self, joints=joints, loops=loops, chosen=None, links=None)
+        return dataclasses.replace(super()._with_joints(change), chosen=None, links=None)
 
     def at(self, time: Scalar) -> "PreparedMechanism":
         """The mechanism with the payloads that it has at a time."""
@@ -62,8 +61,7 @@ class PreparedMechanism(AbstractMechanism):
         if not sampling_periods(self):
             return self
         controllers = tuple(dataclasses.replace(controller, period=None) for controller in self.controllers)
-        joints, loops = (tuple(without_sampling(joint) for joint in group) for group in (self.joints, self.loops))
-        return dataclasses.replace(self, joints=joints, loops=loops, controllers=controllers)
+        return dataclasses.replace(super()._with_joints(without_sampling), controllers=controllers)
 
     def as_table(self) -> "PreparedMechanism":
         """The same mechanism as a table, however small; a plane mechanism stays as it is."""

@@ -18,7 +18,9 @@ from clearance_jax.spatial import Term, add, as_array, dot, plus, quaternion_rat
 
 
 class State(NamedTuple):
-    """A state by its parts: positions, velocities; by name the memory of a joint, the efforts that something holds."""
+    """A state by its parts: positions, velocities, and `memory`: by the name of a clearance joint the memory of its
+    laws, by the name of a sampled actuator or controller the efforts that it holds.
+    """
 
     q: Rows
     v: Rows
@@ -56,7 +58,11 @@ def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ..
 
 
 class Layout(NamedTuple):
-    """Places in a state (static): names of positions, velocities, memory of each joint, and held efforts."""
+    """Places in a state (static): names of positions, velocities, memory of each joint, and held efforts.
+
+    `q`, `v` and `memory` are the slices of the positions, of the velocities, and of the rest; `free`, `remembered` and
+    `held` the numbers of velocities, of memory variables (held efforts among them), and of held efforts.
+    """
 
     positions: tuple[str, ...]
     velocities: tuple[str, ...]
@@ -65,32 +71,26 @@ class Layout(NamedTuple):
 
     @property
     def free(self) -> int:
-        """Number of free velocities."""
         return len(self.velocities)
 
     @property
     def q(self) -> slice:
-        """The slice of the positions."""
         return slice(0, len(self.positions))
 
     @property
     def v(self) -> slice:
-        """The slice of the velocities."""
         return slice(len(self.positions), len(self.positions) + len(self.velocities))
 
     @property
     def memory(self) -> slice:
-        """The slice of the laws' memory and the held efforts."""
         return slice(self.v.stop, self.size)
 
     @property
     def remembered(self) -> int:
-        """Number of memory variables, held efforts included."""
         return sum(len(names) for _, names in (*self.memories, *self.efforts))
 
     @property
     def held(self) -> int:
-        """Number of held efforts."""
         return sum(len(names) for _, names in self.efforts)
 
     @property
@@ -109,12 +109,8 @@ class Layout(NamedTuple):
 
     def index(self, joint: str, memory: str) -> int:
         """The place of a named memory variable of a joint."""
-        start = self.v.stop
-        for name, names in (*self.memories, *self.efforts):
-            if name == joint:
-                return start + names.index(memory)
-            start += len(names)
-        raise KeyError(f"{joint}.{memory}")
+        names = [(name, variable) for name, variables in (*self.memories, *self.efforts) for variable in variables]
+        return self.v.stop + names.index((joint, memory))
 
 
 def layout(mechanism: AbstractMechanism) -> Layout:
@@ -129,8 +125,7 @@ def layout(mechanism: AbstractMechanism) -> Layout:
 def initial_values(mechanism: AbstractMechanism) -> Array:
     """The given initial positions and velocities of the free coordinates."""
     starts = [c.motion.initial() for c in mechanism.free_coordinates()]
-    places = [jnp.asarray(x, float) for q, _ in starts for x in q]
-    return vector((*places, *(jnp.asarray(x, float) for _, v in starts for x in v)))
+    return as_array([x for q, _ in starts for x in q] + [x for _, v in starts for x in v])
 
 
 class StateSlices(NamedTuple):

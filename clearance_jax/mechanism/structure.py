@@ -8,27 +8,43 @@ import numpy as np
 from jax.core import Tracer
 
 from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.placement import Inertia, Position
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic
+from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic, Revolute
 
 RESERVED = (GROUND, "gravity", "drive", "target")
 # Degrees of freedom between two frames.
 SPACE = 6
 
 
-def check_names(parts: Iterable[Any]) -> None:
+def check_structure(mechanism: AbstractMechanism) -> None:
+    """Raise where the parts of a mechanism do not fit together."""
+    bodies, joints, loops = mechanism.bodies, mechanism.joints, mechanism.loops
+    _check_names(mechanism)
+    _check_tree(bodies, joints, loops)
+    _check_attached(bodies, mechanism.springs, (*mechanism.points, *mechanism.wrenches))
+    _check_payloads(bodies, joints)
+    _check_control(mechanism.controllers, tuple(mechanism.coordinates()))
+    if not mechanism.is_plane:
+        _check_tilting(bodies, joints)
+        _check_loose(loops)
+
+
+def _check_names(mechanism: AbstractMechanism) -> None:
     """Raise where two parts have one name."""
+    parts = (*mechanism.bodies, *mechanism.all_joints(), *mechanism.springs, *mechanism.points, *mechanism.wrenches)
+    motors = [joint.motor for joint in mechanism.joints if isinstance(joint, Revolute | Prismatic)]
     seen: set[str] = set()
-    for part in parts:
+    for part in (*parts, *mechanism.controllers, *(motor for motor in motors if motor is not None)):
         if part.name in seen or part.name in RESERVED:
             raise ClearanceError(f"The name `{part.name}` is used twice or reserved. Rename one of the parts.")
         seen.add(part.name)
 
 
-def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: Sequence[AbstractJoint]) -> None:
+def _check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: Sequence[AbstractJoint]) -> None:
     """Raise unless the joints place every body once, parents first, and loops join two that are placed."""
     if not bodies:
         raise ClearanceError("A mechanism needs at least one body (in a scene file a table `[body.NAME]`).")
@@ -46,7 +62,7 @@ def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: S
         _distinct(loop.name, "parent", "child", loop.parent, loop.child)
 
 
-def check_loose(loops: Sequence[AbstractJoint]) -> None:
+def _check_loose(loops: Sequence[AbstractJoint]) -> None:
     """Raise for a loop joint with clearance in space that has neither play nor motion in some direction."""
     for loop in loops:
         if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
@@ -62,7 +78,7 @@ def check_loose(loops: Sequence[AbstractJoint]) -> None:
             ).about(loop.name, directions)
 
 
-def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
+def _check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
     """Raise, naming the play, if play takes bodies with only one moment of inertia out of the plane."""
     tilted: dict[str, AbstractJoint] = {}  # what a body hangs on, by the body
     for joint in joints:
@@ -90,7 +106,7 @@ def _tilting(joint: AbstractJoint) -> str | None:
     return key if ideal.is_plane and getattr(joint.clearance, key, None) is not None else None
 
 
-def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: Iterable[Any]) -> None:
+def _check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: Iterable[Any]) -> None:
     """Raise where a spring, a point or a load refers to an unknown body."""
     placed = {GROUND, *(body.name for body in bodies)}
     for spring in springs:
@@ -101,7 +117,7 @@ def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: It
         _check_known(point.name, "body", point.body, placed)
 
 
-def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
+def _check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
     """Raise for a payload that moves on its carrier, carries something itself, or is put down before it is there."""
     for body in bodies:
         if body.is_always_there:
@@ -123,7 +139,7 @@ def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> N
             raise ClearanceError(f"`{body.name}.put_down` must be later than `{body.name}.picked_up`.")
 
 
-def check_control(controllers: Sequence[AbstractController], coordinates: Sequence[Coordinate]) -> None:
+def _check_control(controllers: Sequence[AbstractController], coordinates: Sequence[Coordinate]) -> None:
     """Raise where an actuator measures, or a controller commands, a coordinate that it cannot."""
     every = {c.name: c for c in coordinates if not c.is_ball}
     free = {name for name, c in every.items() if c.motion.is_free and c.play is None}

@@ -89,9 +89,11 @@ def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: 
 
 
 def _field(joint: AbstractJoint, coordinate: Coordinate) -> str | None:
-    """The joint's field that holds the motion of its coordinate."""
-    motion = coordinate.motion if isinstance(coordinate.motion, Motion) else joint
-    return next((field.name for field in dataclasses.fields(joint) if getattr(joint, field.name) is motion), None)
+    """The joint's field that holds the motion of its coordinate; `None` for play, which has no field, and for balls."""
+    if not isinstance(coordinate.motion, Motion):
+        return None
+    names = (field.name for field in dataclasses.fields(joint))
+    return next((name for name in names if getattr(joint, name) is coordinate.motion), None)
 
 
 PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUIDE, Spherical: BALL, Cylindrical: SHAFT}
@@ -163,7 +165,7 @@ def _change(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -
         sizes["radial_clearance"], tolerance = radial_clearance_of(sizes.get("radial_clearance"), radius, *fit)
         clearance = _with_tolerance(clearance, tolerance)
     elif {"radial_clearance", "pin_radius"} & sizes.keys() and getattr(clearance, "tolerance", None) is not None:
-        clearance = _with_tolerance(clearance, None)  # of a fit that these numbers are not of any more
+        clearance = _with_tolerance(clearance, None)  # it was that of a fit, which other numbers do not have
     for name in sizes:
         if getattr(clearance, name, None) is None:
             text = f"The clearance of joint `{joint.name}` has no `{name}` to be replaced. Give it a whole clearance."

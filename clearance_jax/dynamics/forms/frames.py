@@ -5,7 +5,7 @@ A small mechanism is written out number by number (`write_out`); a large one is 
 """
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
@@ -94,16 +94,13 @@ class Moves:
         return jnp.sum(self.every**2, axis=1) @ as_array(weights)
 
 
-class AbstractExtra(abc.ABC):
-    """What the free accelerations add to the accelerations of `Frame`. (Use it in the trace that made it.)"""
+class Extra(NamedTuple):
+    """What the free accelerations add to those of `Frame`: `at(body, point)` to the acceleration of a body's point, and
+    `spin_rate(body)` to its spin rate. (Use it in the trace that made it.)
+    """
 
-    @abc.abstractmethod
-    def at(self, body: str, point: Vector) -> Vector:
-        """Extra acceleration of a body's point."""
-
-    @abc.abstractmethod
-    def spin_rate(self, body: str) -> Vector:
-        """Extra spin rate of a body."""
+    at: Callable[[str, Vector], Vector]
+    spin_rate: Callable[[str], Vector]
 
 
 class Frames(abc.ABC):
@@ -113,7 +110,9 @@ class Frames(abc.ABC):
 
     mechanism: PreparedMechanism
     is_solved_implicitly: ClassVar[bool]
-    """Whether accelerations are differentiated by what they leave over in the equations, not as they are computed."""
+    """Whether derivatives of accelerations follow from those of the equations' residual, by the known factors, and not
+    from the derivatives of each operation that computes them.
+    """
 
     @abc.abstractmethod
     def __getitem__(self, body: str) -> Frame:
@@ -128,7 +127,7 @@ class Frames(abc.ABC):
         """The spin that each free coordinate gives to a body, less that of a base."""
 
     @abc.abstractmethod
-    def extra(self, acceleration: list[Term]) -> AbstractExtra:
+    def extra(self, acceleration: list[Term]) -> Extra:
         """What free accelerations add to the accelerations of `Frame`."""
 
     @abc.abstractmethod

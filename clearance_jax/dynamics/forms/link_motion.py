@@ -42,22 +42,21 @@ class Given(NamedTuple):
 def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State) -> Given:
     """The motion of the links' coordinates, from drives and the state."""
     free = {part.coordinate.name: part for part in parts(mechanism)}
-    out = Given([], [], [], {}, [])
+    moved, turned = [], {}
     for i, c in enumerate(plan.coordinates):
-        part, spin = free.get(c.name), jnp.zeros(3)
+        part, spin, q, v, a = free.get(c.name), jnp.zeros(3), 0.0, 0.0, 0.0
         if part is None:
             assert c.motion.drive is not None
             q, v, a = c.motion.drive(time)
         elif c.is_ball:
             w, x, y, z = state.q[part.q]
-            out.turned[i] = matrix(of_quaternion(w, x, y, z))
+            turned[i] = matrix(of_quaternion(w, x, y, z))
             spin = as_array(state.v[part.v])
-            q = v = a = 0.0
         else:
-            q, v, a = state.q[part.q.start], state.v[part.v.start], 0.0
-        for values, value in zip((out.values, out.rates, out.accelerations, out.spins), (q, v, a, spin), strict=True):
-            values.append(value)
-    return out
+            q, v = state.q[part.q.start], state.v[part.v.start]
+        moved.append((q, v, a, spin))
+    values, rates, accelerations, spins = (list(each) for each in zip(*moved, strict=True))
+    return Given(values, rates, accelerations, turned, spins)
 
 
 class Swept(NamedTuple):
@@ -78,8 +77,9 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
     inner = rodrigues(links.axis, sine, cosine)
     if now.turned:
         inner = put(inner, np.array(list(now.turned)), jnp.stack(list(now.turned.values())))
-    spun, spun_up = ((turning * rate)[:, None] * links.axis for rate in (v, a))
-    spun, axes = spun + jnp.stack(now.spins), links.axis
+    # By link, in its own axes: the spin that its coordinate adds, and the rate of that.
+    spins, spin_rates = ((turning * rate)[:, None] * links.axis for rate in (v, a))
+    spins, axes = spins + jnp.stack(now.spins), links.axis
     first = plan.swings
     if first.size:
         tilts = [(three(links.axis[i].T), q[i], v[i], a[i]) for i in (first, first + 1)]
@@ -88,8 +88,8 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
         at = swing(about_x, about_y, *by.q)
         spin, faster = swing_rates(at, by)
         inner = put(inner, first, jnp.moveaxis(jnp.asarray(at.rows), -1, 0))
-        spun = put(spun, first, jnp.stack(spin, -1))
-        spun_up = put(spun_up, first, jnp.stack(faster, -1))
+        spins = put(spins, first, jnp.stack(spin, -1))
+        spin_rates = put(spin_rates, first, jnp.stack(faster, -1))
         for k, axis in enumerate(at.inside):
             axes = put(axes, first + k, jnp.stack(axis, -1))
     given = (
@@ -100,29 +100,29 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
         (sliding * q)[:, None] * links.axis,
         (sliding * v)[:, None] * links.axis,
         (sliding * a)[:, None] * links.axis,
-        spun,
-        spun_up,
+        spins,
+        spin_rates,
     )
     still = jnp.zeros((count + 1, 3))
     begin = Motions(jnp.broadcast_to(jnp.eye(3), (count + 1, 3, 3)), *[still] * 5)
 
     def once(motions: Motions, link):
-        parent, i, rows, offset, slid, slides, sped, spun, spun_up = link
+        parent, i, rows, offset, slide, slide_rate, slide_acceleration, own_spin, own_spin_rate = link
         at = jax.tree.map(lambda x: x[parent], motions)
         rotation = at.rotation @ rows
-        slide, step = rotation @ slides, rotation @ slid
+        moved, step = rotation @ slide_rate, rotation @ slide
         arm = at.rotation @ offset + step
-        spin = rotation @ spun
+        spin = rotation @ own_spin
         new = Motions(
             rotation,
             at.place + arm,
             at.spin + spin,
-            at.velocity + jnp.cross(at.spin, arm) + slide,
-            at.spin_rate + jnp.cross(at.spin, spin) + rotation @ spun_up,
+            at.velocity + jnp.cross(at.spin, arm) + moved,
+            at.spin_rate + jnp.cross(at.spin, spin) + rotation @ own_spin_rate,
             at.acceleration
             + jnp.cross(at.spin_rate, arm)
-            + jnp.cross(at.spin, jnp.cross(at.spin, arm) + 2 * slide)
-            + rotation @ sped,
+            + jnp.cross(at.spin, jnp.cross(at.spin, arm) + 2 * moved)
+            + rotation @ slide_acceleration,
         )
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, i, 0), motions, new), None
 

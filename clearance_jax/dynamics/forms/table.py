@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.symmetric import Dense
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames, Moves, SpatialForce, rotors
+from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, SpatialForce, rotors
 from clearance_jax.dynamics.forms.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -23,7 +23,9 @@ from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtra
 
 
 class ColumnArrays(NamedTuple):
-    """Free columns: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1 if it moves a body."""
+    """The free columns for one body: `spins` and `slides` (columns, 3), the spin and the velocity that each gives to
+    what it moves, the velocity at the `origin`; `moves`: 1 if it moves the body, else 0.
+    """
 
     spins: Float[Array, "columns 3"]
     slides: Float[Array, "columns 3"]
@@ -39,19 +41,6 @@ class ColumnArrays(NamedTuple):
     def spin(self) -> Float[Array, "columns 3"]:
         """Spin of a body by each column."""
         return jnp.asarray(self.moves)[:, None] * self.spins
-
-
-class ArrayExtra(AbstractExtra):
-    """Extra accelerations as products with the columns."""
-
-    def __init__(self, motion: "TabledFrames", acceleration: list[Term]):
-        self._motion, self._acceleration = motion, acceleration
-
-    def at(self, body, point):
-        return three(as_array(self._acceleration) @ self._motion.columns(body).velocity_at(point))
-
-    def spin_rate(self, body):
-        return three(as_array(self._acceleration) @ self._motion.columns(body).spin)
 
 
 class TabledFrames(Frames):
@@ -107,7 +96,10 @@ class TabledFrames(Frames):
         return Moves(spin if base is None else spin - self.columns(base).spin)
 
     def extra(self, acceleration):
-        return ArrayExtra(self, acceleration)
+        return Extra(
+            lambda body, point: three(as_array(acceleration) @ self.columns(body).velocity_at(point)),
+            lambda body: three(as_array(acceleration) @ self.columns(body).spin),
+        )
 
     def _at(self, body: str) -> tuple[Frame, ColumnArrays]:
         if body not in self._frames:
@@ -171,7 +163,8 @@ class TabledFrames(Frames):
         force = masses[:, None] * slides + jnp.cross(spins, first)
         moment = jnp.einsum("cij,cj->ci", second, spins) + jnp.cross(first, slides)
         lower = jnp.asarray(self.masks.columns[:n, :n]) * (force @ slides.T + moment @ spins.T)
-        # Of two columns the momentum of the outer one counts; columns of one ball move the same bodies.
+        # `lower` has the entries of each outer column with itself and with those nearer to the ground: the momentum is
+        # that of what the outer one moves. The columns of one ball have both entries already.
         both = self.masks.columns[:n, :n] * self.masks.columns[:n, :n].T
         return lower + jnp.where(both > 0, 0.0, lower.T)
 

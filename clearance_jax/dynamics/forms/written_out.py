@@ -20,7 +20,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.symmetric import factor
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.barriers import with_barriers
-from clearance_jax.dynamics.forms.frames import AbstractExtra, Frames, Moves, Pair, SpatialForce, rotors
+from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
 from clearance_jax.dynamics.forms.inertia import Composite, composite_of, inertia_of
 from clearance_jax.dynamics.relative_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
@@ -45,37 +45,6 @@ from clearance_jax.spatial import (
     times,
     total,
 )
-
-
-class TermExtra(AbstractExtra):
-    """Extra accelerations of bodies. A body's sum over columns is its parent's sum and its own columns."""
-
-    def __init__(self, motion: "WrittenOut", acceleration: list[Term]):
-        self._motion, self._acceleration = motion, acceleration
-        self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
-
-    def _turn(self, columns: tuple[JacobianColumn, ...]) -> tuple[Vector, Vector, Vector]:
-        """The spin rate by some columns, a place on the axis of the last one that turns, and the acceleration there."""
-        if not columns:
-            return ZERO, ZERO, ZERO
-        key = tuple(column.index for column in columns)
-        if key not in self._known:
-            last = columns[-1]
-            by, (spin_rate, place, at) = self._acceleration[last.index], self._turn(columns[:-1])
-            if last.pivot is None:
-                at = add(at, scale(by, last.axis))
-            else:
-                at = add(at, cross(spin_rate, subtract(last.pivot, place)))
-                spin_rate, place = add(spin_rate, scale(by, last.axis)), last.pivot
-            self._known[key] = spin_rate, place, at
-        return self._known[key]
-
-    def at(self, body, point):
-        spin_rate, place, at = self._turn(self._motion[body].free)
-        return add(at, cross(spin_rate, subtract(point, place)))
-
-    def spin_rate(self, body):
-        return self._turn(self._motion[body].free)[0]
 
 
 class WrittenOut(Module, Frames):
@@ -107,7 +76,28 @@ class WrittenOut(Module, Frames):
         return Moves(moves)
 
     def extra(self, acceleration):
-        return TermExtra(self, acceleration)
+        # A body's sum over its columns is its parent's sum and its own columns.
+        known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {(): (ZERO, ZERO, ZERO)}
+
+        def turn(columns: tuple[JacobianColumn, ...]) -> tuple[Vector, Vector, Vector]:
+            """The spin rate by the columns, a place on the axis of the last one that turns, the acceleration there."""
+            key = tuple(column.index for column in columns)
+            if key not in known:
+                last = columns[-1]
+                by, (spin_rate, place, there) = acceleration[last.index], turn(columns[:-1])
+                if last.pivot is None:
+                    there = add(there, scale(by, last.axis))
+                else:
+                    there = add(there, cross(spin_rate, subtract(last.pivot, place)))
+                    spin_rate, place = add(spin_rate, scale(by, last.axis)), last.pivot
+                known[key] = spin_rate, place, there
+            return known[key]
+
+        def at(body: str, point: Vector) -> Vector:
+            spin_rate, place, there = turn(self[body].free)
+            return add(there, cross(spin_rate, subtract(point, place)))
+
+        return Extra(at, lambda body: turn(self[body].free)[0])
 
     def own_columns(self) -> dict[str, tuple[JacobianColumn, ...]]:
         """By body: the free columns of the joint that carries it."""
@@ -116,7 +106,9 @@ class WrittenOut(Module, Frames):
     # Inertia --------------------------------------------------------------------------------------------------------
 
     def _sums(self, alone: Callable, barriers: Callable, every: bool = False) -> dict[str, Any]:
-        """By body that a free coordinate moves, or `every` body: what it is `alone`, with what hangs on it, as one."""
+        """By body, the sum of what `alone` gives for it and for all bodies that hang on it, about the body's pivot.
+        Only for bodies that a free coordinate moves, or for `every` body.
+        """
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]
@@ -132,11 +124,10 @@ class WrittenOut(Module, Frames):
     def mass_matrix(self, firm=None):
         mechanism = self.mechanism
         matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
-        # By body that a free coordinate moves: it and all that hangs on it, as one.
         whole = self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
         columns = self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
-        # A chain in space is deep: what one link does is made of what the others do.
+        # In a chain in space each momentum is computed from the one before it, and would otherwise be computed again.
         once = (lambda momentum: momentum) if mechanism.is_plane else with_barriers
         for joint in mechanism.joints:
             for column in columns[joint.child]:
@@ -169,11 +160,11 @@ class WrittenOut(Module, Frames):
     def wrenches(self, acceleration):
         return self._wrenches(self.extra(acceleration), every=True)
 
-    def _wrenches(self, extra: TermExtra | None, every: bool = False) -> dict[str, SpatialForce]:
+    def _wrenches(self, extra: Extra | None, every: bool = False) -> dict[str, SpatialForce]:
         """`wrenches` of the bodies that a free coordinate moves, or of `every` body."""
         return self._sums(lambda body: self._deficit(body, extra), with_barriers, every)
 
-    def _deficit(self, body: Body, extra: TermExtra | None) -> SpatialForce:
+    def _deficit(self, body: Body, extra: Extra | None) -> SpatialForce:
         """Weight minus inertia forces of a body, about its pivot."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)
@@ -258,7 +249,7 @@ class WrittenOut(Module, Frames):
         every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
         return sum(every, jnp.zeros(()))
 
-    def _inertial_powers(self, body: Body, extra: TermExtra) -> Iterator[tuple[Term, ...]]:
+    def _inertial_powers(self, body: Body, extra: Extra) -> Iterator[tuple[Term, ...]]:
         """Rates of a body's kinetic energy along and about each axis of the world [W]."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)

@@ -37,8 +37,8 @@ from clearance_jax.mechanism.motion.pieces import HERMITE
 BLOCK, FIRST = 32, 4
 # Places between two knots at which the point is compared with the path; a quintic's error is largest in the middle.
 INSIDE = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
-# How often a knot is corrected along what the path leaves free: the first guess errs by the third power of the
-# distance of the knots, the last by the fifth.
+# How often the joints at a knot are corrected in the directions that the path leaves free (redundant joints). The first
+# guess errs by the third power of the distance of the knots, the last by the fifth.
 CORRECTIONS = 3
 # An interval of less than this part of the path is a place where no posture follows; knots at most, and passes.
 SHORTEST, MOST_KNOTS, PASSES = 1e-6, 20_000, 30
@@ -207,12 +207,8 @@ def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, toler
         parts = np.where(bad, 2**halvings, 1)
         if np.any(np.diff(edges)[bad] < SHORTEST * span) or parts.sum() > MOST_KNOTS:
             raise ClearanceError(_stop_reason(chain, path, edges, blocks, int(np.argmax(bad)), lost))
-        edges = np.append(
-            np.concatenate(
-                [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
-            ),
-            edges[-1],
-        )
+        halved = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
+        edges = np.concatenate([*halved, edges[-1:]])
     raise ClearanceError(f"The path cannot be followed within {shown_length(tolerance)}: ask for less.")
 
 

@@ -29,7 +29,7 @@ DAMPING, WORSE, BETTER = 1.0, 4.0, 0.125
 NOISE = 1e-9
 # Residuals (in chain sizes and radians): round-off; and solved, as far as limits or closures allow.
 ROUND_OFF, SOLVED = 1e-14, 1e-10
-# How often the set of coordinates at their limits is revised in a step.
+# In a step, how often coordinates are added to those that stay at a limit.
 HOLDS = 3
 
 

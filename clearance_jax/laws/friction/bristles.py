@@ -61,8 +61,8 @@ class AbstractBristles(AbstractFrictionLaw):
         return (self.bend_rates(slip, memory[0]),)
 
     def latch(self, constants, memory, touch):
-        # The straight bristle has bent with the slip since the touch, and given way: a fast slip bends it fully within
-        # a step, and then hardly anything is left of its derivative by the time of the touch.
+        # The bristle has bent by z' = v - r z from z = 0 since the touch: z = v (1 - exp(-r t)) / r. (A fast slip bends
+        # it fully within a step. Then z hardly depends on the instant of the touch.)
         give = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
         decay = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
         free = touch.elapsed * decay
@@ -98,8 +98,8 @@ class AbstractLuGre(AbstractBristles):
 
 
 class SmoothedBristles(AbstractModifiedFriction):
-    """A `law` whose bristles have r(v) = |v| + (w - |v|)^3 (3 w + |v|) / (8 w^3) in the place of |v| for |v| < w;
-    `ElastoPlastic` (v_z + r(v_z)) / 2 in the place of max(0, v_z).
+    """A `law` whose bristles have r(v) = |v| + (w - |v|)^3 (3 w + |v|) / (8 w^3) in the place of |v| for |v| < w. Those
+    of `ElastoPlastic` have (v_z + r(v_z)) / 2 in the place of max(0, v_z).
 
     **Arguments:** `law`; `width` w [m/s] > 0. `law.smoothed()` chooses one.
     """

@@ -22,7 +22,7 @@ DYNAMIC = {"help": "coefficient mu_d at high slip", "example": "0.1"}
 
 
 def _magnitude(v: Scalar) -> tuple[Scalar, Scalar]:
-    """|v| and the sign of v; its slope at zero is that of v > 0."""
+    """|v| and the sign of v. At v = 0 the sign is 1, and so is the derivative of |v|."""
     sign = jnp.where(v < 0, -1.0, 1.0)
     return sign * v, sign
 
@@ -236,7 +236,7 @@ class Stribeck(AbstractSlipLaw):
 
     @property
     def edges(self):
-        # As of `TanhCoulomb`.
+        # For the reason given in `TanhCoulomb`.
         return (2 * self.transition_speed,)
 
 

@@ -25,8 +25,8 @@ MASS = "effective mass of the impact, m1 m2/(m1 + m2) of two free bodies"
 CLIPPED = "whether the force never pulls: max(0, F)"
 
 
-# The depth of the onset is that of an impact at this speed [m/s], so that the restitution changes by a third of it over
-# the impact's speed; or this part of the clearance, because the round-off of a place hides a smaller depth.
+# The depth of the onset is that of an impact at the speed SLOW [m/s]: this changes the restitution at a speed v by
+# SLOW / (3 v). It is at least the part SHALLOW of the clearance: less is hidden by the round-off of a place.
 SLOW, SHALLOW = 1e-9, 1e-10
 
 
@@ -39,8 +39,8 @@ class Gradual(NamedTuple):
 
 
 def fourth_root(penetration: Scalar, onset: Scalar) -> Scalar:
-    """d^(1/4), but w^(1/4) P(d/w) for d < w, with the polynomial P that has two continuous derivatives at w, and whose
-    slope at first touch is zero: a derivative of a motion with an infinite one cannot be resolved in time.
+    """d^(1/4), but w^(1/4) P(d/w) for d < w. The polynomial P continues it with two continuous derivatives, and its
+    slope at first touch is zero. (Derivatives of a motion with an infinite slope there cannot be resolved in time.)
     """
     s = jnp.clip(penetration / onset, 0.0, 1.0)
     return jnp.sqrt(jnp.sqrt(jnp.maximum(penetration, onset))) * s * s * (165 + s * (77 * s - 210)) / 32
@@ -66,7 +66,7 @@ class AbstractOscillator(AbstractNormalLaw):
     def delivered_restitution(self, speed=None, mass=None, geometry=None):
         """The restitution that a free impact really has; without `mass`, that of the effective mass."""
         ratio = oscillator_ratio(self.restitution, False)
-        # The damping stays as the mass changes, which is not that for which it was chosen.
+        # The damping was chosen for `effective_mass` and is the same for another mass, so the ratio changes.
         light = 1.0 if mass is None else jnp.sqrt(self.effective_mass / mass)
         return oscillator_restitution(ratio * light, self.clipped)
 

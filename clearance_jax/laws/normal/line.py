@@ -168,7 +168,7 @@ class Winkler(AbstractImpactLaw):
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     smoothness: ClassVar[Smoothness] = "C1"
     has_radii: ClassVar[bool] = False
-    """Whether the stiffness may be that of two round bodies by their radii: a layer's is its own."""
+    """Whether the stiffness may be computed from the radii (`InternalHertz`). That of a layer is a number."""
 
     def constants(self, geometry):
         return LineConstants(line_of(geometry, self.stiffness, "Winkler"), self.damping_ratio)

@@ -19,47 +19,47 @@ SMALL = 1e-3
 
 
 def hunt_crossley_ratio(restitution):
-    """A = 3 (1 - e) / 2 (Hunt and Crossley 1975, doi 10.1115/1.3423596)."""
+    """The ratio a = 3 (1 - e) / 2 (Hunt and Crossley 1975, doi 10.1115/1.3423596)."""
     return 1.5 * (1 - restitution)
 
 
 def herbert_mcwhannell_ratio(restitution):
-    """A = 6 (1 - e) / ((2 e - 1)^2 + 3) (Herbert and McWhannell 1977)."""
+    """The ratio a = 6 (1 - e) / ((2 e - 1)^2 + 3) (Herbert and McWhannell 1977)."""
     return 6 * (1 - restitution) / ((2 * restitution - 1) ** 2 + 3)
 
 
 def lee_wang_ratio(restitution):
-    """A = 3 (1 - e) / 4 (Lee and Wang 1983)."""
+    """The ratio a = 3 (1 - e) / 4 (Lee and Wang 1983)."""
     return 0.75 * (1 - restitution)
 
 
 def gonthier_ratio(restitution):
-    """A = (1 - e^2) / e (Gonthier et al. 2004)."""
+    """The ratio a = (1 - e^2) / e (Gonthier et al. 2004)."""
     return (1 - restitution**2) / restitution
 
 
 def zhiying_qishao_ratio(restitution):
-    """A = 3 (1 - e^2) exp(2 (1 - e)) / 4 (Zhiying and Qishao 2006)."""
+    """The ratio a = 3 (1 - e^2) exp(2 (1 - e)) / 4 (Zhiying and Qishao 2006)."""
     return 0.75 * (1 - restitution**2) * jnp.exp(2 * (1 - restitution))
 
 
 def hu_guo_ratio(restitution):
-    """A = 3 (1 - e) / (2 e) (Hu and Guo 2015)."""
+    """The ratio a = 3 (1 - e) / (2 e) (Hu and Guo 2015)."""
     return 1.5 * (1 - restitution) / restitution
 
 
 def gharib_hurmuzlu_ratio(restitution):
-    """A = 1 / e (Gharib and Hurmuzlu 2012); its source was not at hand. Poor for e above 0.3."""
+    """The ratio a = 1 / e (Gharib and Hurmuzlu 2012); its source was not at hand. Poor for e above 0.3."""
     return 1 / restitution
 
 
 def lankarani_nikravesh_ratio(restitution):
-    """A = 3 (1 - e^2) / 4 (Lankarani and Nikravesh 1990, doi 10.1115/1.2912617)."""
+    """The ratio a = 3 (1 - e^2) / 4 (Lankarani and Nikravesh 1990, doi 10.1115/1.2912617)."""
     return 0.75 * (1 - restitution**2)
 
 
 def flores_ratio(restitution):
-    """A = 8 (1 - e) / (5 e) (Flores et al. 2011, doi 10.1007/s11044-010-9237-4)."""
+    """The ratio a = 8 (1 - e) / (5 e) (Flores et al. 2011, doi 10.1007/s11044-010-9237-4)."""
     return 1.6 * (1 - restitution) / restitution
 
 
@@ -85,8 +85,8 @@ def exact_ratio(restitution):
 def delivered_restitution(ratio: Scalar) -> Scalar:
     """The restitution e that a damping ratio a > 0 delivers: the root of a (1 + e) = ln((1 + a)/(1 - a e)).
 
-    Newton for w = ln(1 - a e), of a concave function: it comes to the root from the left. A small ratio has a series:
-    there the function loses its digits.
+    Newton for w = ln(1 - a e): the function is concave, so the iterations approach the root from the left. Below
+    `SMALL`, where the function would lose its digits, e is a series.
     """
     small = ratio < SMALL
     series = 1 - ratio * (2 / 3 - ratio * (4 / 9 - ratio * (44 / 135 - ratio * (104 / 405))))
@@ -96,7 +96,8 @@ def delivered_restitution(ratio: Scalar) -> Scalar:
         # a (1 + e) - ln(1 + a) + w = 0 with a e = 1 - exp(w).
         return w - (a - jnp.expm1(w) - jnp.log1p(a) + w) / (1 - jnp.exp(w))
 
-    # The root without the exponential lies left of it. A small ratio halves its way first.
+    # The start is the root without the term exp(w), which lies left of the root. For a small ratio the first iterations
+    # only halve the distance: hence 40.
     w = newton(step, jnp.log1p(ratio) - ratio - 1, 40, ratio)
     return jnp.where(small, series, -jnp.expm1(w) / ratio)
 
@@ -107,7 +108,7 @@ NEWTON = 30
 
 
 def _angle_over_sine(z: Scalar) -> Scalar:
-    """A(z) = arccos(z) / sqrt(1 - z^2), which goes on beyond 1 as arccosh(z) / sqrt(z^2 - 1)."""
+    """The function A(z) = arccos(z) / sqrt(1 - z^2) for z < 1, and arccosh(z) / sqrt(z^2 - 1) beyond."""
     u = 1 - z
     near, below = jnp.abs(u) < NEAR, z < 1
     series = 1 + u * (1 / 3 + u * (2 / 15 + u * (2 / 35)))

@@ -1,7 +1,8 @@
 """The elastic relations of a pin along a line of its sleeve: force per length over penetration.
 
-A `Relation` has four functions of a `Line` (and of the penetration d, where d > 0; finite below). Forces are over E*
-and the length [m], and so is the work, the integral of the force over d [m^2].
+A `Relation` has three functions of a `ContactLine`; force and work are also functions of the penetration d (and finite
+for d < 0, where they are not used). Forces are divided by E* and the length [m], and so is the work, the integral of
+the force over d [m^2].
 """
 
 from collections.abc import Callable
@@ -88,8 +89,8 @@ ESDU = _logarithmic(lambda line: jnp.asarray(1.0))
 
 
 def _with_length(power: int) -> Relation:
-    """D = F'/(pi E*) (1 + ln(pi E* L^(m-1) c / (F' R_i R_j))) with the `power` m and lengths in mm (which has no effect
-    for m = 3).
+    """The relation d = F'/(pi E*) (1 + ln(pi E* L^(m-1) c / (F' R_i R_j))) with the `power` m and lengths in mm (which
+    has no effect for m = 3).
     """
 
     def constant(line):
@@ -170,8 +171,9 @@ WIDEST = np.pi / 2
 
 
 def ellipse_spread(line: ContactLine, force: Scalar) -> Scalar:
-    """The sum of the pressures over that of their components along the force, of Hertz's ellipse over the half angle t,
-    t^2 = 4 F' / (pi E* c), of a `force` F'/E* [m]: t / (2 J_1(t)), by its series. From 90 deg on it grows no more.
+    """How much larger the sum of the pressures is than the force, the sum of their components along it, for a `force`
+    F'/E* [m]. Hertz's elliptic pressures over the half angle t, t^2 = 4 F' / (pi E* c), give t / (2 J_1(t)), here by
+    its series. From t = 90 deg on the ratio stays constant.
     """
     square = jnp.minimum(4 / np.pi * force / line.clearance, WIDEST**2)
     return 1 / (1 - square * (1 / 8 - square * (1 / 192 - square * (1 / 9216 - square * (1 / 737280)))))
@@ -194,23 +196,23 @@ def _excess(x: Scalar) -> Scalar:
 
 
 def _half_angle(line: ContactLine, penetration: Scalar) -> Scalar:
-    """T with cos t = c/e, e = c + d, how far a layer is pressed to either side [rad]."""
+    """The angle t to either side up to which a layer is pressed [rad]: cos t = c / (c + d)."""
     depth = positive_part(penetration)
     return 2 * jnp.arcsin(safe_sqrt(0.5 * depth / (line.clearance + depth)))
 
 
 def foundation(line: ContactLine, penetration: Scalar) -> Scalar:
-    """E (t - sin t cos t) with cos t = c/e, e = c + d [m]: the sum of the depths along the force, by the angle."""
+    """(c + d) (t - sin t cos t) [m], t of `_half_angle`: the integral of the layer's depth times the angle's cosine."""
     reach = line.clearance + positive_part(penetration)
     return 0.5 * reach * _excess(2 * _half_angle(line, penetration))
 
 
 def foundation_spread(line: ContactLine, penetration: Scalar) -> Scalar:
-    """Sum of a layer's pressures over their components along the force: 2 (sin t - t cos t) / (t - sin t cos t)."""
+    """As `ellipse_spread` for a layer: 2 (sin t - t cos t) / (t - sin t cos t), with t of `_half_angle`."""
     angle = _half_angle(line, penetration)
     narrow = angle < NARROW
     square = jnp.where(narrow, angle * angle, 0.0)
-    # Both by their series in t^2, over t^3.
+    # The series of numerator and denominator in t^2, each divided by t^3.
     above = 2 / 3 - square * (1 / 15 - square * (1 / 420 - square * (1 / 22680 - square / 1995840)))
     below = 2 / 3 - square * (2 / 15 - square * (4 / 315 - square * (2 / 2835 - square * (4 / 155925))))
     wide = jnp.where(narrow, 1.0, angle)
@@ -219,4 +221,4 @@ def foundation_spread(line: ContactLine, penetration: Scalar) -> Scalar:
 
 
 foundation_work = work_of(foundation)
-"""Its integral [m^2]."""
+"""The integral of `foundation` over the penetration [m^2]."""

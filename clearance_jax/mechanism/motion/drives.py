@@ -14,6 +14,9 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.motion.motion_laws import (
+    BEGIN,
+    OFFSET,
+    RISE,
     AbstractDrive,
     ConstantSpeed,
     Harmonic,
@@ -21,9 +24,6 @@ from clearance_jax.mechanism.motion.motion_laws import (
     Step5Sum,
     StepSum,
     Values,
-    begin_key,
-    offset_key,
-    rise_key,
 )
 from clearance_jax.mechanism.motion.pieces import HERMITE, Pieces, least_jerk
 from clearance_jax.parameters import physical
@@ -84,8 +84,8 @@ class Trapezoid(AbstractDrive):
     limits and durations that are not greater than zero.
     """
 
-    begin: Values = begin_key()
-    rise: Values = rise_key()
+    begin: Values = physical("s", **BEGIN)
+    rise: Values = physical("coordinate", **RISE)
     speed: Scalar | None = physical(
         "coordinate/s", "limit of the speed", '"180 deg/s"', "moves by `duration`", above=0.0, default=None
     )
@@ -103,7 +103,7 @@ class Trapezoid(AbstractDrive):
     cruise: Scalar | None = physical(
         "", "part of the duration at constant speed", "0.5", "a third", least=0.0, below=1.0, default=None
     )
-    offset: Scalar = offset_key()
+    offset: Scalar = physical("coordinate", **OFFSET)
 
     def __check_init__(self):
         lists = [x for x in (self.begin, self.rise, self.duration) if x is not None]

@@ -82,34 +82,27 @@ class _Reader:
         return drives[0] if len(drives) == 1 else DriveSum(tuple(drives))
 
     def term(self, sign: float, steps, totals) -> None:
-        factor, token = sign, self.peek()
-        if token.kind == "number":
+        factor = sign
+        if self.peek().kind == "number":
             factor *= self.number()
-            if self.peek().text != "*":
+            if not self.passes("*"):
                 totals["constant"] += factor
                 return
-            self.take("*")
-            token = self.peek()
-        word = token.text.lower()
-        if word == "time":
-            self.index += 1
-            if self.peek().text == "*":
-                self.take("*")
+        token = self.peek()
+        if self.passes("time"):
+            if self.passes("*"):
                 factor *= self.signs() * self.number()
             totals["rate"] += factor
-        elif word in ("step", "step5"):
-            self.index += 1
+        elif self.passes("step") or self.passes("step5"):
             begin, low, end, high = self.arguments()
             totals["constant"] += factor * low
-            steps[word].append((begin, end, factor * (high - low)))
+            steps[token.text.lower()].append((begin, end, factor * (high - low)))
         else:
             raise self.error(token.at, "a number, `step(...)`, `step5(...)` or `time`")
 
     def arguments(self) -> tuple[float, float, float, float]:
         self.take("(")
-        if self.peek().text.lower() != "time":
-            raise self.error(self.peek().at, "`time`")
-        self.index += 1
+        self.take("time")
         values = []
         for _ in range(4):
             self.take(",")
@@ -136,15 +129,17 @@ class _Reader:
         if not math.isfinite(value):
             raise self.error(token.at, "a number that is finite")
         self.index += 1
-        if self.peek().kind == "word" and self.peek().text.lower() == "d":
-            self.index += 1
-            value *= math.pi / 180
-        return value
+        return value * (math.pi / 180 if self.passes("d") else 1.0)
+
+    def passes(self, text: str) -> bool:
+        """Whether the next token is a word or a sign; if so, go past it."""
+        here = self.peek().text.lower() == text
+        self.index += here
+        return here
 
     def take(self, text: str) -> None:
-        if self.peek().text != text:
+        if not self.passes(text):
             raise self.error(self.peek().at, f"`{text}`")
-        self.index += 1
 
     def peek(self) -> Token:
         return self.tokens[self.index]

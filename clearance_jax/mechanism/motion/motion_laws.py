@@ -44,19 +44,9 @@ class AbstractDrive(AbstractMotionLaw):
     """A drive: a coordinate as a function of time."""
 
 
-def begin_key():
-    """A field that says when steps or moves begin."""
-    return physical("s", "when each step begins, or at the earliest each move", '["0 s", "1 s"]')
-
-
-def rise_key():
-    """A field that says how far steps or moves go."""
-    return physical("coordinate", "by how much each step or move changes it", '["90 deg", "-30 deg"]')
-
-
-def offset_key():
-    """A field that is the value from which a motion starts, or about which it swings."""
-    return physical("coordinate", "value before steps and moves, about which it swings", '"10 deg"', default=0.0)
+BEGIN = {"help": "when each step begins, or at the earliest each move", "example": '["0 s", "1 s"]'}
+RISE = {"help": "by how much each step or move changes it", "example": '["90 deg", "-30 deg"]'}
+OFFSET = {"help": "value before steps and moves, about which it swings", "example": '"10 deg"', "default": 0.0}
 
 
 class ConstantSpeed(AbstractDrive):
@@ -72,10 +62,10 @@ class ConstantSpeed(AbstractDrive):
 class AbstractSteps(AbstractDrive):
     """A sum of steps, which may overlap."""
 
-    begin: Values = begin_key()
+    begin: Values = physical("s", **BEGIN)
     end: Values = physical("s", "when each step ends", '["0.5 s", "1.5 s"]')
-    rise: Values = rise_key()
-    offset: Scalar = offset_key()
+    rise: Values = physical("coordinate", **RISE)
+    offset: Scalar = physical("coordinate", **OFFSET)
 
     def __check_init__(self):
         shapes = {self.begin.shape, self.end.shape, self.rise.shape}
@@ -124,7 +114,7 @@ class Harmonic(AbstractDrive):
     amplitude: Scalar = physical("coordinate", "amplitude", '"20 deg"')
     angular_frequency: Scalar = physical("rad/s", "angular frequency", '"10 rad/s"')
     phase: Scalar = physical("rad", "phase at t = 0", '"90 deg"', default=0.0)
-    offset: Scalar = offset_key()
+    offset: Scalar = physical("coordinate", **OFFSET)
 
     def __call__(self, time):
         w = self.angular_frequency
@@ -171,13 +161,25 @@ class Spline(AbstractDrive):
 
 
 class PreparedSpline(AbstractMotionLaw):
-    """A cubic spline whose q'' at the knots is known: what a solve evaluates of a `Spline`."""
+    """A cubic spline whose q'' at the knots is known: a `Spline` in a solve, or a `HeldSpline` with its `end_speed`."""
 
     times: Values = physical("s")
     values: Values = physical("coordinate")
     curvature: Values = physical("coordinate/s^2")
+    end_speed: Scalar | None = physical("coordinate/s", default=None)
 
     def __call__(self, time):
+        if self.end_speed is None:
+            return self._within(time)
+        last = self.times[-1]
+        # A table that does not end at rest ends with the motion: it still moves at its last instant.
+        moves = self.end_speed != 0
+        q, v, a = self._within(jnp.where(moves, time, jnp.minimum(time, last)))
+        before = (time < last) | moves
+        return jnp.where(before, q, self.values[-1]), jnp.where(before, v, 0.0), jnp.where(before, a, 0.0)
+
+    def _within(self, time: Scalar) -> Motion3:
+        """The motion by the table alone."""
         i = jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
         h, u = self.times[i + 1] - self.times[i], time - self.times[i]
         ya, yb, ma, mb = self.values[i], self.values[i + 1], self.curvature[i], self.curvature[i + 1]
@@ -210,25 +212,7 @@ class HeldSpline(AbstractMotionLaw):
     def prepare(self):
         table = self.table
         curvature = spline_curvature(table.times, table.values, table.ends, self.end_speed)
-        return PreparedHeldSpline(PreparedSpline(table.times, table.values, curvature), self.end_speed)
-
-
-class PreparedHeldSpline(AbstractMotionLaw):
-    """A spline that keeps its last value after its table: what a solve evaluates of a `HeldSpline`."""
-
-    table: PreparedSpline = flatten()
-    end_speed: Scalar = physical("coordinate/s")
-
-    def __call__(self, time):
-        last = self.table.times[-1]
-        # A table that does not end at rest ends with the motion: it still moves at its last instant.
-        moves = self.end_speed != 0
-        q, v, a = self.table(jnp.where(moves, time, jnp.minimum(time, last)))
-        before = (time < last) | moves
-        return jnp.where(before, q, self.table.values[-1]), jnp.where(before, v, 0.0), jnp.where(before, a, 0.0)
-
-    def breaks(self):
-        return self.table.breaks()
+        return PreparedSpline(table.times, table.values, curvature, self.end_speed)
 
 
 class DriveSum(AbstractDrive):

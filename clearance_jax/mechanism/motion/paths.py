@@ -161,7 +161,9 @@ class CartesianPath(Module):
 
 
 class PreparedPath(Module):
-    """A path as a program evaluates it: stretches, the parameter at their `ends` (`inner`: in segments), its timing."""
+    """A path as a program evaluates it: `stretches`; the path's parameter at their `ends`, of which `inner` are the
+    indices of those within a segment; `law`: the parameter as a function of time.
+    """
 
     stretches: Stretch
     ends: Values
@@ -184,7 +186,6 @@ class PreparedPath(Module):
 
     @whole
     def __call__(self, time: Scalar | float) -> Waypoint:
-        """Where it is at a time [s], and how it moves."""
         at = jnp.asarray(time, float)
         (place, q, velocity, spin), (_, _, acceleration, spin_rate) = jax.jvp(
             lambda t: self.motion(t, at), (at,), (jnp.ones_like(at),)
@@ -193,7 +194,6 @@ class PreparedPath(Module):
 
     @whole
     def breaks(self) -> Values:
-        """Times at which a derivative jumps [s], increasing."""
         if not self.inner:
             return self.law.times
         ends = self.ends[np.array(self.inner)]

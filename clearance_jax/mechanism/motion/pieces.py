@@ -31,7 +31,9 @@ class Pieces(AbstractMotionLaw):
         return self.within(time, time)
 
     def within(self, time: Scalar, beside: Scalar) -> Motion3:
-        """The value on the piece at the time `beside`; at a time that two pieces share it decides between them."""
+        """The motion at a time by the polynomial of the piece that holds at the time `beside`. Where a piece ends and
+        the next begins, `beside` decides between them.
+        """
         # Two of these times may be one (a move that never reaches its speed): the last piece that begins there counts.
         index = jnp.sum(beside >= self.times)
         u = time - self.times[jnp.maximum(index - 1, 0)]
@@ -94,7 +96,7 @@ def _solve(diagonal: Blocks, beside: Blocks, right: Blocks) -> Blocks:
     """Solve a positive definite system of three bands of blocks: (n, b, b), (n - 1, b, b), (n, b)."""
 
     def eliminate(before, row):
-        # `before`: of the row above, its diagonal's inverse times its block beside, and times its right side.
+        # `before`, of the row above: its inverse diagonal block times the block beside it, and times its right side.
         down, block, above, side = row
         block = block - above.T @ before[0]
         side = side - above.T @ before[1]

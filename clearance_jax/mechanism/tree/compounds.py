@@ -47,16 +47,11 @@ def _as(cls: type):
     return convert
 
 
-def slide_key(help: str):
-    """A field that is the motion of a slide."""
-    about = {"help": help, "example": '{ position = "10 mm" }', "absent": "free, from zero"}
-    return eqx.field(metadata=about, converter=_as(Slide), default_factory=Slide)
-
-
-def turn_key(help: str):
-    """A field that is the motion of a turn."""
-    about = {"help": help, "example": '{ velocity = "10 rad/s" }', "absent": "free, from zero"}
-    return eqx.field(metadata=about, converter=_as(Turn), default_factory=Turn)
+def motion_key(kind: type, help: str):
+    """A field that is the motion of a slide or of a turn, by its `kind`."""
+    example = '{ position = "10 mm" }' if kind is Slide else '{ velocity = "10 rad/s" }'
+    about = {"help": help, "example": example, "absent": "free, from zero"}
+    return eqx.field(metadata=about, converter=_as(kind), default_factory=kind)
 
 
 class Spin(Module):
@@ -125,8 +120,8 @@ class Universal(AbstractJoint):
     perpendicular to the first.
     """
 
-    turn_1: Turn = turn_key("motion of the turn about x of the joint's frame")
-    turn_2: Turn = turn_key("motion of the turn about y, after that")
+    turn_1: Turn = motion_key(Turn, "motion of the turn about x of the joint's frame")
+    turn_2: Turn = motion_key(Turn, "motion of the turn about y, after that")
     orientation: Orientation | PreparedOrientation | None = orientation_key()
     child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
 
@@ -145,8 +140,8 @@ class Cylindrical(AbstractPlayed):
     clearance: that of a sleeve without axial play.
     """
 
-    slide: Slide = slide_key("motion along the axis")
-    turn: Turn = turn_key("motion about the axis")
+    slide: Slide = motion_key(Slide, "motion along the axis")
+    turn: Turn = motion_key(Turn, "motion about the axis")
     orientation: Orientation | PreparedOrientation | None = orientation_key()
     child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
     axis: Axis = axis_key("z")
@@ -172,9 +167,9 @@ class Cylindrical(AbstractPlayed):
 class Planar(AbstractJoint):
     """A contact of two planes, as a foot on a floor: two slides in a plane, and a turn about its normal (default z)."""
 
-    slide_x: Slide = slide_key("motion along the first axis")
-    slide_y: Slide = slide_key("motion along the second axis")
-    turn: Turn = turn_key("motion about the axis")
+    slide_x: Slide = motion_key(Slide, "motion along the first axis")
+    slide_y: Slide = motion_key(Slide, "motion along the second axis")
+    turn: Turn = motion_key(Turn, "motion about the axis")
     orientation: Orientation | PreparedOrientation | None = orientation_key()
     child_orientation: Orientation | PreparedOrientation | None = child_axes_key()
     axis: Axis = axis_key("z")
@@ -200,9 +195,9 @@ class Planar(AbstractJoint):
 class Free(AbstractJoint):
     """No connection: three slides along the axes of the joint's frame on the parent, and a ball."""
 
-    slide_x: Slide = slide_key("motion along the first axis")
-    slide_y: Slide = slide_key("motion along the second axis")
-    slide_z: Slide = slide_key("motion along the third axis")
+    slide_x: Slide = motion_key(Slide, "motion along the first axis")
+    slide_y: Slide = motion_key(Slide, "motion along the second axis")
+    slide_z: Slide = motion_key(Slide, "motion along the third axis")
     motion: Ball = flatten(default_factory=Ball)
     """The turning of the child: always free."""
     orientation: Orientation | PreparedOrientation | None = orientation_key()

@@ -125,8 +125,12 @@ def _inertia(body: Body, rotation: Rotation) -> Array:
 
 
 class Masks(NamedTuple):
-    """Which columns move what, as zeros and ones: `bodies` (columns, bodies); `columns` (columns, columns): whether the
-    second is the first or lies between it and the ground. `links`: the link of each column, free columns first.
+    """The columns, free ones first, and what they move, as zeros and ones. A ball has three columns.
+
+    - `links`: the link of each column; `local` (columns, 3): for a ball the axis of the column in the link, else zero;
+      `turns`: whether the column turns (else it slides).
+    - `beyond` (columns, links), `bodies` (columns, bodies): whether a column moves a link, a body; `columns` (columns,
+      columns): whether the second one lies between the first one and the ground, or at the same link.
     """
 
     links: tuple[int, ...]
@@ -150,10 +154,9 @@ def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
     driven = [i for i, c in enumerate(plan.coordinates) if not c.motion.is_free]
     links, local, turns = [], [], []
     for i in (*free, *driven):
-        for k, unit in enumerate(UNIT if plan.coordinates[i].is_ball else (None,)):
-            del k
+        for unit in UNIT if plan.coordinates[i].is_ball else (ZERO,):
             links.append(i)
-            local.append((0.0, 0.0, 0.0) if unit is None else unit)
+            local.append(unit)
             turns.append(plan.coordinates[i].slides is None)
     carriers = [plan.carriers[body.name] for body in bodies]
     carried = np.array([[0.0 if at < 0 else beyond[i, at] for at in carriers] for i in links])

@@ -90,38 +90,35 @@ def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
     """The spin of a swing and the rate of its components, in the rotated axes."""
     (a, b), (p, q), (u, v) = by.q, by.v, by.a
     spin, faster = (add(scale(x, at.inside[0]), scale(y, at.inside[1])) for x, y in ((p, q), (u, v)))
-    # The spin is divided by 1 + g^2, which grows by 2 g g'.
+    # The spin has the divisor 1 + g^2 (`spatial.swing`), g = (a, b) / 2, whose rate is (a p + b q) / 2.
     growth = times(0.5, plus(times(a, p), times(b, q)))
     return spin, subtract(faster, scale(times(at.part, growth), spin))
 
 
-def beyond(frame: Frame, step: FrameStep) -> Frame:
-    """The frame after a step of a joint, with the columns of its coordinates."""
+def carry_with_columns(frame: Frame, step: FrameStep) -> Frame:
+    """The frame after a step (see `carry`), with the columns of the coordinates that make it."""
     by, slides, turns, tilts = step
     if tilts is not None:
         at = swing(*tilts, *by.q)
         after = frame.swivel(at.rows, *swing_rates(at, by))
-        for k, axis in enumerate(at.outside):
-            after = after.add_motion(JacobianColumn(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
-        return after
-    after = carry(frame, step)
-    if slides is None and turns is None:
-        for k, axis in enumerate(UNIT):
-            after = after.add_motion(JacobianColumn(by.index + k, after.rotation.apply(axis), after.position), 0.0)
-        return after
-    if turns is not None:
-        column = JacobianColumn(by.index, frame.rotation.apply(turns), frame.position)
+        axes = [frame.rotation.apply(axis) for axis in at.outside]
     else:
-        assert slides is not None
-        column = JacobianColumn(by.index, frame.rotation.apply(slides), None)
-    return after.add_motion(column, by.v[0])
+        after = carry(frame, step)
+        if slides is not None:
+            return after.add_motion(JacobianColumn(by.index, frame.rotation.apply(slides), None), by.v[0])
+        if turns is not None:
+            return after.add_motion(JacobianColumn(by.index, frame.rotation.apply(turns), frame.position), by.v[0])
+        axes = [after.rotation.apply(axis) for axis in UNIT]
+    for k, axis in enumerate(axes):
+        after = after.add_motion(JacobianColumn(by.index + k, axis, frame.position), 0.0)
+    return after
 
 
 def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
     """The frame of a joint's child."""
     frame = joint.on_parent(parent)
     for step in steps(joint.coordinates(), time, values):
-        frame = beyond(frame, step)
+        frame = carry_with_columns(frame, step)
     frame = frame._replace(pivot=frame.position)
     if joint.child_orientation is not None:
         rows = joint.child_orientation.rotation.rows

@@ -121,12 +121,6 @@ def _turn(orientation: Orientation | PreparedOrientation | None) -> Rotation:
     return IDENTITY if orientation is None else orientation.rotation
 
 
-def rigid(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
-    """Pairs of axes that keep two frames from turning against each other."""
-    p, q = axis.across
-    return (axis.vector, p), (axis.vector, q), (p, q)
-
-
 def alignment(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
     """Pairs of axes that keep an axis of two frames parallel."""
     return tuple((axis.vector, across) for across in axis.across)
@@ -277,8 +271,8 @@ class Prismatic(AbstractPlayed):
         return transpose(((minus(0.0, y), x, 0.0), Z, (x, y, 0.0)))
 
     def joint_constraint(self):
-        line, (across, _) = self.axis.vector, self.axis.across
-        return JointConstraint(self.axis.across, rigid(self.axis), ((line, line), (across, across)))
+        line, (p, q) = self.axis.vector, self.axis.across
+        return JointConstraint((p, q), (*alignment(self.axis), (p, q)), ((line, line), (p, p)))
 
 
 class Fixed(AbstractJoint):
