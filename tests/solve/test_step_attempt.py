@@ -96,8 +96,10 @@ def operations(mechanism, t1, **options) -> tuple[int, int]:
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
 def test_programs_stay_small(solver):
-    """With samples and energy balance; 10 900 and 43 600 operations before stages, assembly and samples were loops."""
-    for scene, t1, most in (("slider_crank.toml", 0.012, 4_000), ("squeezer.toml", 0.03, 12_000)):
+    """With samples and energy balance; 10 900 and 43 600 operations before stages, assembly and samples were loops.
+    157 of them pack the arguments of the one function into vectors, outside of the loop.
+    """
+    for scene, t1, most in (("slider_crank.toml", 0.012, 4_100), ("squeezer.toml", 0.03, 12_000)):
         own, barriers = operations(cj.load(SCENES / scene), t1, solver=solver)
         assert own <= most
         assert barriers <= 0.2 * own
