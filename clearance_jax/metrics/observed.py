@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
+from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
@@ -19,6 +20,7 @@ from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.signals import clearance_index
 from clearance_jax.solve.steps.observers import AbstractObserver
 from clearance_jax.solve.steps.problem import Problem, motion
+from clearance_jax.spatial import as_array
 
 
 class Instants(NamedTuple):
@@ -153,3 +155,9 @@ class _Landing(AbstractObserver):
         depth, rate = clearance.depths(relative_motions(time, y, problem.mechanism)[self.joint])
         k = jnp.argmax(depth)
         return depth[k], rate[k]
+
+
+def pin_wrenches(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, tuple[Array, Array]]:
+    """The force [N] and moment [N m] of each clearance joint on its pin, in the sleeve's axes."""
+    actions = balance(mechanism, time, layout(mechanism).split(y)).actions
+    return {name: (as_array(action.force), as_array(action.torque)) for name, action in actions.items()}

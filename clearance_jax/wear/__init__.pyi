@@ -25,13 +25,13 @@ from .pressure import SectionLoad as SectionLoad
 from .pressure import Uniform as Uniform
 from .pressure import foundation as foundation
 from .record import to_dataset as to_dataset
-from .rubbing import Contacts as Contacts
-from .rubbing import contacts as contacts
-from .rubbing import sections_of as sections_of
 from .service import Failures as Failures
 from .service import ServiceLives as ServiceLives
 from .service import service_lives as service_lives
+from .worn import Contacts as Contacts
 from .worn import SectorsWarning as SectorsWarning
 from .worn import Wear as Wear
+from .worn import contacts as contacts
+from .worn import sections_of as sections_of
 from .worn import wear as wear
 from .worn import wear_of as wear_of

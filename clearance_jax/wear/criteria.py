@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
+from clearance_jax.analysis.rubbing import pin_of
 from clearance_jax.ask.question import Question, answer
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -20,7 +21,6 @@ from clearance_jax.results.dataset import to_dataset
 from clearance_jax.solve.drivers.trace import trace
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.wear.model import WearModel
-from clearance_jax.wear.rubbing import pin_of
 
 
 class AbstractCriterion(Module):

@@ -20,10 +20,10 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
+from clearance_jax.analysis.rubbing import CHUNK, contacts, look, pin_of, sections_of
 from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.joints import AbstractPin, Modes
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import flatten, physical, replace, values_of
 from clearance_jax.solve.drivers.trace import trace
 from clearance_jax.solve.settings import Settings, settings_of
@@ -31,7 +31,6 @@ from clearance_jax.solve.simulate import run
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.rubbing import CHUNK, contacts, look, pin_of, sections_of
 from clearance_jax.wear.worn import USUAL, SectorsWarning, accumulate, doubt, fewest, surely_fine, wear_of, wear_round
 
 # Options of a trace that the solve with derivatives does not take.
@@ -164,7 +163,7 @@ def _cycle_slopes(
     def of(shares):
         now = model.shift(names, stack, shares)
         solution = run(now.mechanism, now.cycle, solve._replace(save_at=ends))
-        seen = look(now.mechanism, now.joint, ends, solution.y[:, : layout(now.mechanism).size])
+        seen = look(now.mechanism, now.joint, ends, solution.y)
         depth = now.clearance.profile
         sleeve = sections_of(now.mechanism, now.joint)
         return accumulate(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before).depth[0]

@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from clearance_jax.analysis.rubbing import sections_of
 from clearance_jax.joints import AbstractPin
 from clearance_jax.parameters import parameters
 from clearance_jax.wear.history import WearHistory
 from clearance_jax.wear.model import WearModel
-from clearance_jax.wear.rubbing import sections_of
 
 
 def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.Dataset:

@@ -18,13 +18,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
+from clearance_jax.analysis.rubbing import Contacts, contacts, largest_swing, pin_of, sections_of
 from clearance_jax.errors import ClearanceError, WearFailure, wrong_value
 from clearance_jax.joints import Sections
 from clearance_jax.solve.drivers.trace import Trace
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
-from clearance_jax.wear.rubbing import Contacts, contacts, largest_swing, pin_of, sections_of
 
 # The part of the force that the pressures of the sectors may miss: round-off and the tolerance of a search.
 MISSED = 1e-6

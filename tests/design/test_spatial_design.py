@@ -11,9 +11,9 @@ from made_findings import answer, made, piston_limit, rows_of, text_of
 
 import clearance_jax as cj
 from clearance_jax import design, laws
-from clearance_jax.design.judge.observed import pin_wrenches
 from clearance_jax.design.judge.static import _both_ends, static_error
 from clearance_jax.joints import AbstractClearance
+from clearance_jax.metrics.observed import pin_wrenches
 from clearance_jax.report.html import render
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import outline, picture, places

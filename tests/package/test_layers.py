@@ -45,8 +45,13 @@ PHYSICS = {"laws", "joints", "mechanism", "metrics", "wear", "design"}
 KNOW_THE_COMPILER = {
     *("laws._friction", "joints._base", "joints.bore", "joints.guide", "joints.sleeve", "mechanism.form"),
     *("mechanism.motion.motion_laws", "mechanism.motion.paths", "mechanism.motion.pieces", "mechanism.motion.drives"),
-    *("metrics.signals", "design.judge.budget"),
+    "metrics.signals",
 }
+# Studies ask the engine: what they need of these modules is public, or `ask` and `analysis` compute it.
+STUDIES = {"sweep", "wear", "design", "calibrate"}
+ROOMS = ("dynamics", "solve.steps", "solve.flow", "solve.drivers.driver", "solve.first_state")
+ROOMS += ("mechanism.prepared", "mechanism.state", "mechanism.tree", "mechanism.placement")
+TOLD = f"{PACKAGE}.dynamics.quantities"
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
 HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}
@@ -140,6 +145,23 @@ def test_the_device_side_knows_only_the_device():
 def test_the_compiler_is_known_in_one_place():
     knows = {m.removeprefix(f"{PACKAGE}.") for m in MODULES if any(n.startswith(COMPILER) for n in EDGES[m])}
     assert {module for module in knows if place(f"{PACKAGE}.{module}") in PHYSICS} == KNOW_THE_COMPILER
+
+
+def names_from(module: str) -> Iterable[tuple[str, str]]:
+    """The names that a module imports, each with the module that it comes from."""
+    for node in ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            yield from ((str(node.module), alias.name) for alias in node.names)
+
+
+def test_studies_ask_the_engine():
+    stub = ast.parse((LIBRARY / "__init__.pyi").read_text(encoding="utf-8"))
+    public = {alias.name for node in ast.walk(stub) if isinstance(node, ast.ImportFrom) for alias in node.names}
+    inside = tuple(f"{PACKAGE}.{room}." for room in ROOMS)
+    studies = [m for m in MODULES if place(m) in STUDIES or m == f"{PACKAGE}.analysis.trust"]
+    asked = {(m, origin, name) for m in studies for origin, name in names_from(m) if f"{origin}.".startswith(inside)}
+    assert ("mobility", f"{PACKAGE}.design.judge.static") in {(name, m) for m, _, name in asked}
+    assert {entry for entry in asked if entry[2] not in public and entry[1] != TOLD} == set()
 
 
 def test_private_parts_of_jax_are_asked_in_one_place():

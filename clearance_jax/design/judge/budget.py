@@ -1,46 +1,25 @@
 """The error budget of a point: its parts by play, by elasticity of the contacts and by dynamics; joint by joint."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
 
-from clearance_jax._compile.solo import solo_jit
-from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
+from clearance_jax.analysis.pose_errors import check_driven, deviations, pose_errors
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.variants import change_each_play
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import mark_positions
-from clearance_jax.solve.quasi_static import are_poses
 from clearance_jax.solve.settings import evenly, settings_of
 from clearance_jax.solve.simulate import run
-from clearance_jax.spatial import as_array, subtract
 
 # The factor on contact stiffness that leaves play alone; the factor on clearances that leaves elasticity alone.
 RIGID, CLOSED = 1e6, 1e-3
 INSTANTS = 201
-
-
-class Parts(NamedTuple):
-    """Quasi-static errors of a point [m]: `whole` (times, 3), and `joints` (times, joints, 3) with the offset of one
-    pin at a time; `good`: whether there is a pose at each time; its lowest `frequency` [Hz]; `marks`: positions for
-    drawings [m].
-    """
-
-    whole: Float[Array, "times 3"]
-    joints: Float[Array, "times joints 3"]
-    good: Array
-    frequency: Float[Array, " times"]
-    marks: Float[Array, "times marks axes"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,10 +90,14 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     check_driven(mechanism)
     settings = settings_of(mechanism, t1, {"start": "settled", "rtol": 1e-6} | options | {"save_at": INSTANTS})
     times, index = evenly(settings.t0, t1, INSTANTS), names.index(point)
+
+    def parts_of(mechanism: Mechanism, stiffer: float):
+        return pose_errors(_with_stiffness(mechanism, stiffer), index, times, mark_positions)
+
     parts = {
-        "quasi_static": _parts(_with_stiffness(mechanism, 1.0), index, times),
-        "play": _parts(_with_stiffness(mechanism, RIGID), index, times),
-        "elasticity": _parts(_with_stiffness(change_each_play(mechanism, _closer), 1.0), index, times),
+        "quasi_static": parts_of(mechanism, 1.0),
+        "play": parts_of(mechanism, RIGID),
+        "elasticity": parts_of(change_each_play(mechanism, _closer), 1.0),
     }
     for name, part in parts.items():
         if not bool(jnp.all(part.good)):
@@ -123,14 +106,13 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     sizes["dynamics"] = np.full(INSTANTS, np.nan)
     if dynamics:
         solution = run(mechanism, t1, settings)
-        states = solution.y[:, : layout(mechanism).size]
-        sizes["dynamics"] = np.asarray(_deviations(mechanism, index, solution.time, states))
+        sizes["dynamics"] = np.asarray(deviations(mechanism, index, solution.time, solution.y))
     variables: dict[str, Any] = {name: ("time", np.asarray(size), {"units": "m"}) for name, size in sizes.items()}
     vectors = {"joint_error": parts["quasi_static"].joints, "joint_play": parts["play"].joints}
     for name, vector in vectors.items():
         variables[name] = (("time", "joint", "axis"), np.asarray(vector), {"units": "m"})
     variables["frequency"] = ("time", np.asarray(parts["quasi_static"].frequency), {"units": "Hz"})
-    drawn = picture_dataset(mechanism, np.asarray(times), {"mark_position": np.asarray(parts["quasi_static"].marks)})
+    drawn = picture_dataset(mechanism, np.asarray(times), {"mark_position": np.asarray(parts["quasi_static"].drawn)})
     drawn = drawn.rename(axis="page_axis").assign_coords(joint=joints, axis=["x", "y", "z"])
     return ErrorBudget(point, drawn.assign(variables).assign_attrs(point=point, mechanism=mechanism.name))
 
@@ -140,42 +122,6 @@ _BAD = {
     "play": "with contacts so stiff a pin finds no rest under its load",
     "elasticity": "with clearances so small a pin finds no rest under its load",
 }
-
-
-@solo_jit
-def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
-    ready = mechanism.prepare()
-    ideal = ideal_states(ready, times)
-
-    def at_instant(time, y, pose):
-        at_rest = tuple(jnp.zeros_like(play) for play in pose.play)
-        wanted = _place(ready, index, time, displaced(time, ready, at_rest, y))
-        whole = subtract(_place(ready, index, time, pose.y), wanted)
-        alone = []
-        for k in range(len(pose.play)):
-            play = (*at_rest[:k], pose.play[k], *at_rest[k + 1 :])
-            alone.append(as_array(subtract(_place(ready, index, time, displaced(time, ready, play, y)), wanted)))
-        good = are_poses(mechanism, pose.errors) & jnp.all(jnp.isfinite(pose.y))
-        return Parts(as_array(whole), jnp.stack(alone), good, pose.frequency, mark_positions(ready, time, pose.y))
-
-    return jax.vmap(at_instant)(times, ideal, poses(times, ready, ideal))
-
-
-def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any:
-    point = mechanism.points[index]
-    return frames(mechanism, time, layout(mechanism).split(y))[point.body].point(point.at.vector)
-
-
-@solo_jit
-def _deviations(mechanism: Mechanism, index: int, times: Array, y: Array) -> Array:
-    ready = mechanism.prepare()
-    rest = tuple(jnp.zeros(len(joint.joint.play())) for joint in ready.clearance_joints())
-
-    def at_instant(time, y, ideal):
-        wanted = _place(ready, index, time, displaced(time, ready, rest, ideal))
-        return jnp.linalg.norm(as_array(subtract(_place(ready, index, time, y), wanted)))
-
-    return jax.vmap(at_instant)(times, y, ideal_states(ready, times))
 
 
 def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:

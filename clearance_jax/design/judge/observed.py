@@ -14,25 +14,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.types import Scalar
 from clearance_jax.ask.question import Question, answer
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import CLEARANCE
 from clearance_jax.design.asked.specification import Scenario, Specification, scenarios_of
-from clearance_jax.dynamics.equations import balance
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.fits import Fit
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, Request
-from clearance_jax.metrics.observed import FirstFall, Instants, JointWork, PeakInstants
+from clearance_jax.metrics.observed import FirstFall, Instants, JointWork, PeakInstants, pin_wrenches
 from clearance_jax.metrics.reductions import At, Impacts, Peak
 from clearance_jax.metrics.signals import ContactForce
 from clearance_jax.results.places import picture
 from clearance_jax.solve.settings import DYNAMICS, settings_of
-from clearance_jax.spatial import as_array
 
 SAMPLES = 2001
 # The number of peaks of each force: if a pin falls first, the largest one after its fall is among these.
@@ -70,12 +65,6 @@ class SampledFunction(AbstractMetric):
     def value(self, reply):
         ready = reply.mechanism.prepare()
         return jax.vmap(lambda time, y: self.function(ready, time, y))(self.times, reply.solution.y)
-
-
-def pin_wrenches(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, tuple[Array, Array]]:
-    """The force [N] and moment [N m] of each clearance joint on its pin, in the sleeve's axes."""
-    actions = balance(mechanism, time, layout(mechanism).split(y)).actions
-    return {name: (as_array(action.force), as_array(action.torque)) for name, action in actions.items()}
 
 
 def sample_times(specification: Specification) -> np.ndarray:

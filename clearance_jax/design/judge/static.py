@@ -1,24 +1,17 @@
 """Static bounds of the error of a point: how far play alone can move it in a mechanism at rest."""
 
-import dataclasses
 import itertools
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.dynamics.closures import mobility, project
-from clearance_jax.dynamics.quantities import axes_of, evaluate
+from clearance_jax.analysis.reach import place_slopes, play_of
+from clearance_jax.dynamics.closures import mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, AbstractPin, PlayCoordinate
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.placement import Position
-from clearance_jax.mechanism.tree.tree import AbstractPlayed
-from clearance_jax.metrics.ideal import ASSEMBLE, freedom
-from clearance_jax.solve.settings import settings_of
-from clearance_jax.solve.simulate import run
+from clearance_jax.metrics.ideal import freedom
 
 AXIAL = ".axial_clearance"
 # Iterations towards the largest reach, which grows with each.
@@ -70,11 +63,11 @@ def static_weights(
         raise ClearanceError(text).about("joints")
     # The clearance of each joint, of those that have one.
     made = [getattr(mechanism.joint(name), "clearance", None) for name in names]
-    slopes = _slopes(mechanism, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
+    slopes = place_slopes(mechanism, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
     weights: dict[str, float] = {}
     for name, clearance, slope in zip(names, made, slopes, strict=True):
         flat = isinstance(clearance, AbstractClearance) and clearance.flat
-        reaches = _reaches(_play_of(mechanism, name), np.asarray(slope), flat)
+        reaches = _reaches(play_of(mechanism, name), np.asarray(slope), flat)
         weights |= {name + ending: float(np.max(reach)) for ending, reach in reaches.items()}
     return weights
 
@@ -84,7 +77,7 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
     total = 0.0
     for name, weight in weights.items():
         joint = name.removesuffix(AXIAL)
-        play = _play_of(mechanism, joint)
+        play = play_of(mechanism, joint)
         if name.endswith(AXIAL):
             size = float(next(c.scale for c in play if c.suffix == ".play_z"))
         else:
@@ -93,11 +86,6 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
                 size += float(clearance.profile.max())
         total += weight * size
     return total
-
-
-def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
-    joint = mechanism.joint(name)
-    return joint.play() if isinstance(joint, AbstractPlayed) else ()
 
 
 def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
@@ -142,33 +130,3 @@ def _corners(first: np.ndarray, other: np.ndarray) -> np.ndarray:
     both = np.concatenate([first, other], axis=-1)
     signs = np.array(list(itertools.product((1.0, -1.0), repeat=both.shape[-1])))
     return np.linalg.norm(both @ signs.T, axis=1).max(axis=-1)
-
-
-@eqx.filter_jit
-def _slopes(mechanism: Mechanism, index: int, names: tuple[str, ...], t0, t1, samples: int):
-    """The point's place by each joint's play, or by its offset: (times, axes, play) for each name."""
-    ideal = mechanism.ideal()
-    solution = run(ideal, t1, settings_of(ideal, t1, {"t0": t0, "save_at": samples}))
-    times, states, axes = solution.time, solution.y, len(axes_of(ideal))
-    counts = [len(_play_of(mechanism, name)) for name in names]
-
-    def place(values, t, y):
-        offsets = {name: tuple(offset) for name, offset, count in zip(names, values, counts, strict=True) if count}
-        moved = mechanism.hold_pins(offsets)
-        for name, offset, count in zip(names, values, counts, strict=True):
-            moved = moved if count else _offset(moved, name, offset)
-        ready = moved.prepare()
-        closed = project(t, y, ready, ASSEMBLE) if ready.closures() else y
-        return evaluate("position", t, closed, ready)[index]
-
-    zero = [jnp.zeros(count or axes) for count in counts]
-    return jax.vmap(jax.jacfwd(place), (None, 0, 0))(zero, times, states)
-
-
-def _offset(mechanism: Mechanism, name: str, offset) -> Mechanism:
-    """The mechanism with a joint's place on its parent moved [m]."""
-    joint = mechanism.joint(name)
-    x, y, z = joint.at_parent.vector
-    plane = offset.shape[0] == 2
-    at = Position(x + offset[0], y + offset[1], joint.at_parent.z if plane else z + offset[2])
-    return mechanism.with_joint(dataclasses.replace(joint, at_parent=at))

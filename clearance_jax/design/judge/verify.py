@@ -19,8 +19,7 @@ from clearance_jax.design.search.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.signals import PositionError
 from clearance_jax.parameters import replace
-from clearance_jax.solve.settings import DYNAMICS
-from clearance_jax.solve.steps.tolerances import SMALLEST
+from clearance_jax.solve.settings import DYNAMICS, SMALLEST
 from clearance_jax.units import format_quantity
 
 # A limit holds in a fresh simulation if it is violated by at most this share of its bound.

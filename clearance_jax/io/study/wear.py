@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
+from clearance_jax.analysis.rubbing import sections_of
 from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.keys import wear as keys
 from clearance_jax.io.keys.metric import METRIC
@@ -18,7 +19,6 @@ from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, Imp
 from clearance_jax.wear.laws import COEFFICIENT, AbstractWearLaw, Archard, Graded, Reye, RunningIn, Threshold
 from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
-from clearance_jax.wear.rubbing import sections_of
 
 # Keys that only a life asks for.
 OF_A_LIFE = ("until", "longest", "journal")

@@ -99,8 +99,10 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
 
 
 def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
-    """As `contacts`, from step ends, a multiple of `CHUNK` of them; with derivatives by mechanism and states."""
-    count = times.shape[0] // CHUNK
+    """As `contacts`, from step ends, a multiple of `CHUNK` of them; with derivatives by mechanism and states, which the
+    energy balance may follow.
+    """
+    count, states = times.shape[0] // CHUNK, states[:, : layout(mechanism).size]
     follow = [jnp.concatenate([x[1:], x[-1:]]).reshape(count, CHUNK, *x.shape[1:]) for x in (times, states)]
     # A chunk begins where the one before it ends.
     heads = [x.reshape(count, CHUNK, *x.shape[1:])[:, :1] for x in (times, states)]
