@@ -44,7 +44,7 @@ class AbstractManufacture(abc.ABC):
     title: ClassVar[str] = ""
     """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
     among: ClassVar[str] = ""
-    """The parts among which each limit is judged at once, in words; empty: part by part."""
+    """In words, the parts whose largest value of a limit is the one that counts; empty: each part counts by itself."""
     is_design: ClassVar[bool] = False
     """Whether the only part is the design itself."""
     scattered: ClassVar[tuple[str, ...]] = ()
@@ -229,14 +229,13 @@ class Yield(AbstractManufacture):
     def parts(self, names, fresh=0, seed=None):
         draws = self.draws(names, fresh, seed)
         rows = np.stack([draws[name] for name in names], axis=1)
-        factors, values = {}, {}
-        for name, column in draws.items():
-            if name not in names:
-                (factors if isinstance(self.scatter[name], int | float) else values)[name] = column
-        return [
-            Part(f", sample {i + 1}", row, *({n: column[i] for n, column in of.items()} for of in (factors, values)))
-            for i, row in enumerate(rows)
-        ]
+        parts = []
+        for i, row in enumerate(rows):
+            others = {name: column[i] for name, column in draws.items() if name not in names}
+            factors = {name: x for name, x in others.items() if isinstance(self.scatter[name], int | float)}
+            values = {name: x for name, x in others.items() if name not in factors}
+            parts.append(Part(f", sample {i + 1}", row, factors, values))
+        return parts
 
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
         """Draws (samples,) by name: factors on the scattered numbers and on all `names` (1 without scatter), and values
@@ -272,14 +271,13 @@ class Yield(AbstractManufacture):
     def weights(self, worst: np.ndarray) -> np.ndarray:
         """The weights (samples,) of the mean over the worst samples, by their worst scaled limits; their sum is 1."""
         tail, weights = yields.worst_parts(len(worst), self.target, self.confidence), np.zeros(len(worst))
+        # `tail` need not be whole: its last sample counts by the part of it that is left (2.5: 1, 1, 0.5, 0, ...).
         weights[np.argsort(-worst)] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
 
     def __str__(self) -> str:
-        worst, scattered = (
-            yields.worst_parts(self.count, self.target, self.confidence),
-            ", ".join(self.scatter) or "nothing",
-        )
+        worst = yields.worst_parts(self.count, self.target, self.confidence)
+        scattered = ", ".join(self.scatter) or "nothing"
         asked = f"{scattered} scattered; {self.target:.6g} of the parts must hold every limit"
         return f"{asked}: of {self.count} samples the worst {worst:.3g} on average"
 

@@ -1,8 +1,7 @@
 """The tolerance problem: the cheapest or largest clearances that keep errors and forces within bounds.
 
-Splines of its conditions hold their last value after the end of their tables. A `Spline` continues with its last cubic
-after its table. In a faster condition the table ends before the motion does; there the spline must end at rest and then
-keeps its last value.
+In a faster condition the table of a drive ends before the motion does. A `Spline` would continue with its last cubic.
+So the problem replaces it by a `HeldSpline`, which keeps its last value; the table must end at rest then.
 """
 
 import dataclasses
@@ -108,7 +107,7 @@ class ToleranceProblem:
         diameters: Mapping[str, float] | None = None,
         smoothing: Sequence[float | int] = (0.0,),
     ) -> Design:
-        """The best design that is found. Its limits hold in a simulation of their own (see `Design.feasible`).
+        """Search for the best design. `Design.feasible` says whether it holds every limit.
 
         **Arguments:**
 
@@ -154,8 +153,8 @@ def _costs(cost, names) -> tuple[Callable, ...]:
     return tuple(cost[name] for name in names)
 
 
-# A motion ends at rest if its speed at the end is at most this part of its largest one. With few rows a cubic shows
-# that only roughly: a quintic from rest to rest over n intervals ends at about 30 / n^3 of its largest speed.
+# A table of n intervals ends at rest if its speed at the end, over its largest one, is at most REST + ROUGH / n^3, and
+# at most MOST. The cubics through the rows of a motion that does end at rest (a quintic) end at about 30 / n^3.
 REST, ROUGH, MOST = 0.01, 50.0, 0.25
 # A change of a coordinate that is no motion, relative to its size or to 1 rad or 1 m.
 STILL = 1e-9
@@ -182,8 +181,9 @@ def with_held_ends(specification: Specification) -> Specification:
             speeds[begin] = {name: speed for name, (speed, _) in ends.items()}
     if not speeds:
         return specification
-    for begin, by_condition in speeds.items():  # any of the speeds: every condition sets its own
-        spline = HeldSpline(follow(mechanism, courses[begin]), next(iter(by_condition.values())))
+    for begin, by_condition in speeds.items():
+        any_speed = next(iter(by_condition.values()))  # every condition sets its own
+        spline = HeldSpline(follow(mechanism, courses[begin]), any_speed)
         mechanism = eqx.tree_at(functools.partial(follow, path=courses[begin]), mechanism, spline)
     conditions = {
         name: {**values, **{f"{begin}end_speed": by_condition[name] for begin, by_condition in speeds.items()}}

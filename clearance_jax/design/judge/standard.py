@@ -131,9 +131,10 @@ def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Sol
         chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
     growing = True
     while growing:
-        looser = [{**chosen, i: place + 1} for i, place in chosen.items() if place + 1 < len(lists[i])]
-        looser.sort(key=lambda p: _gain(design, lists, chosen, p), reverse=True)
-        growing = next((p for p in looser if worst(p) <= SLACK), None)
+        looser = [i for i, place in chosen.items() if place + 1 < len(lists[i])]
+        looser.sort(key=lambda i: _gain(design, i, *lists[i][chosen[i] : chosen[i] + 2]), reverse=True)
+        moved = ({**chosen, i: chosen[i] + 1} for i in looser)
+        growing = next((places for places in moved if worst(places) <= SLACK), None)
         chosen = growing or chosen
     return chosen
 
@@ -186,6 +187,7 @@ def _sampled(design: Design, made: Mapping[str, ToleranceClass], samples: int, s
         sampled = [s._replace(designed=s.values) for s in whole for _ in range(samples)]
     factors = np.array([s.factors for s in sampled], float)
     for i, column in drawn.items():
+        # Every condition has the same parts.
         factors[:, i] = np.tile(column / designed[i], len(sampled) // samples)
     return [s._replace(factors=row) for s, row in zip(sampled, factors, strict=True)]
 
@@ -207,12 +209,10 @@ def _greatest(fit: fits.Fit) -> float:
     return fit.radial_clearance[1]
 
 
-def _gain(design, lists, chosen, moved) -> float:
-    """The gain of a looser fit: in cost, or in clearance if there are no costs."""
-    (i,) = (i for i in chosen if moved[i] != chosen[i])
-    before, after = (_greatest(lists[i][p[i]]) for p in (chosen, moved))
+def _gain(design: Design, i: int, fit: fits.Fit, looser: fits.Fit) -> float:
+    """The gain of a looser fit of variable `i`: in cost, or in clearance if there are no costs."""
     cost = design.specification.costs[i] if design.specification.costs else (lambda c: -c)
-    return float(cost(before) - cost(after))
+    return float(cost(_greatest(fit)) - cost(_greatest(looser)))
 
 
 def _draw(made: ToleranceClass, samples: int, rng: np.random.Generator) -> np.ndarray:

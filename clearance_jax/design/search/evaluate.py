@@ -89,7 +89,7 @@ class Simulations:
         """`limits` of a design in every scenario (scenarios, m), and derivatives (scenarios, m, n); NaN if a motion did
         not reach its end. Scenarios of one condition must be neighbours in the list.
         """
-        # Lanes take entries of arrays by name, but not entries of arrays of higher rank.
+        # One batch solves all scenarios, unless parts wear or a condition sets a matrix, whose entries have no names.
         if self._aged or any(np.ndim(value) > 1 for value in scenarios[0].values.values()):
             first = self.limits(x, scenarios[0], gradient)  # compiles for all
             # Wear is mostly work of the host between small solves, also with a GPU.
@@ -143,7 +143,7 @@ class Simulations:
         except WearFailure:
             if scenario.designed is None:
                 raise
-            # If the design itself fails too, this raises its error.
+            # A part as made may fail: its limits are NaN. But if the design itself fails too, raise its error.
             with suppress(WornThrough):
                 self._simulate_wear(i, x, scenario.designed, ())
         count = self._size(i)
@@ -161,9 +161,8 @@ class Simulations:
         factors = np.stack([scenario.factors for scenario in scenarios])
         numbers = dict(zip(self.names, (x * factors).T, strict=True))
         for name in scenarios[0].values:
-            column = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
-            entries = {f"{name}.{i}": entry for i, entry in enumerate(column.T)}
-            numbers |= {name: column} if column.ndim == 1 else entries
+            values = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
+            numbers |= {name: values} if values.ndim == 1 else {f"{name}.{i}": x for i, x in enumerate(values.T)}
         answered, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
         values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         scaled = [v.reshape(count, -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]

@@ -161,14 +161,14 @@ def _managed(specification: Specification, program: Program, x: np.ndarray, how:
     note += f" (one more exceeds it with a probability of {1 / (among.samples + 1):.0%})"
     wider = how.formulate(specification, most=how.most - program.gradients, known=program.points)
     stop_reason = _runs(wider, MATCHED_VALUES, x, how, **tolerance)
-    if not wider.history:  # stopped before: take the design at which slopes were asked for
+    if not wider.history:  # stopped before any design had neighbours: return the best one of the first search
         return _design(dataclasses.replace(specification, manufacture=asked), program, MATCHED, stop_reason, note)
     return _design(specification, wider, MATCHED_VALUES, stop_reason, note)
 
 
 @stopping
 def _first(program: Program, specification: Specification, x: np.ndarray, gradient: bool = True) -> str:
-    """Why a search is not needed or was stopped before, in words; else empty."""
+    """Why no search is needed, or why the evaluations before it were stopped, in words; else empty."""
     return unreachable(specification, program, x, gradient)
 
 
