@@ -156,7 +156,12 @@ class _Walk:
         self.lowest, self.lowest_rise, self.better = fit.point, 0.0, False
 
     def look(self, k: int, sign: float, far: bool) -> tuple[float, bool]:
-        """The end of an interval to one side, and whether it is as predicted; `far`: look for another minimum."""
+        """The end of the interval of number `k` to one side, and whether it is as predicted.
+
+        Places lie along `way`, the predicted half interval, at parts of it up to the bound (`most`). `wanted` is the
+        rise of the cost at its end for a linear motion. With `far` the places are those of `FAR`, to look for another
+        minimum.
+        """
         task, known, x = self.task, self.known, self.fit.point.x
         way = sign * known.factor * known.deviations[k] * self.others_follow(k)
         wanted = task.loss.cost(self.here.residuals + self.here.jacobian @ way) - self.cost

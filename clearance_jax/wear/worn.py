@@ -1,10 +1,10 @@
 """What wears off a sleeve, or its pin, along a motion: depths by section and sector, and how many sectors that takes.
 
-There are so many that the largest depth is that of the wear itself, not of its mean values. A sector's depth is the
-mean over its width w. Of a patch that stands still, a to either side and of parabolic pressure, the largest mean is off
-by (w / a)^2 / 12 where a sector lies in its middle, and by (w / a)^2 / 3 where two sectors meet there. Here it is that
-of the wear of one whole cycle on the round sleeve, where patches are narrowest: they get wider as the sleeve wears.
-Forces and volumes are right with any number of sectors.
+The depth of a sector is the mean over its width w, so the largest depth is too small. Below a resting patch of the half
+width a with parabolic pressure it is too small by (w / a)^2 / 12 where a sector lies in the middle of the patch, and by
+(w / a)^2 / 3 where two sectors meet there. The number of sectors is chosen so that this error is small for the wear of
+one whole cycle on the round sleeve, where patches are narrowest: they get wider as the sleeve wears. Forces and volumes
+are right with any number of sectors.
 """
 
 import warnings
@@ -71,7 +71,8 @@ def wear_round(
             beside = place[None] - angles[some, section, None]
             x = (beside - 2 * np.pi * np.round(beside / (2 * np.pi))) / half[some, None]
             shape = np.where(np.abs(x) < 1, np.asarray(pressure.shape(np.clip(x, -1, 1))), 0.0)
-            # The pressures bear the force but for a factor, which matters to laws that are not linear.
+            # `shape` is scaled to 1 at its largest, so the sum of these pressures is the force times a factor. A linear
+            # law only scales the wear by it, others change its shape a little.
             high = load[some] / (half[some] * float(sleeve.geometry.sleeve_radius))
             columns = (np.asarray(v)[some, section, None] for v in (seen.speed, seen.traction))
             at = SlidingState(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
@@ -102,10 +103,10 @@ def missed_part(worn: Float[np.ndarray, "sections places"], sectors: int) -> flo
     for profile in worn:
         if profile.max() > 0:
             whole = np.concatenate([[0.0], np.cumsum(np.tile(profile, 2))])
-            # Some grids have an edge near the deepest place, which of a single patch is the worst.
+            # Offsets of the grid in sectors. Some put an edge near the deepest place, the worst case of a single patch.
             near = (profile.argmax() + 0.5 + np.linspace(-1, 1, BEGINS + 1)) / width % 1
-            begins = np.concatenate([near, np.arange(BEGINS) / BEGINS])
-            edges = width * (begins[:, None] + np.arange(sectors + 1))
+            offsets = np.concatenate([near, np.arange(BEGINS) / BEGINS])
+            edges = width * (offsets[:, None] + np.arange(sectors + 1))
             means = np.diff(np.interp(edges, np.arange(len(whole)), whole), axis=1) / width
             worst = max(worst, 1 - float(means.max(axis=1).min() / profile.max()))
     return worst
@@ -272,7 +273,7 @@ def _check(totals: WearTotals, law: AbstractWearLaw, pressure: AbstractPressure)
         )
     if not law.is_linear:
         return
-    # What leans presses with more than its part of the force: only a flat patch has none of it.
+    # Pressures beside the middle of a patch lean, so that all together exceed the force; those of a flat patch do not.
     lacks, beyond = totals.flat_volume - totals.volume, MISSED * totals.flat_volume
     if lacks > beyond or (pressure.is_narrow and -lacks > beyond):
         text = f"The volume {totals.volume:.9g} m^3 worn off is not that of the law, {totals.flat_volume:.9g} m^3."
@@ -330,9 +331,8 @@ def accumulate(
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
-    """Mean values on a grid turned back by an angle [rad], shared between the two sectors that they lie on."""
-    count = means.shape[0]
-    sectors = angle * (count / (2 * np.pi))
+    """Mean values of sectors, turned by an angle [rad]. A value that comes to lie on two sectors is shared by them."""
+    sectors = angle * (means.shape[0] / (2 * np.pi))
     whole = jnp.floor(sectors)
     part = sectors - whole
     near = jnp.roll(means, whole.astype(int))
