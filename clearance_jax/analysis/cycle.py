@@ -176,7 +176,7 @@ def _cycle_jvp(primals, tangents, *, effort: CycleOptions):
         at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
         reached, moved = eqx.filter_jvp(end, at, along)
         moved = _inverse(search, motion.y, motion.monodromy) @ moved
-        # A factor, as the gradient of a selected NaN would be zero.
+        # NaN as a factor: if `where` selected it, the derivative of that would be zero.
         moved = moved * jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
         tangent = eqx.tree_at(lambda m: m.y, tangent, moved, is_leaf=lambda x: x is None)
     return motion, tangent
@@ -273,7 +273,7 @@ def advance(search: CycleSearch, y: Array, effort: CycleOptions) -> tuple[Array,
     if mechanism.closures():
         y = project(t0, y, mechanism.prepare(), 2)
     solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=effort.options)
-    # A factor: the slopes of a selected NaN would be zeros.
+    # NaN as a factor: if `where` selected it, its slopes would be zero.
     return jnp.where(solution.succeeded, 1.0, jnp.nan) * solution.final, solution.code
 
 

@@ -131,7 +131,7 @@ class Rms(AbstractMetric):
         return Request(integrands=(self.signal.integrand(mechanism, t1, options, 2),), since=self.since)
 
     def value(self, reply):
-        # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
+        # The root has no derivative at zero: a signal that is zero throughout gets the derivative zero.
         square = reply.integrals[0] / reply.span
         return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
