@@ -171,7 +171,7 @@ def _cycle_slopes(
         seen = look(now.mechanism, now.joint, ends, solution.y[:, : layout(now.mechanism).size])
         depth = now.clearance.profile
         sleeve = sections_of(now.mechanism, now.joint)
-        return accumulate(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before).depth[0]
+        return accumulate(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before)[0].depth[0]
 
     slopes = jax.jacfwd(of)(jnp.zeros(len(names)))
     return slopes.T / model.sizes(names)[:, None]

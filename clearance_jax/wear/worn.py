@@ -8,7 +8,7 @@ are right with any number of sectors.
 """
 
 import warnings
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -112,9 +112,9 @@ def missed_part(worn: Float[np.ndarray, "sections places"], sectors: int) -> flo
     return worst
 
 
-def fewest(worn: Float[np.ndarray, "sections places"], least: int = USUAL) -> int:
-    """The fewest sectors, from `least` on, with an error of the largest depth of at most `OFF`; or `MOST`."""
-    return next((n for n in range(least, MOST, STEP) if missed_part(worn, n) <= OFF), MOST)
+def fewest(worn: Float[np.ndarray, "sections places"]) -> int:
+    """The fewest sectors, from `USUAL` on, with an error of the largest depth of at most `OFF`; or `MOST`."""
+    return next((n for n in range(USUAL, MOST, STEP) if missed_part(worn, n) <= OFF), MOST)
 
 
 def doubt(worn: Float[np.ndarray, "sections places"], sectors: int, joint: str) -> str:
@@ -239,44 +239,31 @@ def wear_of(
     if of not in SURFACES:
         raise wrong_value("`of`", " or ".join(SURFACES), of)
     depth = jnp.broadcast_to(jnp.atleast_2d(depth), (sleeve.lengths.shape[0], depth.shape[-1]))
-    totals = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
-    _check(jax.tree.map(float, totals._replace(depth=0.0)), law, pressure)
-    angle = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1])
-    flat = totals.flat_volume if law.is_linear else None
-    heights = jnp.asarray(sleeve.heights, float)
-    return Wear(angle, heights, totals.depth, totals.volume, flat, totals.sliding, totals.half_angle, totals.relief)
+    worn, missed = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
+    _check(worn, float(missed), pressure)
+    return worn
 
 
-class WearTotals(NamedTuple):
-    """See `Wear`; `missed`: the largest part of a force that its pressures do not bear."""
-
-    depth: Any
-    volume: Any
-    flat_volume: Any
-    sliding: Any
-    half_angle: Any
-    relief: Any
-    missed: Any
-
-
-def _check(totals: WearTotals, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
+def _check(worn: Wear, missed: float, pressure: AbstractPressure) -> None:
     """Raise where pressures are not the force's, or the volume not the law's."""
-    if pressure.is_narrow and totals.half_angle > WIDEST:
+    if pressure.is_narrow and float(worn.half_angle) > WIDEST:
         raise WearFailure(
-            f"The patch of the largest force spreads {np.degrees(totals.half_angle):.0f} deg to either side, further "
-            "than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve survives?"
+            f"The patch of the largest force spreads {np.degrees(float(worn.half_angle)):.0f} deg to either side, "
+            "further than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve "
+            "survives?"
         )
-    if not totals.missed <= MISSED:
+    if not missed <= MISSED:
         raise WearFailure(
-            f"The pressures miss {totals.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
-            "through its sleeve: check its `stiffness` [Pa/m]."
+            f"The pressures miss {missed:.1e} of the normal force. A foundation that is too soft lets the pin through "
+            "its sleeve: check its `stiffness` [Pa/m]."
         )
-    if not law.is_linear:
+    if worn.flat_volume is None:
         return
     # Pressures beside the middle of a patch lean, so that all together exceed the force; those of a flat patch do not.
-    lacks, beyond = totals.flat_volume - totals.volume, MISSED * totals.flat_volume
+    volume, flat = float(worn.volume), float(worn.flat_volume)
+    lacks, beyond = flat - volume, MISSED * flat
     if lacks > beyond or (pressure.is_narrow and -lacks > beyond):
-        text = f"The volume {totals.volume:.9g} m^3 worn off is not that of the law, {totals.flat_volume:.9g} m^3."
+        text = f"The volume {volume:.9g} m^3 worn off is not that of the law, {flat:.9g} m^3."
         raise ClearanceError(text)
 
 
@@ -289,8 +276,8 @@ def accumulate(
     of: str,
     depth: Array,
     before: Scalar,
-) -> WearTotals:
-    """The sums over a motion of what wears off (see `Wear`)."""
+) -> tuple[Wear, Array]:
+    """What wears off along a motion, and the largest part of a force that its pressures do not bear."""
     inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
 
@@ -327,7 +314,9 @@ def accumulate(
     flat = jnp.sum(seen.weight[:, None] * law.rate(SlidingState(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
     half = pressure.half_angle(sleeve.geometry, largest)
-    return WearTotals(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
+    places = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1]), jnp.asarray(sleeve.heights, float)
+    worn = Wear(*places, new, volume, flat if law.is_linear else None, sliding, half, jnp.max(relief))
+    return worn, jnp.max(missed)
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:

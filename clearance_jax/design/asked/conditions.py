@@ -223,11 +223,6 @@ def values_for(
     return {name: value for name, value in values.items() if name in kept or lookup(known, name)[0]}
 
 
-def replace_values(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
-    """The mechanism with its values replaced; those of wear are ignored."""
-    return replace(mechanism, without_wear(mechanism, measures, values)) if values else mechanism
-
-
 def sets(values: Mapping[str, Any], name: str) -> bool:
     """Whether `values` set a number `name`: itself, its array, or an entry of it."""
     return any(name == given or _within(name, given) or _within(given, name) for given in values)

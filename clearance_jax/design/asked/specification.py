@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.module import Module
-from clearance_jax.design.asked.conditions import NONE, replace_values, sets, values_for, worth
+from clearance_jax.design.asked.conditions import NONE, sets, values_for, without_wear, worth
 from clearance_jax.design.asked.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
@@ -199,7 +199,7 @@ class Specification:
 
     def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         """The mechanism with the values of a condition or scenario, of which those of wear are ignored."""
-        return replace_values(mechanism, self.metrics, values)
+        return replace(mechanism, without_wear(mechanism, self.metrics, values)) if values else mechanism
 
     def settings(self, **changes: Any) -> Settings:
         """The settings of the solves, with some options changed."""

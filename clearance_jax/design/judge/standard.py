@@ -69,8 +69,8 @@ def nearest_fits(
     The search begins with the loosest fits within the designed clearances. As long as the limits hold, it loosens one
     joint after the other by one fit: the one that gains most. So a fit may be looser than its joint's clearance was
     designed, where others are tighter. Fits lie within the bounds of their variables, as far as such fits hold the
-    limits. `remarks` say where one does not, and where one is looser than designed. Of a `Yield` all fits get tighter
-    until the samples prove its target.
+    limits. `remarks` say where one does not, and where one is looser than designed. For a `Yield` all fits are
+    tightened until the samples prove its target.
 
     Holes and shafts of the samples are normal about the middle of their tolerances, whose limits are three standard
     deviations away. What else a `Yield` lets scatter, scatters in them too.
@@ -79,36 +79,30 @@ def nearest_fits(
     joint's pin radius; `samples`: how many for the yield, by `seed` (default: as many as the
     target of a `Yield` needs, else the fewest that can prove 99 %); `cluster`: as of `ToleranceProblem.solve`.
     """
-    with place_of(cluster) as place:
-        return _nearest(design, diameters or {}, samples, seed, place)
-
-
-def _nearest(
-    design: Design, diameters: Mapping[str, float], samples: int | None, seed: int, place: SolvePlace
-) -> StandardFits | None:
     specification, names = design.specification, list(design.clearances)
-    sizes = {**diameters_of(design.mechanism, names), **diameters}
+    sizes = {**diameters_of(design.mechanism, names), **(diameters or {})}
     fitted = [i for i, name in enumerate(names) if name in sizes]
     if not fitted:
         raise ClearanceError("No variable is a radial clearance of known diameter: give `diameters`.")
     between = list(specification.variables.values())
     within = {i: fits.fits_within(sizes[names[i]], between[i][1], between[i][0]) for i in fitted}
     every = {i: fits.fits_within(sizes[names[i]], 1.0) for i in fitted}
-    # If no fits within the bounds of the study hold the limits, others are tried, with remarks.
-    for candidates in (within, every):
-        # The tightest first: a chosen fit is a place in its list.
-        lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
-        if all(lists.values()) and (chosen := _loosest(design, lists, place)) is not None:
-            break
-    else:
-        return None
-    while True:
-        picked = {names[i]: lists[i][k] for i, k in chosen.items()}
-        made = {name: ToleranceClass(fit.name, *fit.radial_clearance, fit=fit) for name, fit in picked.items()}
-        judged = _judged(design, made, samples, seed, place)
-        if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
-            return judged
-        chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
+    with place_of(cluster) as place:
+        # If no fits within the bounds of the study hold the limits, others are tried, with remarks.
+        for candidates in (within, every):
+            # The tightest first: a chosen fit is a place in its list.
+            lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
+            if all(lists.values()) and (chosen := _loosest(design, lists, place)) is not None:
+                break
+        else:
+            return None
+        while True:
+            picked = {names[i]: lists[i][k] for i, k in chosen.items()}
+            made = {name: ToleranceClass(fit.name, *fit.radial_clearance, fit=fit) for name, fit in picked.items()}
+            judged = _judged(design, made, samples, seed, place)
+            if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
+                return judged
+            chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
 
 
 def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: SolvePlace) -> dict[int, int] | None:
