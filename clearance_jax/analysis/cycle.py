@@ -37,7 +37,8 @@ CLOSED = 100.0
 # A damped step must lower the residual by this part of its damping. A rejected step is shortened by SHRINK; below
 # SHORTEST it is given up, and the motion settles for longer.
 DECREASE, SHRINK, SHORTEST = 0.25, 0.25, 1 / 64
-# By how much a drive may miss its start, in radians or largest lengths, and in these per radian of the period.
+# The largest gap between a drive's end and its start, in radians or largest lengths; that of its speed is in these per
+# radian of the period.
 SEAM = 1e-6
 
 

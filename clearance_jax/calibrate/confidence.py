@@ -116,7 +116,7 @@ STRAIGHT, BENT = 1.25, 2.0
 # The factor of each further trial, how far trials go at least (a rippled cost may fall again), how many there are at
 # most, and how often the last step is halved.
 FARTHER, WIDEST, TRIALS, HALVINGS = 1.5, 3.0, 12, 2
-# Where another minimum is looked for, in predicted half intervals, and along how many of the least known numbers.
+# The search for another minimum: places in predicted half intervals, and along how many of the least known numbers.
 FAR, LOOKED = (3.0, 9.0, 27.0), 2
 # The other numbers are corrected if that is predicted to gain this part of the rise, at most so often at one place.
 WORTH, CORRECTIONS = 0.1, 4

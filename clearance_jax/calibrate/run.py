@@ -50,11 +50,10 @@ def calibrate(
       measured.
     - `parameters`: dotted names of the numbers that are looked for, as in `cj.parameters(mechanism)`, each with its
       least and its greatest value [SI]; or the names alone. The search starts at the mechanism's own values.
-    - `signals`: of each variable what it measures: a quantity of the motion by its name ("piston.position.x"), or a
-      signal of `clearance_jax.metrics`. Or names of variables that are quantities themselves; `None`: all over `time`
-      are.
-    - `deviations`: of each variable the standard deviation of its noise [SI]; what is absent is estimated from
-      residuals.
+    - `signals`: variable -> what it measures: a quantity of the motion by its name ("piston.position.x"), or a signal
+      of `clearance_jax.metrics`. Or the names of variables that are quantities themselves; `None`: all variables over
+      `time`.
+    - `deviations`: variable -> standard deviation of its noise [SI]; absent ones are estimated from residuals.
     - `loss`: "linear", or one that outliers disturb less: "huber", "soft_l1", "cauchy", "arctan".
     - `starts`: how many, the first at the mechanism's own values, the others scattered over the bounds by `seed`;
       `None`: one, and up to seven more while the residuals do not look like noise, until two agree. Each is fitted to
@@ -203,7 +202,7 @@ def _enough(task: FitTask, fits: list[FitResult]) -> bool:
     if task.options.starts is not None:
         return False
     best, *others = sorted(fits, key=lambda fit: fit.cost)
-    # As `refine` will estimate them: the search had rough ones.
+    # The search had rough deviations: take those that `refine` would.
     best = best._replace(deviations=_estimated_deviations(task, best))
     agreed = bool(others) and others[0].cost <= SAME * best.cost
     return agreed or all(check.like_noise for check in residuals_of(task, best))
@@ -283,7 +282,7 @@ def _estimated_deviations(task: FitTask, fit: FitResult) -> np.ndarray:
     left, deviations = 1 - len(task.variables.names) / np.sum(known), []
     for off, values, there in zip((fit.point.values - measured).T, measured.T, known.T, strict=True):
         size = np.abs(off[there])
-        # Of normal noise the median is 0.6745 deviations.
+        # The median of normal noise is 0.6745 deviations.
         size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745
         deviations.append(max(size / np.sqrt(left), task.floor(values[there])))
     return np.where(task.given, fit.deviations, deviations)

@@ -1,8 +1,8 @@
 """What repeats with the drive and what does not: Poincare sections and Lyapunov exponents of a driven mechanism.
 
 Both look at the last `count` periods before `t1`; all before them is the transient, which costs time but no memory.
-Over an axis of a sweep the section is the bifurcation diagram, and the exponent says where it is chaotic: where it is
-positive beyond its uncertainty, for of regular motions too it may be zero.
+Over an axis of a sweep the section is the bifurcation diagram, and the exponent says where motions are chaotic: where
+it is positive by more than its uncertainty, as that of regular motions may be zero.
 """
 
 import dataclasses
@@ -34,10 +34,6 @@ ROUNDED = 1e-9
 FEWEST = 4
 # Labels along the last axis of an exponent with its uncertainty.
 ESTIMATE = ("value", "uncertainty")
-
-
-def _number(**field):
-    return eqx.field(converter=lambda x: jnp.asarray(x, float), **field)
 
 
 def _period():
@@ -93,7 +89,7 @@ class PoincareSection(AbstractMetric):
     )
     period: Scalar | str = _period()
     count: int = eqx.field(static=True, default=64)
-    phase: Scalar = _number(default=0.0)
+    phase: Scalar = eqx.field(converter=lambda x: jnp.asarray(x, float), default=0.0)
 
     def times(self, t1: Any, t0: Any = 0.0) -> Float[Array, " count"]:
         """The instants [s], by a period in seconds."""
@@ -251,9 +247,9 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
         axes, lengths = jnp.linalg.qr((slopes * unit[None, :] / unit[:, None]) @ axes)
         return (end, axes), jnp.log(jnp.abs(jnp.diagonal(lengths)))
 
-    # Directions that belong to no coordinate in particular: one that the motion cannot leave would hide the others.
+    # Random directions: one along a coordinate may stay there for ever, and would hide the others.
     start = jax.random.normal(jax.random.key(0), (size, metric.exponents))
-    # Nor to what is remembered, which may be of no touch at all.
+    # Without components of memory, which no touch may rewrite.
     axes, _ = jnp.linalg.qr(jnp.where((jnp.arange(size) < layout(mechanism).memory.start)[:, None], start, 0.0))
     # Numbers from outside the loop: computed inside, each of their uses might be rounded in its own way, and a lane
     # that is to end where it begins would find that it begins before its end.

@@ -64,7 +64,7 @@ class Peak(AbstractMetric):
         return dataclasses.replace(self, count=count) if self.count == 1 else self
 
     def request(self, mechanism, t1, options):
-        # Where the peaks are is looked for without derivatives.
+        # The search for the peaks needs no derivatives.
         fixed, end, others = without_derivatives((mechanism, t1, options))
         signal, since = self.signal.bind(fixed, end, others), without_derivatives(self.since)
         return Request((PeakFinder(signal, self.count, end - others.t0, since),), since=self.since)

@@ -238,7 +238,7 @@ class Foundation(AbstractPressure):
         return means
 
     def half_angle(self, geometry, force):
-        # Of the closed form F' = k R e (a - sin a cos a), cos a = c / e, by Newton from the narrow patch.
+        # Solve F' = k R e (a - sin a cos a), cos a = c / e, by Newton's method from the narrow patch.
         scale = force / (self.stiffness * geometry.sleeve_radius * geometry.radial_clearance)
 
         def newton(_, a):

@@ -137,14 +137,14 @@ class Yield(AbstractManufacture):
       number that is no variable may have a distribution instead (`cj.scatter(...)`, or one of `scipy.stats`), as one
       must whose mean is zero.
     - `target`: the share.
-    - `samples`: of a scrambled Sobol sequence with this `seed`, the same for all designs (common random numbers). So
-      few purely random samples would say little about rare parts. `None`: the power of two that is at least
-      5 / (1 - target).
+    - `samples`: the number of points of a scrambled Sobol sequence with this `seed`, the same for all designs (common
+      random numbers). As many purely random samples would say less about rare parts. `None`: the power of two that is
+      at least 5 / (1 - target).
     - `confidence`: with which the made parts have this yield; 0: no margin is left for the samples being few.
 
     The design is limited by the conditional value at risk of the worst scaled limit: its mean over the worst (1 -
     target) of the samples (Rockafellar and Uryasev 2000). It is at least the quantile that the yield is about, and has
-    a derivative. Of few samples it is too small by chance. So the mean is taken over fewer of them, as many as the
+    a derivative. With few samples it is too small by chance. So the mean is taken over fewer of them, as many as the
     `confidence` allows (`design.search.yields.confidence_of` has the formula). With fewer than log(1 - confidence) /
     log(target) samples, the worst one decides, and a `YieldWarning` says which yield they support.
     """

@@ -1,8 +1,4 @@
-"""The tolerance problem: the cheapest or largest clearances that keep errors and forces within bounds.
-
-In a faster condition the table of a drive ends before the motion does. A `Spline` would continue with its last cubic.
-So the problem replaces it by a `HeldSpline`, which keeps its last value; the table must end at rest then.
-"""
+"""The tolerance problem: the cheapest or largest clearances that keep errors and forces within bounds."""
 
 import dataclasses
 import functools
@@ -161,8 +157,9 @@ STILL = 1e-9
 
 
 def with_held_ends(specification: Specification) -> Specification:
-    """The problem with splines that keep their last values after their tables, if a table ends before the motion.
-    **Raises** `ClearanceError` if a table begins after the motion, or ends before it and not at rest.
+    """The problem with a `HeldSpline`, which keeps its last value, for each `Spline` whose table ends before the motion
+    in a condition: a `Spline` would continue with its last cubic. **Raises** `ClearanceError` if a table begins after
+    the motion, or ends before it and not at rest.
     """
     t0, t1, mechanism = specification.t0, specification.t1, specification.mechanism
     tables = (leaf for leaf in leaves(mechanism) if leaf.path[-1] == "times" and isinstance(leaf.owners[-1], Spline))

@@ -1,7 +1,4 @@
-"""Explanations of why no design holds every limit, before and after a search, and what would help.
-
-Before a search, bounds that no clearances can hold are detected, at the smallest clearances.
-"""
+"""Explanations of why no design holds every limit, before and after a search, and what would help."""
 
 import dataclasses
 from collections.abc import Mapping
