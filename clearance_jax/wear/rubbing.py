@@ -104,7 +104,7 @@ def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Conta
     # Ends of the steps of each chunk, which begins where the one before it ends; the last one has a step of no length.
     ends = np.arange(times.shape[0]).reshape(-1, CHUNK)
     ends = np.minimum(np.concatenate([ends, ends[:, -1:] + 1], axis=1), times.shape[0] - 1)
-    seen = jax.lax.map(lambda chunk: _look(mechanism, joint, *chunk, 1), (times[ends], states[ends]))
+    seen = jax.lax.map(lambda chunk: _look(mechanism, joint, chunk[0], chunk[1], 1), (times[ends], states[ends]))
     whole = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), seen)
     return whole._replace(time=whole.time - times[0])
 
