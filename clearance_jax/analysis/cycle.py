@@ -37,7 +37,8 @@ CLOSED = 100.0
 # A damped step must lower the residual by this part of its damping. A rejected step is shortened by SHRINK; below
 # SHORTEST it is given up, and the motion settles for longer.
 DECREASE, SHRINK, SHORTEST = 0.25, 0.25, 1 / 64
-# By how much a drive may miss its start, in radians or largest lengths, and in these per radian of the period.
+# The largest gap between a drive's end and its start, in radians or largest lengths; that of its speed is in these per
+# radian of the period.
 SEAM = 1e-6
 
 
@@ -176,7 +177,7 @@ def _cycle_jvp(primals, tangents, *, effort: CycleOptions):
         at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
         reached, moved = eqx.filter_jvp(end, at, along)
         moved = _inverse(search, motion.y, motion.monodromy) @ moved
-        # A factor, as the gradient of a selected NaN would be zero.
+        # NaN as a factor: if `where` selected it, the derivative of that would be zero.
         moved = moved * jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
         tangent = eqx.tree_at(lambda m: m.y, tangent, moved, is_leaf=lambda x: x is None)
     return motion, tangent
@@ -273,7 +274,7 @@ def advance(search: CycleSearch, y: Array, effort: CycleOptions) -> tuple[Array,
     if mechanism.closures():
         y = project(t0, y, mechanism.prepare(), 2)
     solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=effort.options)
-    # A factor: the slopes of a selected NaN would be zeros.
+    # NaN as a factor: if `where` selected it, its slopes would be zero.
     return jnp.where(solution.succeeded, 1.0, jnp.nan) * solution.final, solution.code
 
 

@@ -1,8 +1,9 @@
 """Where and how hard a pin rubs on its sleeve along a solved motion, at the nodes of a quadrature over time.
 
-Every touch and separation is a step end, so within a step all is smooth but the size of a slip that changes its sign:
-there the step is cut. Each part has three Gauss nodes, with states on the quintic through both ends' places, rates and
-accelerations. If a patch moves faster than nodes follow each other, steps have more parts.
+Every touch and every separation is the end of a step. Within a step only the speed of sliding has a kink, where the
+slip changes its sign. So each step is cut there (or in its middle), and each of the two parts has three Gauss nodes.
+States at the nodes lie on the quintic through places, rates and accelerations at both ends of the step. If a patch
+moves too far from one node to the next, the parts are cut further.
 """
 
 from typing import NamedTuple
@@ -102,12 +103,11 @@ def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Conta
     """As `contacts`, from step ends, a multiple of `CHUNK` of them; with derivatives by mechanism and states, which the
     energy balance may follow.
     """
-    count, states = times.shape[0] // CHUNK, states[:, : layout(mechanism).size]
-    follow = [jnp.concatenate([x[1:], x[-1:]]).reshape(count, CHUNK, *x.shape[1:]) for x in (times, states)]
-    # A chunk begins where the one before it ends.
-    heads = [x.reshape(count, CHUNK, *x.shape[1:])[:, :1] for x in (times, states)]
-    parts = [jnp.concatenate(pair, axis=1) for pair in zip(heads, follow, strict=True)]
-    seen = jax.lax.map(lambda part: _look(mechanism, joint, part[0], part[1], 1), (parts[0], parts[1]))
+    states = states[:, : layout(mechanism).size]
+    # Ends of the steps of each chunk, which begins where the one before it ends; the last one has a step of no length.
+    ends = np.arange(times.shape[0]).reshape(-1, CHUNK)
+    ends = np.minimum(np.concatenate([ends, ends[:, -1:] + 1], axis=1), times.shape[0] - 1)
+    seen = jax.lax.map(lambda chunk: _look(mechanism, joint, chunk[0], chunk[1], 1), (times[ends], states[ends]))
     whole = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), seen)
     return whole._replace(time=whole.time - times[0])
 
@@ -162,7 +162,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
         def halve(_, bracket):
             low, high = bracket
             middle = 0.5 * (low + high)
-            same = slip(middle) * first > 0
+            same = slip(middle) * first > 0  # the slip at the begin, below
             return jnp.where(same, middle, low), jnp.where(same, high, middle)
 
         first, last = slip(0.0), slip(1.0)
@@ -179,7 +179,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
             normal, force, traction, slips = pin.by_section(numbers)
             pressed = force > 0
             rubs = safe_sqrt(sum(z * z for z in traction)) / jnp.where(pressed, force, 1.0)
-            # The gradient of a penetration is shorter than one where a profile is rounded over its sectors.
+            # A contact force acts along the gradient of its penetration, which is shorter than 1 on a rounded profile.
             borne = force * safe_sqrt(sum(z * z for z in normal))
             angle = jnp.where(pressed, jnp.arctan2(normal[1], normal[0]), 0.0)
             speed = safe_sqrt(sum(z * z for z in slips))

@@ -95,6 +95,7 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Metr
     second = (values[0, 1], slopes[0, 1]) if peak else None
     values, slopes = (values[:, 0], slopes[:, 0]) if peak else (values, slopes)
     fine = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
+    # The rows of `SamplingPlan.moves`.
     step, scatter = slice(2, 2 + 2 * p), slice(-plan.samples, None)
     within = slice(step.stop, len(moves) - plan.samples)
     if not fine[0] or np.sum(fine[scatter]) < p + 3:

@@ -116,7 +116,7 @@ STRAIGHT, BENT = 1.25, 2.0
 # The factor of each further trial, how far trials go at least (a rippled cost may fall again), how many there are at
 # most, and how often the last step is halved.
 FARTHER, WIDEST, TRIALS, HALVINGS = 1.5, 3.0, 12, 2
-# Where another minimum is looked for, in predicted half intervals, and along how many of the least known numbers.
+# The search for another minimum: places in predicted half intervals, and along how many of the least known numbers.
 FAR, LOOKED = (3.0, 9.0, 27.0), 2
 # The other numbers are corrected if that is predicted to gain this part of the rise, at most so often at one place.
 WORTH, CORRECTIONS = 0.1, 4
@@ -156,7 +156,12 @@ class _Walk:
         self.lowest, self.lowest_rise, self.better = fit.point, 0.0, False
 
     def look(self, k: int, sign: float, far: bool) -> tuple[float, bool]:
-        """The end of an interval to one side, and whether it is as predicted; `far`: look for another minimum."""
+        """The end of the interval of number `k` to one side, and whether it is as predicted.
+
+        Places lie along `way`, the predicted half interval, at parts of it up to the bound (`most`). `wanted` is the
+        rise of the cost at its end for a linear motion. With `far` the places are those of `FAR`, to look for another
+        minimum.
+        """
         task, known, x = self.task, self.known, self.fit.point.x
         way = sign * known.factor * known.deviations[k] * self.others_follow(k)
         wanted = task.loss.cost(self.here.residuals + self.here.jacobian @ way) - self.cost

@@ -1,6 +1,6 @@
 """The fit: least squares over the unknown numbers, from a start to a minimum, and whether residuals look like noise.
 
-Noise has a size, and is independent in time.
+Residuals look like noise if their size is that of the noise, and if they do not depend on each other in time.
 """
 
 from collections.abc import Iterator
@@ -168,7 +168,7 @@ MANY, QUANTILE, SCATTER = 50, 0.86, 1.35
 class ResidualCheck(NamedTuple):
     """The tests of the residuals of one series.
 
-    - `exact`: they are the solves' own errors, so that the other tests mean nothing.
+    - `exact`: they are no larger than the errors of the solves, so that the other tests mean nothing.
     - `size`: their mean square over that of noise with the given `deviation`, or with that of the readings' roughness
       (NaN: not known); noise has a size between `low` and `high`.
     - `follows`: the correlation of `count` residuals from one instant to the next; `correlated`: more than noise.
@@ -196,10 +196,10 @@ class ResidualCheck(NamedTuple):
 def residuals_of(task: FitTask, fit: FitResult) -> list[ResidualCheck]:
     """The tests of the residuals of each series; outliers are weighted by the loss."""
     off = (fit.point.values - task.measurement.values) / fit.deviations
-    return [_shown(task, fit, k, off[there, k]) for k, there in enumerate(task.measurement.known.T)]
+    return [_check(task, fit, k, off[there, k]) for k, there in enumerate(task.measurement.known.T)]
 
 
-def _shown(task: FitTask, fit: FitResult, k: int, residuals: np.ndarray) -> ResidualCheck:
+def _check(task: FitTask, fit: FitResult, k: int, residuals: np.ndarray) -> ResidualCheck:
     series, psi = task.measurement.series[k], task.loss.influence(residuals)[0]
     values, given = series.values[np.isfinite(series.values)], series.deviation is not None
     exact = bool(np.sqrt(np.mean((residuals * fit.deviations[k]) ** 2)) <= task.floor(values))

@@ -160,12 +160,15 @@ def _series(
     if array.dtype.kind not in "fiu":
         raise ClearanceError(f"The variable `{name}` must be numbers, but it is of type {array.dtype}.")
     others = [str(dim) for dim in array.dims if dim != TIME]
+    # What is measured, the name of the series, and where it is in the array.
+    named: list[tuple[Any, str, dict]] = []
     if isinstance(reading, AbstractSignal):
         if others:
             raise ClearanceError(f"`{name}` must be one number over time, but it has a dimension `{others[0]}` too.")
-        named: list[tuple[Any, str, dict]] = [(reading, name, {})]
+        named = [(reading, name, {})]
     elif isinstance(reading, str):
-        named = [(q, q if reading == name else q.replace(reading, name), at) for q, at in _names(reading, array)]
+        # Series are called as quantities are, with the name of the variable in place of the reading.
+        named = [(quantity, quantity.replace(reading, name), at) for quantity, at in _names(reading, array)]
     else:
         raise ClearanceError(
             f"The signal `{name}` must be the name of a quantity or a signal of `clearance_jax.metrics`, but it is a "
@@ -190,7 +193,9 @@ def _unit(name: str, quantity: str, known: Mapping[str, str]) -> str:
 
 
 def _names(reading: str, array: xr.DataArray) -> Iterator[tuple[str, dict[str, int]]]:
-    """The quantities in a variable, and the index of each: `piston.position.x` in `position` or `piston.position`."""
+    """The quantities in a variable, and the index of each, by the labels of its dimensions. A variable `position` has
+    `piston.position.x` at the labels "piston" and "x", a variable `piston.position` at the label "x".
+    """
     dims = [str(dim) for dim in array.dims if dim != TIME]
     for dim in dims:
         if dim not in array.coords:
@@ -256,12 +261,11 @@ class Instruments:
         settings: Settings,
         progress: Callable[[FitPoint], Any] | None = None,
     ):
-        # The metric has quantities first.
         readings = [series.reading for series in measurement.series]
-        order = sorted(range(len(readings)), key=lambda i: not isinstance(readings[i], str))
         quantities = tuple(reading for reading in readings if isinstance(reading, str))
         signals = tuple(reading for reading in readings if isinstance(reading, AbstractSignal))
-        self._order = np.argsort(order)
+        # The metric has quantities first: the place of each series in it.
+        self._order = np.argsort(np.argsort([not isinstance(reading, str) for reading in readings], kind="stable"))
         metric = Readings(quantities, signals, measurement.times)
         self._question = Question(mechanism, {"": metric}, t1, settings, names)
         self._names, self._progress = tuple(names), progress

@@ -50,11 +50,10 @@ def calibrate(
       measured.
     - `parameters`: dotted names of the numbers that are looked for, as in `cj.parameters(mechanism)`, each with its
       least and its greatest value [SI]; or the names alone. The search starts at the mechanism's own values.
-    - `signals`: of each variable what it measures: a quantity of the motion by its name ("piston.position.x"), or a
-      signal of `clearance_jax.metrics`. Or names of variables that are quantities themselves; `None`: all over `time`
-      are.
-    - `deviations`: of each variable the standard deviation of its noise [SI]; what is absent is estimated from
-      residuals.
+    - `signals`: variable -> what it measures: a quantity of the motion by its name ("piston.position.x"), or a signal
+      of `clearance_jax.metrics`. Or the names of variables that are quantities themselves; `None`: all variables over
+      `time`.
+    - `deviations`: variable -> standard deviation of its noise [SI]; absent ones are estimated from residuals.
     - `loss`: "linear", or one that outliers disturb less: "huber", "soft_l1", "cauchy", "arctan".
     - `starts`: how many, the first at the mechanism's own values, the others scattered over the bounds by `seed`;
       `None`: one, and up to seven more while the residuals do not look like noise, until two agree. Each is fitted to
@@ -202,10 +201,10 @@ def _enough(task: FitTask, fits: list[FitResult]) -> bool:
     """Whether automatic starts can end: the best fit's residuals look like noise, or two starts agree on it."""
     if task.options.starts is not None:
         return False
-    costs = sorted(fit.cost for fit in fits)
-    agreed = len(costs) > 1 and costs[1] <= SAME * costs[0]
-    best = min(fits, key=lambda fit: fit.cost)
-    best = best._replace(deviations=np.where(task.given, best.deviations, _shown_deviations(task, best.point)))
+    best, *others = sorted(fits, key=lambda fit: fit.cost)
+    # The search had rough deviations: take those that `refine` would.
+    best = best._replace(deviations=_estimated_deviations(task, best))
+    agreed = bool(others) and others[0].cost <= SAME * best.cost
     return agreed or all(check.like_noise for check in residuals_of(task, best))
 
 
@@ -231,7 +230,9 @@ def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]
 
 
 def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[FitResult]:
-    """The fit from one start, first to a part of the measured time, then to longer ones; none if no motion ends."""
+    """The fit from one start, first to a part of the measured time, then to longer ones; no fit if no motion reaches
+    the end.
+    """
     best, places = None, [start]
     # The numbers of measured instants to fit, in turn; the last one is all.
     times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
@@ -264,22 +265,24 @@ def refine(task: FitTask, fit: FitResult) -> FitResult:
     # A common factor does not move the minimum of a sum of squares.
     alone = len(given) == 1 and task.options.loss == "linear"
     for _ in range(0 if np.all(given) else REFITS):
-        shown = np.where(given, fit.deviations, _shown_deviations(task, fit.point))
-        settled = np.all(np.abs(shown - fit.deviations) <= SETTLED * fit.deviations)
-        fit = fit._replace(deviations=shown, cost=task.cost(fit.point, shown))
+        deviations = _estimated_deviations(task, fit)
+        settled = np.all(np.abs(deviations - fit.deviations) <= SETTLED * fit.deviations)
+        fit = fit._replace(deviations=deviations, cost=task.cost(fit.point, deviations))
         if settled or alone or fit.ending == INTERRUPTED:
             break
-        fit = descend(task, fit.point, shown).after(fit)
+        fit = descend(task, fit.point, deviations).after(fit)
     return fit
 
 
-def _shown_deviations(task: FitTask, point: FitPoint) -> np.ndarray:
-    """The deviation of each series (series,) from its residuals, or from their median with a robust loss."""
+def _estimated_deviations(task: FitTask, fit: FitResult) -> np.ndarray:
+    """The deviation of each series (series,): the given one, or that of its residuals (by their median with a robust
+    loss).
+    """
     measured, known = task.measurement.values, task.measurement.known
     left, deviations = 1 - len(task.variables.names) / np.sum(known), []
-    for off, values, there in zip((point.values - measured).T, measured.T, known.T, strict=True):
+    for off, values, there in zip((fit.point.values - measured).T, measured.T, known.T, strict=True):
         size = np.abs(off[there])
-        # Of normal noise the median is 0.6745 deviations.
+        # The median of normal noise is 0.6745 deviations.
         size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745
         deviations.append(max(size / np.sqrt(left), task.floor(values[there])))
-    return np.array(deviations)
+    return np.where(task.given, fit.deviations, deviations)

@@ -24,7 +24,6 @@ from clearance_jax.units import format_quantity
 class Design:
     """The result of a design problem. It prints itself.
 
-    - `clearances` by name; `objective`: the cost, or minus the common clearance; `feasible`: whether the limits hold.
     - `specification`: what was asked; `program`: every point that was evaluated; `method`: the optimiser.
     - `evaluation`: the best point; `stop_reason`: why the search stopped early, or empty; `note`: on the choice of the
       method, or empty.

@@ -60,8 +60,7 @@ class CrossingTime(AbstractMetric):
         (record,), (picked,) = reply.solution.records, reply.picked
         assert picked is not None
         above = self._sign * (signal_at(self.signal, reply, picked.time, picked.y)[0] - self.level)
-        # Newton's step on the signal has the derivative of the crossing. The signal is already zero, but for what a
-        # closure moves.
+        # One step of Newton's method, for its derivative. The step is zero, except where closures move the state.
         moved = above / jnp.where(record.slope < 0, record.slope, -jnp.inf)
         return jnp.where(record.entered, 1.0, jnp.nan) * (jax.lax.stop_gradient(picked.time[0]) - moved)
 
@@ -85,9 +84,9 @@ class SettlingTime(AbstractMetric):
 
     At the last entry into the band e(t; p) = band, so the derivative is (d band - de/dp) / (de/dt) (implicit function
     theorem). It is zero where the settling time is zero or infinite, and where the signal jumps into the band, whose
-    instant counts as fixed. It does not exist where an earlier or a later
-    swing just touches the band: there the settling time jumps by as much as a swing lasts. A limit that is smooth there
-    says the same of a given time T: `Peak(signal, since=since + T)` must not exceed the band.
+    instant counts as fixed. It does not exist where an earlier or a later swing just touches the band: there the
+    settling time jumps by as much as a swing lasts. A limit that is smooth there says the same of a given time T:
+    `Peak(signal, since=since + T)` must not exceed the band.
 
     **Arguments:** `signal`, not negative; `band`, in the signal's unit; `since`: when the move ends [s], `None`: at the
     last time at which a drive, a load or a payload changes its course.
@@ -117,7 +116,7 @@ class SettlingTime(AbstractMetric):
         (record,), (picked,) = reply.solution.records, reply.picked
         assert picked is not None
         value = signal_at(self.signal, reply, picked.time, picked.y)[0] - self.band
-        # The time of the entry moves with the signal and with the band; it itself is as the observer found it.
+        # The time is as the observer found it; it has the derivative of a step of Newton's method.
         moved = (value - jax.lax.stop_gradient(value)) / jnp.where(record.slope < 0, record.slope, -jnp.inf)
         passed = jax.lax.stop_gradient(picked.time[0]) - moved - reply.begin
         passed = jnp.where(record.entered & (passed > 0), passed, 0.0)

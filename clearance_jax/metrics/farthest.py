@@ -86,7 +86,7 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
     if all(c.turns is None for c in play):
         if not worn:
             return play[0].scale * within(weights)
-        # Of a worn bore, where the wall is normal to the direction.
+        # In a worn bore the pin goes to the place where the wall is normal to the direction.
         known = jnp.any(jnp.abs(weights) > 0)
         x, y = jnp.where(known, _ball(weights), jnp.array([1.0, 0.0]))
         return jnp.where(known, as_array(clearance.press((x, y, 0.0), jnp.zeros(()))[:2]), 0.0)

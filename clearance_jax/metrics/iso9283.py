@@ -31,7 +31,7 @@ def pose_accuracy(attained: Any, commanded: Any) -> Accuracy:
 
         AP_P = |mean(x_j) - x_c|,   AP_x = mean(x_j) - x_c,
 
-    in the unit of the positions. Of angles `by_axis` is what the norm calls AP_a, AP_b, AP_c.
+    in the unit of the positions. For angles `by_axis` is what the norm calls AP_a, AP_b, AP_c.
 
     **Arguments:** `attained`: positions, shape (cycles, axes); `commanded`: the position, shape (axes,).
     """

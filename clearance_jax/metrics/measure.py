@@ -7,6 +7,7 @@ for all of it at once and hands each metric its own part (`Reply`).
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
+from itertools import islice
 from typing import Any, ClassVar, NamedTuple, Unpack
 
 import equinox as eqx
@@ -149,7 +150,7 @@ class AbstractMetric(AbstractMeasure):
         return ("",) if count == 1 else tuple(f"{self.each} {k + 1}" for k in range(count))
 
     def several(self, count: int) -> "AbstractMetric":
-        """What a search solves for in its place: of a single peak the `count` highest; by default the same."""
+        """The metric that a search solves for in its place: the `count` highest peaks for one peak; else the same."""
         del count
         return self
 
@@ -281,12 +282,12 @@ def measure_settings(
     integrands = tuple(f for request in requests.values() for f in request.integrands)
     solution = run(mechanism, t1, settings, observers=observers, integrands=integrands)
     sizes = _sizes(mechanism, requests, energy_balance)
-    out, seen, summed, samples = {}, 0, solution.final.shape[-1] - sum(map(sum, sizes.values())), 0
+    # Each metric gets its own part of the records, of the samples and of the integrals, one after the other.
+    records, picked = iter(solution.records), iter(solution.picked)
+    out, summed, samples = {}, solution.final.shape[-1] - sum(map(sum, sizes.values())), 0
     for (name, request), asked in zip(requests.items(), times, strict=True):
         count = len(request.observers)
-        part = slice(seen, seen + count)
-        view = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
-        seen += count
+        view = dataclasses.replace(solution, records=tuple(islice(records, count)), picked=tuple(islice(picked, count)))
         first = solution.initial
         if asked is not None:
             size = asked.shape[0]

@@ -122,7 +122,9 @@ class FirstFall(AbstractMetric):
 
 
 class _Fall(NamedTuple):
-    """When it is `over` [s] (infinity: not yet), whether the pin has `landed`, and its turns of the rate since."""
+    """When the fall is `over` [s] (infinity: not yet), whether the pin has `landed`, and how often the rate of its
+    penetration has changed its sign since (`turns`).
+    """
 
     over: Array
     landed: Array
@@ -139,11 +141,11 @@ class _Landing(AbstractObserver):
         return _Fall(jnp.where(depth > 0, -jnp.inf, jnp.inf), jnp.zeros((), bool), jnp.zeros((), int))
 
     def __call__(self, record, times, ends, problem):
-        (_, rate), (depth, now) = (
+        (_, rate_before), (depth, rate) = (
             self._deepest(t, motion(problem, y), problem) for t, y in zip(times, ends[:2], strict=True)
         )
         landed, touching = record.landed | (depth > 0), depth > 0
-        turns = record.turns + (record.landed & (jnp.sign(rate) != jnp.sign(now)))
+        turns = record.turns + (record.landed & (jnp.sign(rate_before) != jnp.sign(rate)))
         done = jnp.isinf(record.over) & landed & (~touching | (turns >= 2))
         # A pin that starts in contact is not overwritten: its fall was over before it began.
         over = jnp.where(done & (record.over > 0), times[1], record.over)

@@ -28,7 +28,9 @@ OF_PLAY, OF_LENGTH = 1e-3, 1e-8
 
 
 class SampledPath(Module):
-    """A path by equally spaced samples: `places` [m], `moves` (velocity times interval) [m]; `known`: dense?"""
+    """A path by samples at equal intervals of time: `places` [m] and `moves`, velocity times interval [m]; `known`:
+    whether the samples are dense enough.
+    """
 
     places: Float[Array, "samples 3"]
     moves: Float[Array, "samples 3"]
@@ -131,7 +133,9 @@ class PathDeviation(AbstractSignal):
 
 
 def _error(places: Array, moves: Array) -> Scalar:
-    """The largest error of the cubics between samples [m], across the path: that of every second sample, over 2^4."""
+    """The largest error across the path of the cubics between samples [m]. Cubics over two intervals are compared with
+    the samples in their middle; those over one interval have a 16th of that error, as it is of the fourth order.
+    """
     middles = hermite(places[:-2:2], 2 * moves[:-2:2], places[2::2], 2 * moves[2::2], 0.5)
     off, way = places[1::2] - middles, moves[1::2]
     squares = jnp.sum(way * way, axis=1)

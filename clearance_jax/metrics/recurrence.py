@@ -1,8 +1,8 @@
 """What repeats with the drive and what does not: Poincare sections and Lyapunov exponents of a driven mechanism.
 
 Both look at the last `count` periods before `t1`; all before them is the transient, which costs time but no memory.
-Over an axis of a sweep the section is the bifurcation diagram, and the exponent says where it is chaotic: where it is
-positive beyond its uncertainty, for of regular motions too it may be zero.
+Over an axis of a sweep the section is the bifurcation diagram, and the exponent says where motions are chaotic: where
+it is positive by more than its uncertainty, as that of regular motions may be zero.
 """
 
 import dataclasses
@@ -36,10 +36,6 @@ FEWEST = 4
 ESTIMATE = ("value", "uncertainty")
 
 
-def _number(**field):
-    return eqx.field(converter=lambda x: jnp.asarray(x, float), **field)
-
-
 def _period():
     return eqx.field(converter=lambda x: x if isinstance(x, str) else jnp.asarray(x, float))
 
@@ -57,8 +53,10 @@ def seconds(period: Any, mechanism: Mechanism) -> Array:
     return 2 * jnp.pi / jnp.abs(values_of(mechanism, [period])[period])
 
 
-def _few(t0: Any, begin: Any, what: str) -> Array:
-    """One, or NaN for a lane of a batch whose motion is too short. **Raises** `ClearanceError` where that is known."""
+def _long_enough(t0: Any, begin: Any, what: str) -> Array:
+    """A factor on a result: 1, or NaN if the motion starts at `t0` after the `begin` of what is looked at. **Raises**
+    `ClearanceError` in place of NaN, unless times are traced.
+    """
     enough = begin >= t0
     if not isinstance(enough, Tracer) and not bool(enough):
         raise ClearanceError(f"The motion is too short for {what}: end it later, or ask for fewer.")
@@ -91,12 +89,12 @@ class PoincareSection(AbstractMetric):
     )
     period: Scalar | str = _period()
     count: int = eqx.field(static=True, default=64)
-    phase: Scalar = _number(default=0.0)
+    phase: Scalar = eqx.field(converter=lambda x: jnp.asarray(x, float), default=0.0)
 
     def times(self, t1: Any, t0: Any = 0.0) -> Float[Array, " count"]:
         """The instants [s], by a period in seconds."""
         last = jnp.floor((t1 - t0 - self.phase) / self.period + ROUNDED)
-        # Where there are not enough of them: the start, of which nothing is made.
+        # Instants before the start are moved to it: `value` then gives NaN.
         times = t0 + self.phase + (last - jnp.arange(self.count)[::-1]) * self.period
         return jnp.clip(times, t0, t1)
 
@@ -114,7 +112,7 @@ class PoincareSection(AbstractMetric):
         period = seconds(self.period, reply.mechanism)
         periods = jnp.floor((reply.t1 - reply.t0 - self.phase) / period + ROUNDED)
         begin = reply.t0 + (periods - (self.count - 1)) * period + self.phase
-        factor = _few(reply.t0, begin, f"{self.count} points of a Poincare section")
+        factor = _long_enough(reply.t0, begin, f"{self.count} points of a Poincare section")
         names = [self.quantities] if isinstance(self.quantities, str) else self.quantities
         parts = {name: jnp.asarray(reply.solution[name], float) for name in names}
         for name in (name for name, part in parts.items() if part.ndim != 1):
@@ -192,7 +190,7 @@ class LyapunovExponent(AbstractMetric):
         period = seconds(self.period, reply.mechanism)
         metric = dataclasses.replace(self, period=period)
         begin = reply.t1 - self.count * period
-        factor = _few(reply.t0, begin + ROUNDED * period, f"{self.count} periods of a Lyapunov exponent")
+        factor = _long_enough(reply.t0, begin + ROUNDED * period, f"{self.count} periods of a Lyapunov exponent")
         grown = factor * _constant(metric, (reply.mechanism, begin, reply.solution.y[0], reply.options))
         rates = grown if self.exponents > 1 else grown[:, 0]
         counted = jnp.arange(1, self.count + 1).reshape(-1, *(1,) * (rates.ndim - 1))
@@ -239,7 +237,7 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
             y = project(t0, y, problem.mechanism, 2)
         inputs = Inputs(mechanism, t0, t0 + metric.period, None, options.rtol, options.atol, y)
         solution = flow(inputs, options=settings)
-        # A factor: the slopes of a selected NaN would be zeros.
+        # NaN as a factor: if `where` selected it, its slopes would be zero.
         end = solution.final[:size] * jnp.where(solution.succeeded, 1.0, jnp.nan)
         return end, end
 
@@ -249,9 +247,9 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
         axes, lengths = jnp.linalg.qr((slopes * unit[None, :] / unit[:, None]) @ axes)
         return (end, axes), jnp.log(jnp.abs(jnp.diagonal(lengths)))
 
-    # Directions that belong to no coordinate in particular: one that the motion cannot leave would hide the others.
+    # Random directions: one along a coordinate may stay there for ever, and would hide the others.
     start = jax.random.normal(jax.random.key(0), (size, metric.exponents))
-    # Nor to what is remembered, which may be of no touch at all.
+    # Without components of memory, which no touch may rewrite.
     axes, _ = jnp.linalg.qr(jnp.where((jnp.arange(size) < layout(mechanism).memory.start)[:, None], start, 0.0))
     # Numbers from outside the loop: computed inside, each of their uses might be rounded in its own way, and a lane
     # that is to end where it begins would find that it begins before its end.

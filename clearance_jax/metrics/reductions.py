@@ -64,7 +64,7 @@ class Peak(AbstractMetric):
         return dataclasses.replace(self, count=count) if self.count == 1 else self
 
     def request(self, mechanism, t1, options):
-        # Where the peaks are is looked for without derivatives.
+        # The search for the peaks needs no derivatives.
         fixed, end, others = without_derivatives((mechanism, t1, options))
         signal, since = self.signal.bind(fixed, end, others), without_derivatives(self.since)
         return Request((PeakFinder(signal, self.count, end - others.t0, since),), since=self.since)
@@ -131,7 +131,7 @@ class Rms(AbstractMetric):
         return Request(integrands=(self.signal.integrand(mechanism, t1, options, 2),), since=self.since)
 
     def value(self, reply):
-        # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
+        # The root has no derivative at zero: a signal that is zero throughout gets the derivative zero.
         square = reply.integrals[0] / reply.span
         return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 

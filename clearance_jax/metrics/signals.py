@@ -308,8 +308,8 @@ class Quantity(AbstractSignal):
     """A number of the motion by its name, such as "crank.position" or "wrist.penetration": see `Solution.names`. It is
     in its SI unit. Work and losses since the start are none: ask for `EnergyLost`.
 
-    **Arguments:** `quantity`: the name; `called`: what files and datasets call its unit. **Raises:** `ClearanceError`
-    for an unknown name, and for a quantity that is not a number.
+    **Arguments:** `quantity`: the name; `called`: the name of its unit, for files and datasets. **Raises:**
+    `ClearanceError` for an unknown name, and for a quantity that is not a number.
     """
 
     word: ClassVar[str] = "quantity"

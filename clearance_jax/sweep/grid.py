@@ -69,7 +69,8 @@ class Partition(NamedTuple):
         places, here = np.unravel_index(lanes, self.shape), np.zeros(len(lanes), int)
         regions = np.ravel_multi_index([p // step for p, step in zip(places, self.chunk, strict=True)], self.grid)
         for at, step, size in zip(places, self.chunk, self.shape, strict=True):
-            here = here * np.minimum(step, size - at // step * step) + at % step
+            inside, extent = at % step, np.minimum(step, size - at // step * step)  # the last region may be smaller
+            here = here * extent + inside
         return regions, here
 
 

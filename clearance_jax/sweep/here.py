@@ -29,13 +29,14 @@ from clearance_jax.sweep.widen import before_of
 
 
 def plan_of(answers: AbstractAnswers, place: str, time: Callable[[], float | None]) -> SweepPlan:
-    """The plan of a sweep, by the `time` that a lane takes [s] (`None`: not known), which is measured last."""
+    """The plan of a sweep. `time` measures how long a lane takes [s] (`None`: not known)."""
     grid, cut, missing = answers.grid, answers.partition, answers.open_regions()
     new = sum(cut.size(region) for region in missing) - sum(answers.partial_counts().values())
     memory = min(grid.count, int(np.prod(cut.chunk))) * grid.bytes_a_lane
     disk = grid.count * grid.bytes_a_lane if answers.on_disk else 0
-    a_lane, size = time(), (cut.count, len(grid.questions))
-    return SweepPlan(grid.count, grid.count - new, *size, None if a_lane is None else a_lane * new, memory, disk, place)
+    a_lane = time()  # the last thing, as it solves lanes: they must still count as new
+    seconds = None if a_lane is None else a_lane * new
+    return SweepPlan(grid.count, grid.count - new, cut.count, len(grid.questions), seconds, memory, disk, place)
 
 
 def run_here(

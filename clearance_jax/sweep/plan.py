@@ -119,6 +119,7 @@ def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
         return np.zeros(0, int)
     regions = [missing[i] for i in np.unique(np.linspace(0, len(missing) - 1, LANES).astype(int))]
     each = -(-count // len(regions))
+    # From the first lane of a region to its last one, at equal distances.
     lanes = [partition.lane(r, i * (partition.size(r) - 1) // max(each - 1, 1)) for r in regions for i in range(each)]
     return np.unique(np.asarray(lanes)[np.linspace(0, len(lanes) - 1, count).astype(int)])
 
@@ -159,6 +160,7 @@ class SweepPace:
         self._kept = answers.partial_counts()  # counted at the start, and not again when their region ends
         self._done = self._lanes - sum(map(self._sizes, answers.open_regions())) + sum(self._kept.values())
         self._new, self._failed = 0.0, 0
+        # When the first lanes were done, and how many these were.
         self._begin: tuple[float, float] | None = None
 
     def tell(self, more: float) -> None:
@@ -166,8 +168,9 @@ class SweepPace:
         if self._tell is None:
             return
         now, new = time.perf_counter(), self._new + more
-        begin, before = self._begin = self._begin or (now, new)
-        self._tell(SweepProgress(self._lanes, self._done + int(more), self._failed, new - before, now - begin))
+        self._begin = self._begin or (now, new)
+        begin, first = self._begin
+        self._tell(SweepProgress(self._lanes, self._done + int(more), self._failed, new - first, now - begin))
 
     def end_region(self, region: int, new: int, wrong: int) -> None:
         """Report a finished region, with the numbers of newly solved and of failed lanes."""

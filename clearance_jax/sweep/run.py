@@ -204,6 +204,7 @@ def _kinds(
     by_name = any(isinstance(given, str) for given in outputs.values())
     named, known = quantities(model, bool(settings.energy_balance)) if by_name else {}, {}
     varied = [name for dimension in dims for name in (dimension.name, *dimension.columns)]
+    # Size and labels by dimension; `None`: a name that outputs must not use for dimensions of theirs.
     along: dict[str, Any] = dict.fromkeys((*varied, "time", "parameter", "parameter_unit"))
     for name, given in outputs.items():
         if not hasattr(shapes.values[name], "shape"):

@@ -146,8 +146,9 @@ class AfterWear(AbstractAged):
 
 
 class Worn(Module):
-    """A joint that has worn for some cycles: a model with the numbers of `model`. `stack`: the profile [m] where the
-    numbers `names` have the values `at`, and below it its derivatives by them, (1 + names, sectors).
+    """A model whose joint has worn for some cycles. Its numbers are those of `model`, and its profile follows them to
+    first order: `stack`, shape (1 + names, sectors), has the profile [m] at the values `at` of the numbers `names`, and
+    below it the derivatives by these.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)

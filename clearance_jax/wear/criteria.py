@@ -127,9 +127,10 @@ def criterion_of(until: Any) -> AbstractCriterion | None:
 
 
 def end_slopes(criterion: AbstractCriterion, model: WearModel, names: tuple[str, ...], stack: Array) -> Array:
-    """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,). Where g(h(n, a),
-    a) = 0 stays so, dn/da = -(dg/da) / (dg/dn); stack: the profile there, its derivatives by each of the numbers, and
-    by n.
+    """Derivatives of the cycle n at which a criterion is reached by the named numbers a, shape (names,). The profile h
+    meets the criterion, g(h(n, a), a) = 0, for every a; so dn/da = -(dg/da) / (dg/dn).
+
+    `stack`: the profile at that cycle, its derivatives by each of the numbers, and that by n.
     """
     *slopes, grows = _slopes(criterion, model, names, stack)
     return -jnp.asarray(slopes) / model.sizes(names) / grows

@@ -4,10 +4,11 @@ What one cycle wears off, f(h), depends on the worn profile h slowly. So one cyc
 goes two single jumps of A cycles, h1 = h + A f(h) and h2 = h1 + A f(h1), and one double jump, h + 2 A f(h). The two
 differ by the error of the single ones, which decides about A.
 
-What is kept is their extrapolation. Depths are a sum over cycles, not an integral: of cycles that wear off f + j f' f,
-j = 0 .. n - 1, the second part adds up to n (n - 1) / 2, of which single jumps have A^2 for n = 2 A, and the double one
-nothing. So h + f(h) + (2 A - 1) f(h1) is of second order, and at A = 1, where nothing is jumped over, the two cycles
-themselves. (An integral's h + 2 A f(h1) is off by half of what a cycle's wear changes by, however short jumps are.)
+The block keeps an extrapolation of both, h + f(h) + (2 A - 1) f(h1), for n = 2 A cycles. It is exact where the wear of
+a cycle grows evenly: cycle j = 0 .. n - 1 then wears off f + j f' f, in sum n f + n (n - 1) / 2 f' f. The double jump
+has nothing of the second part, and the single jumps have A^2 of it. At A = 1 nothing is jumped over, and the
+extrapolation is the two cycles themselves. (The midpoint rule h + 2 A f(h1) is for an integral. Depths are a sum over
+cycles, which differs from it by half of the change of a cycle's wear, however short jumps are.)
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -175,7 +176,7 @@ def _block(rate: Rate, now: WearBlock, cycles: int, tolerance: float, longest: i
     h, count, left = np.array(now.depth), now.evaluations + 1, cycles - now.cycles
     jump = max(1, min(now.jump, left // 2))
     first = _check(rate(h, now.cycles), now.cycles)
-    if left == 1:
+    if left == 1:  # two jumps of half a cycle, of the same wear
         return _end(now, h, (first, first), 0.5, now.jump, count, until)
     while True:
         then = _check(rate(h + jump * first, now.cycles + jump), now.cycles + jump)
@@ -201,9 +202,10 @@ def _end(now: WearBlock, h: Profile, rates: tuple, jump: float | int, wanted: in
     first, then = rates
 
     def profile(n):
-        # What is worn off in the middle of a cycle is a part of what the whole of it wears off.
-        gone = np.floor(n)
-        return h + n * first + gone * (n - 0.5 * (gone + 1)) / jump * (then - first)
+        # After n cycles, which wear off first + j (then - first) / jump each, j = 0, 1, ...; of a cycle that has begun
+        # the same part of its wear.
+        complete = np.floor(n)
+        return h + n * first + complete * (n - 0.5 * (complete + 1)) / jump * (then - first)
 
     whole = round(2 * jump)
     last = profile(whole)

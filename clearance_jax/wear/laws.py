@@ -128,8 +128,8 @@ def archard(coefficient: Any, hardness: Any = None) -> Archard:
     """Archard's law from texts with units.
 
     **Arguments:** `coefficient`: "6e-14 1/Pa" or "6e-5 mm^3/(N*m)"; or Archard's number K, which has no unit, with the
-    `hardness` H of the softer surface ("1.3 GPa"). Then k = K / H, from V = K F s / H. Of tables with V = K F s / (3
-    H), give a third of their K.
+    `hardness` H of the softer surface ("1.3 GPa"). Then k = K / H, from V = K F s / H. If your table defines K by V
+    = K F s / (3 H), give a third of it.
 
     **Raises:** `ClearanceError` for a coefficient without unit and without hardness, and for a wrong dimension.
     """

@@ -34,9 +34,9 @@ from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.worn import USUAL, SectorsWarning, accumulate, doubt, fewest, surely_fine, wear_of, wear_round
 
 # Options of a trace that the solve with derivatives does not take.
-OWN = ("save_at", "energy_balance", "derivatives")
-# A sector that stands higher by u than its neighbours wears by `relief` u more in a cycle. Beyond two it then stands
-# too low by more than u: depths alternate and grow.
+OF_TRACES = ("save_at", "energy_balance", "derivatives")
+# A sector that stands higher than its neighbours by u wears more than they by `relief` times u in a cycle. With a
+# relief of two it is lower by u afterwards. With more, the differences alternate and grow from cycle to cycle.
 MOST_RELIEF = 2.0
 
 
@@ -78,10 +78,12 @@ class WearModel(Module):
         return self.mechanism.with_clearance(self.joint, self.clearance.worn(depth))
 
     def cycle_wears(self, stack: np.ndarray, names: Sequence[str], after: int, options: dict[str, Any]) -> np.ndarray:
-        """What one cycle wears off [m] after so many, with its derivatives; stack: the profile, and below it its
-        derivatives by each of the named numbers, (1 + names, sectors). **Raises** `WornThrough` where the motion stops,
-        and where a cycle wears off more than the clearance; `WearFailure` where it wears off so much of what the pin
-        stands in a foundation that depths run away; `ClearanceError` for the name "cycle".
+        """What one cycle wears off [m] after so many cycles, and the derivatives of that by the named numbers. `stack`,
+        shape (1 + names, sectors): the profile, and below it its derivatives.
+
+        **Raises:** `WornThrough` where the motion stops, and where a cycle wears off more than the clearance;
+        `WearFailure` where it wears off so much of a foundation that depths run away (`MOST_RELIEF`); `ClearanceError`
+        for the name "cycle".
         """
         if "cycle" in names:
             raise ClearanceError("There is no derivative by `cycle`, which moves the end of the motion: leave it out.")
@@ -104,7 +106,7 @@ class WearModel(Module):
             return off
         # Padded, so that motions of about as many steps share a program.
         ends = np.pad(motion.time, (0, -motion.time.size % CHUNK), mode="edge")
-        solve = settings_of(now, float(self.cycle), {k: v for k, v in options.items() if k not in OWN})
+        solve = settings_of(now, float(self.cycle), {k: v for k, v in options.items() if k not in OF_TRACES})
         slopes = _cycle_slopes(self, tuple(names), jnp.asarray(stack), jnp.asarray(ends), before, solve)
         return np.concatenate([off, np.asarray(slopes)])
 
@@ -114,7 +116,7 @@ class WearModel(Module):
             return self.begin(USUAL).size
         motion = trace(self.at(self.begin(USUAL)), float(self.cycle), **{"save_at": None, **options})
         if motion.message:
-            return USUAL  # the first cycle says so
+            return USUAL  # `cycle_wears` raises the message
         seen, sleeve = contacts(motion, self.joint), sections_of(self.mechanism, self.joint)
         return fewest(wear_round(seen, sleeve, self.wear, self.pressure))
 
@@ -134,14 +136,16 @@ class WearModel(Module):
             )
 
     def shift(self, names: tuple[str, ...], stack: Array, shares: Array) -> "WearModel":
-        """The same with named numbers moved by shares of their `sizes`, each with its row; others have no number."""
+        """The same with named numbers changed by shares of their `sizes`, and the profile along with them. `stack`,
+        shape (1 + shares, sectors): the profile and its derivatives by these numbers; further rows change it alone.
+        """
         sizes, old = self.sizes(names), values_of(self, names).items()
         new = {name: value + size * x for (name, value), size, x in zip(old, sizes, shares, strict=False)}
-        whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
-        return replace(self, new).wear_by(stack[0], stack[1:] * whole[:, None], shares)
+        scales = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
+        return replace(self, new).wear_by(stack[0], stack[1:] * scales[:, None], shares)
 
     def wear_by(self, depth: Array, rows: Array, shares: Array) -> "WearModel":
-        """The same worn by a depth [m], (sectors,), and by shares of `rows` [m], (shares, sectors), on top."""
+        """The same worn by `depth` + `shares` @ `rows` [m], (sectors,); `rows` have the shape (shares, sectors)."""
         # A solve resolves effects of a number relative to its size: an amount of 1 is one clearance deep.
         size = jnp.max(jnp.abs(rows), axis=1) / jax.lax.stop_gradient(self.clearance.radial_clearance)
         size = jnp.where(size > 0, size, 1.0)
@@ -166,7 +170,7 @@ def _cycle_slopes(
         seen = look(now.mechanism, now.joint, ends, solution.y)
         depth = now.clearance.profile
         sleeve = sections_of(now.mechanism, now.joint)
-        return accumulate(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before).depth[0]
+        return accumulate(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before)[0].depth[0]
 
     slopes = jax.jacfwd(of)(jnp.zeros(len(names)))
     return slopes.T / model.sizes(names)[:, None]

@@ -20,8 +20,8 @@ from clearance_jax.joints.bore import spline
 from clearance_jax.laws import Geometry, Material
 from clearance_jax.parameters import Parametrised, physical
 
-# Newton iterations at most for how deep a foundation is pressed, from above, by a third an iteration at worst; and the
-# step, in parts of the clearance, after which two more leave round-off.
+# Newton's method for how deep a foundation is pressed: it makes at most so many iterations, and ends after a step below
+# NEAR times the clearance, as two more iterations then leave round-off. At worst an iteration takes away a third.
 ITERATIONS, NEAR = 20, 1e-6
 # Parts of a sector on which a foundation is summed.
 PARTS = 8
@@ -90,7 +90,9 @@ class AbstractPressure(Parametrised):
     on the worn profile.
     """
     is_narrow: ClassVar[bool] = True
-    """Whether a patch is taken as flat: then pressures, not their components along the force, sum to it."""
+    """Whether a patch is taken as flat: then the sum of the pressures is the force. Otherwise the sum of their
+    components along the force is.
+    """
 
 
 def hertz_half_angle(geometry: Geometry, force: Scalar) -> Scalar:
@@ -118,8 +120,8 @@ def _spread(
     beside = jnp.asarray(section.angles) - angle
     beside = beside - 2 * np.pi * jnp.round(beside / (2 * np.pi))
     wide, edge = jnp.where(half > 0, half, 1.0), np.pi / section.sectors
-    ends = (part(jnp.clip((beside + side * edge) / wide, -1.0, 1.0)) for side in (1, -1))
-    means = jnp.where(half > 0, force / section.arc * (next(ends) - next(ends)), 0.0)
+    above, below = (part(jnp.clip((beside + side * edge) / wide, -1.0, 1.0)) for side in (1, -1))
+    means = jnp.where(half > 0, force / section.arc * (above - below), 0.0)
     return PressureField(means, jnp.sum(means) * section.arc)
 
 
@@ -210,8 +212,8 @@ class Foundation(AbstractPressure):
                 rises = stiffness * width * jnp.sum(jnp.where(now > 0, along * along, 0.0))
                 return shift - (borne - force) / jax.lax.stop_gradient(jnp.where(rises > 0, rises, 1.0))
 
-            # Convex and rising: from below one step goes beyond, and all further ones come down. A narrow patch on a
-            # round sleeve stands so deep.
+            # The force is a convex, rising function of the depth. So from below one step goes beyond the solution, and
+            # all further ones come down to it. Begin where a narrow patch on a round sleeve would be.
             asked = self.stiffness, at.force, gap
             stiffness, force, still = jax.tree.map(jax.lax.stop_gradient, asked)
             first = jnp.min(jnp.where(ahead, still / along, jnp.inf))
@@ -226,7 +228,7 @@ class Foundation(AbstractPressure):
             begin = first + 0.5 * clearance * jnp.cbrt(load * load)
             begin = jnp.asarray(0), begin, jnp.asarray(True)
             shift = jax.lax.while_loop(lambda carry: carry[2] & (carry[0] < ITERATIONS), closer, begin)[1]
-            # Two iterations more have the first and the second derivative.
+            # Each further iteration adds an order of derivatives: two give the first and the second.
             shift = jax.lax.stop_gradient(shift)
             for _ in range(2):
                 shift = newton(shift, *asked)
@@ -236,7 +238,7 @@ class Foundation(AbstractPressure):
         return means
 
     def half_angle(self, geometry, force):
-        # Of the closed form F' = k R e (a - sin a cos a), cos a = c / e, by Newton from the narrow patch.
+        # Solve F' = k R e (a - sin a cos a), cos a = c / e, by Newton's method from the narrow patch.
         scale = force / (self.stiffness * geometry.sleeve_radius * geometry.radial_clearance)
 
         def newton(_, a):

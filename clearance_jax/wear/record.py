@@ -37,9 +37,9 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
     count = depth.shape[1]
     angle, clearance = 2 * np.pi * np.arange(count) / count, pin.radial_clearance
     pin_travel = np.asarray(pin_travels(pin, jnp.asarray(depth)))
-    # The travel in the opposite direction is interpolated for an odd number of sectors.
-    low, high = (np.roll(pin_travel, -shift, axis=1) for shift in (count // 2, -(-count // 2)))
-    across = 0.5 * (pin_travel + 0.5 * (low + high))
+    # The travel in the opposite direction: of an odd number of sectors the mean of the two next to it.
+    below, above = (np.roll(pin_travel, -shift, axis=1) for shift in (count // 2, -(-count // 2)))
+    across = 0.5 * (pin_travel + 0.5 * (below + above))
     area = float(jnp.sum(sleeve.lengths) * sleeve.geometry.sleeve_radius) * 2 * np.pi / count
     widest = "radial clearance, at its widest"
     data: dict[str, Any] = {

@@ -1,14 +1,14 @@
 """What wears off a sleeve, or its pin, along a motion: depths by section and sector, and how many sectors that takes.
 
-There are so many that the largest depth is that of the wear itself, not of its mean values. A sector's depth is the
-mean over its width w. Of a patch that stands still, a to either side and of parabolic pressure, the largest mean is off
-by (w / a)^2 / 12 where a sector lies in its middle, and by (w / a)^2 / 3 where two sectors meet there. Here it is that
-of the wear of one whole cycle on the round sleeve, where patches are narrowest: they get wider as the sleeve wears.
-Forces and volumes are right with any number of sectors.
+The depth of a sector is the mean over its width w, so the largest depth is too small. Below a resting patch of the half
+width a with parabolic pressure it is too small by (w / a)^2 / 12 where a sector lies in the middle of the patch, and by
+(w / a)^2 / 3 where two sectors meet there. The number of sectors is chosen so that this error is small for the wear of
+one whole cycle on the round sleeve, where patches are narrowest: they get wider as the sleeve wears. Forces and volumes
+are right with any number of sectors.
 """
 
 import warnings
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -71,7 +71,8 @@ def wear_round(
             beside = place[None] - angles[some, section, None]
             x = (beside - 2 * np.pi * np.round(beside / (2 * np.pi))) / half[some, None]
             shape = np.where(np.abs(x) < 1, np.asarray(pressure.shape(np.clip(x, -1, 1))), 0.0)
-            # The pressures bear the force but for a factor, which matters to laws that are not linear.
+            # `shape` is scaled to 1 at its largest, so the sum of these pressures is the force times a factor. A linear
+            # law only scales the wear by it, others change its shape a little.
             high = load[some] / (half[some] * float(sleeve.geometry.sleeve_radius))
             columns = (np.asarray(v)[some, section, None] for v in (seen.speed, seen.traction))
             at = SlidingState(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
@@ -102,18 +103,18 @@ def missed_part(worn: Float[np.ndarray, "sections places"], sectors: int) -> flo
     for profile in worn:
         if profile.max() > 0:
             whole = np.concatenate([[0.0], np.cumsum(np.tile(profile, 2))])
-            # Some grids have an edge near the deepest place, which of a single patch is the worst.
+            # Offsets of the grid in sectors. Some put an edge near the deepest place, the worst case of a single patch.
             near = (profile.argmax() + 0.5 + np.linspace(-1, 1, BEGINS + 1)) / width % 1
-            begins = np.concatenate([near, np.arange(BEGINS) / BEGINS])
-            edges = width * (begins[:, None] + np.arange(sectors + 1))
+            offsets = np.concatenate([near, np.arange(BEGINS) / BEGINS])
+            edges = width * (offsets[:, None] + np.arange(sectors + 1))
             means = np.diff(np.interp(edges, np.arange(len(whole)), whole), axis=1) / width
             worst = max(worst, 1 - float(means.max(axis=1).min() / profile.max()))
     return worst
 
 
-def fewest(worn: Float[np.ndarray, "sections places"], least: int = USUAL) -> int:
-    """The fewest sectors, from `least` on, with an error of the largest depth of at most `OFF`; or `MOST`."""
-    return next((n for n in range(least, MOST, STEP) if missed_part(worn, n) <= OFF), MOST)
+def fewest(worn: Float[np.ndarray, "sections places"]) -> int:
+    """The fewest sectors, from `USUAL` on, with an error of the largest depth of at most `OFF`; or `MOST`."""
+    return next((n for n in range(USUAL, MOST, STEP) if missed_part(worn, n) <= OFF), MOST)
 
 
 def doubt(worn: Float[np.ndarray, "sections places"], sectors: int, joint: str) -> str:
@@ -238,44 +239,31 @@ def wear_of(
     if of not in SURFACES:
         raise wrong_value("`of`", " or ".join(SURFACES), of)
     depth = jnp.broadcast_to(jnp.atleast_2d(depth), (sleeve.lengths.shape[0], depth.shape[-1]))
-    totals = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
-    _check(jax.tree.map(float, totals._replace(depth=0.0)), law, pressure)
-    angle = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1])
-    flat = totals.flat_volume if law.is_linear else None
-    heights = jnp.asarray(sleeve.heights, float)
-    return Wear(angle, heights, totals.depth, totals.volume, flat, totals.sliding, totals.half_angle, totals.relief)
+    worn, missed = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
+    _check(worn, float(missed), pressure)
+    return worn
 
 
-class WearTotals(NamedTuple):
-    """See `Wear`; `missed`: the largest part of a force that its pressures do not bear."""
-
-    depth: Any
-    volume: Any
-    flat_volume: Any
-    sliding: Any
-    half_angle: Any
-    relief: Any
-    missed: Any
-
-
-def _check(totals: WearTotals, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
+def _check(worn: Wear, missed: float, pressure: AbstractPressure) -> None:
     """Raise where pressures are not the force's, or the volume not the law's."""
-    if pressure.is_narrow and totals.half_angle > WIDEST:
+    if pressure.is_narrow and float(worn.half_angle) > WIDEST:
         raise WearFailure(
-            f"The patch of the largest force spreads {np.degrees(totals.half_angle):.0f} deg to either side, further "
-            "than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve survives?"
+            f"The patch of the largest force spreads {np.degrees(float(worn.half_angle)):.0f} deg to either side, "
+            "further than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve "
+            "survives?"
         )
-    if not totals.missed <= MISSED:
+    if not missed <= MISSED:
         raise WearFailure(
-            f"The pressures miss {totals.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
-            "through its sleeve: check its `stiffness` [Pa/m]."
+            f"The pressures miss {missed:.1e} of the normal force. A foundation that is too soft lets the pin through "
+            "its sleeve: check its `stiffness` [Pa/m]."
         )
-    if not law.is_linear:
+    if worn.flat_volume is None:
         return
-    # What leans presses with more than its part of the force: only a flat patch has none of it.
-    lacks, beyond = totals.flat_volume - totals.volume, MISSED * totals.flat_volume
+    # Pressures beside the middle of a patch lean, so that all together exceed the force; those of a flat patch do not.
+    volume, flat = float(worn.volume), float(worn.flat_volume)
+    lacks, beyond = flat - volume, MISSED * flat
     if lacks > beyond or (pressure.is_narrow and -lacks > beyond):
-        text = f"The volume {totals.volume:.9g} m^3 worn off is not that of the law, {totals.flat_volume:.9g} m^3."
+        text = f"The volume {volume:.9g} m^3 worn off is not that of the law, {flat:.9g} m^3."
         raise ClearanceError(text)
 
 
@@ -288,8 +276,8 @@ def accumulate(
     of: str,
     depth: Array,
     before: Scalar,
-) -> WearTotals:
-    """The sums over a motion of what wears off (see `Wear`)."""
+) -> tuple[Wear, Array]:
+    """What wears off along a motion, and the largest part of a force that its pressures do not bear."""
     inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
 
@@ -326,13 +314,14 @@ def accumulate(
     flat = jnp.sum(seen.weight[:, None] * law.rate(SlidingState(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
     half = pressure.half_angle(sleeve.geometry, largest)
-    return WearTotals(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
+    places = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1]), jnp.asarray(sleeve.heights, float)
+    worn = Wear(*places, new, volume, flat if law.is_linear else None, sliding, half, jnp.max(relief))
+    return worn, jnp.max(missed)
 
 
 def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
-    """Mean values on a grid turned back by an angle [rad], shared between the two sectors that they lie on."""
-    count = means.shape[0]
-    sectors = angle * (count / (2 * np.pi))
+    """Mean values of sectors, turned by an angle [rad]. A value that comes to lie on two sectors is shared by them."""
+    sectors = angle * (means.shape[0] / (2 * np.pi))
     whole = jnp.floor(sectors)
     part = sectors - whole
     near = jnp.roll(means, whole.astype(int))

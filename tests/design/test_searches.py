@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.design.judge.verify import HAIR, moved_inside
+from clearance_jax.design.judge.verify import SOLVES_DIFFER, moved_inside
 from clearance_jax.design.search.infeasible import unreachable, why_infeasible
 from clearance_jax.design.search.methods import METHODS
 from clearance_jax.design.search.model_management import MATCHED_VALUES
@@ -191,7 +191,7 @@ def test_a_design_is_moved_inside_until_another_solver_holds_it(more):
 
 
 def test_another_motion_is_no_difference_of_solves():
-    program, fresh = sums(), sums(1 + 2 * HAIR)
+    program, fresh = sums(), sums(1 + 2 * SOLVES_DIFFER)
     design.run(program, "slsqp", np.full(2, 0.1))
     assert program.best is not None
     assert moved_inside(program, SLSQP, program.best, fresh) == (program.best, {})

@@ -1,7 +1,6 @@
 """Cycle jumps against closed forms and against every cycle; resuming; life."""
 
 import dataclasses
-import sys
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,8 +17,6 @@ from clearance_jax.laws import Geometry
 from clearance_jax.report import wear_figures
 from clearance_jax.wear import Contacts
 from clearance_jax.wear import worn as sectors
-
-LIFE = sys.modules["clearance_jax.wear.history"]
 
 SHAPE = np.cos(np.linspace(-1, 1, 20))
 RATE, SLOWS = 1e-9, 2e-6

@@ -72,9 +72,9 @@ class Payload:
         else:
             numbers["inertia"] = float(about[2, 2])
         known = {name.removeprefix(f"{body.name}.") for name in parameters(body)}
-        size = self.mass * float(np.max(np.abs(np.concatenate([given, place, [ROUNDED]]))))
+        moment = self.mass * float(np.max(np.abs([given, place])))
         for name, value in numbers.items():
-            if name not in known and abs(value) > ROUNDED * max(size, 1.0):
+            if name not in known and abs(value) > ROUNDED * max(moment, 1.0):
                 raise ClearanceError(
                     f"The payload on `{body.name}` changes `{body.name}.{name}`, which this body does not have as a "
                     "number: give the body one (it may be zero)."
@@ -113,12 +113,15 @@ def condition_product(
     for parts in itertools.product(*axes):
         values: Values = {}
         for name, part in parts:
-            for twice in (given for given in part if sets(values, given)):
-                raise ClearanceError(f"`{name}` sets `{twice}`, which another part of the same condition sets too.")
+            for number in part:
+                if sets(values, number):
+                    raise ClearanceError(
+                        f"`{name}` sets `{number}`, which another part of the same condition sets too."
+                    )
             values |= part
         for name, factor in faster.items() or [("", 1.0)]:
             scaled = _scaled(mechanism, values, float(factor), name) if faster else {}
-            # Entries are in arrays.
+            # A scaled array replaces its entries.
             kept = {n: value for n, value in values.items() if n.rpartition(".")[0] not in scaled}
             conditions[", ".join(n for n in (*(n for n, _ in parts), name) if n) or "as given"] = kept | scaled
     return conditions
@@ -145,21 +148,21 @@ def _scaled(mechanism: Mechanism, values: Values, factor: float, name: str) -> V
         raise wrong_value(f"`{name}`: a speed", "a positive number", factor, shown=str(factor))
     if mechanism.controllers:
         raise ClearanceError("Speeds scale drives, and controllers follow references of their own: set their numbers.")
-    scaled, once = {}, replace(mechanism, values)
-    for n, leaf in parameters(once).items():
-        is_course = COURSES & set(leaf.path)
-        power = time_power(leaf.unit) if is_course else 0
+    scaled, unscaled = {}, replace(mechanism, values)
+    for n, leaf in parameters(unscaled).items():
+        power = time_power(leaf.unit) if COURSES & set(leaf.path) else 0
         if power:
             scaled[n] = np.asarray(leaf.value, float) * factor**-power
-    _check_scaled(once, replace(once, scaled), factor, name)
+    _check_scaled(unscaled, replace(unscaled, scaled), factor, name)
     return scaled
 
 
-def _check_scaled(once: Mechanism, scaled: Mechanism, factor: float, name: str) -> None:
+def _check_scaled(unscaled: Mechanism, scaled: Mechanism, factor: float, name: str) -> None:
     """Raise `ClearanceError` if a course in time changes otherwise than in speed."""
-    laws = [[c.motion.drive for c in m.coordinates()] + [w.course for w in m.wrenches] for m in (once, scaled)]
-    breaks = np.asarray(drive_breaks(once))
-    times = np.array([0.13, 0.37, 0.61, 0.89]) * (np.max(breaks) if breaks.size and np.max(breaks) > 0 else 1.0)
+    laws = [[c.motion.drive for c in m.coordinates()] + [w.course for w in m.wrenches] for m in (unscaled, scaled)]
+    end = max(np.asarray(drive_breaks(unscaled)).tolist(), default=0.0)
+    # Compare at a few times of no particular meaning, so that no table has a row there.
+    times = np.array([0.13, 0.37, 0.61, 0.89]) * (end if end > 0 else 1.0)
     for law, other in zip(*laws, strict=True):
         if law is None or other is None:
             continue
@@ -218,11 +221,6 @@ def values_for(
     """The values that a measure's model takes: all but those of the wear of other measures."""
     known, kept = parameters(measure.model(mechanism)), without_wear(mechanism, measures, values)
     return {name: value for name, value in values.items() if name in kept or lookup(known, name)[0]}
-
-
-def replace_values(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
-    """The mechanism with its values replaced; those of wear are ignored."""
-    return replace(mechanism, without_wear(mechanism, measures, values)) if values else mechanism
 
 
 def sets(values: Mapping[str, Any], name: str) -> bool:

@@ -18,7 +18,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import PARAMETER, physical
 
-# The unit of a factor: that of the power of the clearance that it is divided by.
+# The unit of the factor of factor / clearance^power: metres to that power.
 POWER = f"{PARAMETER} to the power"
 
 
@@ -90,8 +90,9 @@ class CostTable(AbstractCost):
     def __call__(self, clearance):
         x = jnp.clip(clearance, self.clearances[0], self.clearances[-1])
         i = jnp.clip(jnp.searchsorted(self.clearances, x, side="right") - 1, 0, self.clearances.shape[0] - 2)
-        below = jnp.minimum(clearance - self.clearances[0], 0.0) * self.coefficients[2, 0]
-        return jnp.polyval(self.coefficients[:, i], x - self.clearances[i]) + below
+        slope_at_first = self.coefficients[2, 0]
+        straight = slope_at_first * jnp.minimum(clearance - self.clearances[0], 0.0)
+        return jnp.polyval(self.coefficients[:, i], x - self.clearances[i]) + straight
 
 
 COSTS: dict[str, type[AbstractCost]] = {

@@ -30,8 +30,8 @@ def formulate(
 ) -> Program:
     """The program of a `specification`, solved with the accuracy `rtol` by a `solver` (by default its own).
 
-    **Arguments:** `place`: where many simulations are solved; `options`: as `Program`'s. With `fidelity="auto"` it has
-    the problem of quasi-static poses beside it, in the same record.
+    **Arguments:** `place`: where many simulations are solved; `options`: as `Program`'s. With `fidelity="auto"` the
+    program has a second one for quasi-static poses (`Program.cheap`). Both write their points to the same record.
 
     **Raises:** `ClearanceError` for a metric that the model of the motion cannot give.
     """
@@ -62,11 +62,13 @@ def _program(specification: Specification, simulations: Simulations, **options: 
     titles, groups = _titles(specification, simulations, scenarios)
 
     def evaluate(x, gradient):
-        # For few variables another program without derivatives costs more to compile than it saves.
+        # A program with derivatives is compiled once gradients were asked for. With few variables it then also gives
+        # values: to compile another one for values alone would cost more than it saves.
         gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
         return _evaluate(specification, x, gradient, scenarios, simulations)
 
-    def several(points):  # in one batch
+    def several(points):
+        # One batch: every point is a scenario of the first one, with factors on its variables.
         first = specification.values(points[0])
         factors = [specification.values(x) / first for x in points]
         every = [s._replace(factors=s.factors * factor) for s in scenarios for factor in factors]
@@ -95,24 +97,28 @@ def _program(specification: Specification, simulations: Simulations, **options: 
 
 
 def _leaders(specification: Specification, simulations: Simulations, count: int) -> np.ndarray:
-    """For every limit the index of the highest peak of its motion, as lower peaks do not correspond between models."""
+    """For each of `count` limits the index of the limit of another model to compare it with. A peak is compared with
+    the highest peak of the motion, as the second peak by one model may be another swing than that by the other model.
+    """
     if specification.manufacture.title:
         return np.arange(count)
-    sizes = simulations.sizes()
-    ends, kinds = np.cumsum([0, *sizes]), [metric.base_metric.ranked for metric in simulations.metrics]
-    once = [np.full(n, a) if peak else np.arange(a, a + n) for a, n, peak in zip(ends, sizes, kinds, strict=False)]
-    return np.concatenate([np.concatenate(once) + k for k in range(0, count, int(ends[-1]))])
+    leaders, size = [], 0  # within one scenario
+    for metric, values in zip(simulations.metrics, simulations.sizes(), strict=True):
+        leaders += [size] * values if metric.base_metric.ranked else range(size, size + values)
+        size += values
+    return np.concatenate([np.array(leaders) + scenario for scenario in range(0, count, size)])
 
 
 def _titles(
     specification: Specification, simulations: Simulations, scenarios: Sequence[Scenario]
 ) -> tuple[list[str], list[str]]:
     """The title of every limit of the program, and that of the designer's limit that it belongs to."""
-    if of_all := specification.manufacture.title:
-        titles = [of_all + specification.suffix(condition) for condition in specification.conditions]
+    manufacture = specification.manufacture
+    if manufacture.title:  # one number for all limits of all parts in a condition
+        titles = [manufacture.title + specification.suffix(condition) for condition in specification.conditions]
         return titles, titles
-    if of_each := specification.manufacture.among:  # one number for all parts of a condition
-        scenarios = [s._replace(title=s.title + of_each) for s in scenarios if s.designed is None]
+    if manufacture.among:  # one number for each limit of all parts in a condition
+        scenarios = [s._replace(title=s.title + manufacture.among) for s in scenarios if s.designed is None]
     pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
     titles = [label + scenario.title for scenario in scenarios for limit, size in pairs for label in limit.labels(size)]
     return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
@@ -129,7 +135,8 @@ def _identity(specification: Specification, simulations: Simulations) -> dict[st
     described |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
     described |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
     asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
-    if specification.manufacture.among:  # what a search makes of a problem
+    if specification.manufacture.among:
+        # A search replaces parts as designed by neighbours. Both are one question, with one record.
         asked["manufacture"] = AsDesigned()
     solving = simulations.solve._asdict() | {"fidelity": specification.fidelity}
     return described | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
@@ -150,7 +157,7 @@ def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jaco
     judged, rows = zip(*(specification.manufacture.judge(*pair) for pair in pairs), strict=True)
     values, jacobian = np.concatenate(judged), None if jacobian is None else np.concatenate(rows)
     objective, slope = _objective(specification, clearances)
-    if len(x) < len(clearances):
+    if len(x) < len(clearances):  # one common value: its derivative is the sum over the variables
         slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
     return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian, specification.judge)
 

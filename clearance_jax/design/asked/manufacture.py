@@ -44,7 +44,7 @@ class AbstractManufacture(abc.ABC):
     title: ClassVar[str] = ""
     """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
     among: ClassVar[str] = ""
-    """The parts among which each limit is judged at once, in words; empty: part by part."""
+    """In words, the parts whose largest value of a limit is the one that counts; empty: each part counts by itself."""
     is_design: ClassVar[bool] = False
     """Whether the only part is the design itself."""
     scattered: ClassVar[tuple[str, ...]] = ()
@@ -137,14 +137,14 @@ class Yield(AbstractManufacture):
       number that is no variable may have a distribution instead (`cj.scatter(...)`, or one of `scipy.stats`), as one
       must whose mean is zero.
     - `target`: the share.
-    - `samples`: of a scrambled Sobol sequence with this `seed`, the same for all designs (common random numbers). So
-      few purely random samples would say little about rare parts. `None`: the power of two that is at least
-      5 / (1 - target).
+    - `samples`: the number of points of a scrambled Sobol sequence with this `seed`, the same for all designs (common
+      random numbers). As many purely random samples would say less about rare parts. `None`: the power of two that is
+      at least 5 / (1 - target).
     - `confidence`: with which the made parts have this yield; 0: no margin is left for the samples being few.
 
     The design is limited by the conditional value at risk of the worst scaled limit: its mean over the worst (1 -
     target) of the samples (Rockafellar and Uryasev 2000). It is at least the quantile that the yield is about, and has
-    a derivative. Of few samples it is too small by chance. So the mean is taken over fewer of them, as many as the
+    a derivative. With few samples it is too small by chance. So the mean is taken over fewer of them, as many as the
     `confidence` allows (`design.search.yields.confidence_of` has the formula). With fewer than log(1 - confidence) /
     log(target) samples, the worst one decides, and a `YieldWarning` says which yield they support.
     """
@@ -229,14 +229,13 @@ class Yield(AbstractManufacture):
     def parts(self, names, fresh=0, seed=None):
         draws = self.draws(names, fresh, seed)
         rows = np.stack([draws[name] for name in names], axis=1)
-        factors, values = {}, {}
-        for name, column in draws.items():
-            if name not in names:
-                (factors if isinstance(self.scatter[name], int | float) else values)[name] = column
-        return [
-            Part(f", sample {i + 1}", row, *({n: column[i] for n, column in of.items()} for of in (factors, values)))
-            for i, row in enumerate(rows)
-        ]
+        parts = []
+        for i, row in enumerate(rows):
+            others = {name: column[i] for name, column in draws.items() if name not in names}
+            factors = {name: x for name, x in others.items() if isinstance(self.scatter[name], int | float)}
+            values = {name: x for name, x in others.items() if name not in factors}
+            parts.append(Part(f", sample {i + 1}", row, factors, values))
+        return parts
 
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
         """Draws (samples,) by name: factors on the scattered numbers and on all `names` (1 without scatter), and values
@@ -272,14 +271,13 @@ class Yield(AbstractManufacture):
     def weights(self, worst: np.ndarray) -> np.ndarray:
         """The weights (samples,) of the mean over the worst samples, by their worst scaled limits; their sum is 1."""
         tail, weights = yields.worst_parts(len(worst), self.target, self.confidence), np.zeros(len(worst))
+        # `tail` need not be whole: its last sample counts by the part of it that is left (2.5: 1, 1, 0.5, 0, ...).
         weights[np.argsort(-worst)] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
 
     def __str__(self) -> str:
-        worst, scattered = (
-            yields.worst_parts(self.count, self.target, self.confidence),
-            ", ".join(self.scatter) or "nothing",
-        )
+        worst = yields.worst_parts(self.count, self.target, self.confidence)
+        scattered = ", ".join(self.scatter) or "nothing"
         asked = f"{scattered} scattered; {self.target:.6g} of the parts must hold every limit"
         return f"{asked}: of {self.count} samples the worst {worst:.3g} on average"
 

@@ -1,9 +1,4 @@
-"""The tolerance problem: the cheapest or largest clearances that keep errors and forces within bounds.
-
-Splines of its conditions hold their last value after the end of their tables. A `Spline` continues with its last cubic
-after its table. In a faster condition the table ends before the motion does; there the spline must end at rest and then
-keeps its last value.
-"""
+"""The tolerance problem: the cheapest or largest clearances that keep errors and forces within bounds."""
 
 import dataclasses
 import functools
@@ -108,7 +103,7 @@ class ToleranceProblem:
         diameters: Mapping[str, float] | None = None,
         smoothing: Sequence[float | int] = (0.0,),
     ) -> Design:
-        """The best design that is found. Its limits hold in a simulation of their own (see `Design.feasible`).
+        """Search for the best design. `Design.feasible` says whether it holds every limit.
 
         **Arguments:**
 
@@ -154,16 +149,17 @@ def _costs(cost, names) -> tuple[Callable, ...]:
     return tuple(cost[name] for name in names)
 
 
-# A motion ends at rest if its speed at the end is at most this part of its largest one. With few rows a cubic shows
-# that only roughly: a quintic from rest to rest over n intervals ends at about 30 / n^3 of its largest speed.
+# A table of n intervals ends at rest if its speed at the end, over its largest one, is at most REST + ROUGH / n^3, and
+# at most MOST. The cubics through the rows of a motion that does end at rest (a quintic) end at about 30 / n^3.
 REST, ROUGH, MOST = 0.01, 50.0, 0.25
 # A change of a coordinate that is no motion, relative to its size or to 1 rad or 1 m.
 STILL = 1e-9
 
 
 def with_held_ends(specification: Specification) -> Specification:
-    """The problem with splines that keep their last values after their tables, if a table ends before the motion.
-    **Raises** `ClearanceError` if a table begins after the motion, or ends before it and not at rest.
+    """The problem with a `HeldSpline`, which keeps its last value, for each `Spline` whose table ends before the motion
+    in a condition: a `Spline` would continue with its last cubic. **Raises** `ClearanceError` if a table begins after
+    the motion, or ends before it and not at rest.
     """
     t0, t1, mechanism = specification.t0, specification.t1, specification.mechanism
     tables = (leaf for leaf in leaves(mechanism) if leaf.path[-1] == "times" and isinstance(leaf.owners[-1], Spline))
@@ -182,8 +178,9 @@ def with_held_ends(specification: Specification) -> Specification:
             speeds[begin] = {name: speed for name, (speed, _) in ends.items()}
     if not speeds:
         return specification
-    for begin, by_condition in speeds.items():  # any of the speeds: every condition sets its own
-        spline = HeldSpline(follow(mechanism, courses[begin]), next(iter(by_condition.values())))
+    for begin, by_condition in speeds.items():
+        any_speed = next(iter(by_condition.values()))  # every condition sets its own
+        spline = HeldSpline(follow(mechanism, courses[begin]), any_speed)
         mechanism = eqx.tree_at(functools.partial(follow, path=courses[begin]), mechanism, spline)
     conditions = {
         name: {**values, **{f"{begin}end_speed": by_condition[name] for begin, by_condition in speeds.items()}}

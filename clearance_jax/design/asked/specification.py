@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.module import Module
-from clearance_jax.design.asked.conditions import NONE, replace_values, sets, values_for, worth
+from clearance_jax.design.asked.conditions import NONE, sets, values_for, without_wear, worth
 from clearance_jax.design.asked.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism._base import drive_breaks
@@ -170,9 +170,10 @@ class Specification:
                     worth_here = self.worth(scattered, values)
                     self.manufacture.check_worth(scattered, worth_here, sets(values, scattered))
             known = parameters(now)
-            # The last times at which the drives of the condition move, and those of the mechanism.
-            last, usual = (max(np.asarray(drive_breaks(m)).tolist(), default=0.0) for m in (now, self.mechanism))
-            if any(given.startswith("drive.") for given in values) and last > self.t1 * (1 + 1e-9) >= usual:
+            # The drives of the mechanism end before t1, but those of the condition do not.
+            last, given_last = (max(np.asarray(drive_breaks(m)).tolist(), default=0.0) for m in (now, self.mechanism))
+            end = self.t1 * (1 + 1e-9)
+            if any(given.startswith("drive.") for given in values) and given_last <= end < last:
                 raise ClearanceError(
                     f"its drives move until {last:.6g} s, and the motion ends at t1 = {self.t1:.6g} s, before they "
                     f"come to rest: let it last as long as the slowest condition, t1 = {last:.6g}."
@@ -198,7 +199,7 @@ class Specification:
 
     def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         """The mechanism with the values of a condition or scenario, of which those of wear are ignored."""
-        return replace_values(mechanism, self.metrics, values)
+        return replace(mechanism, without_wear(mechanism, self.metrics, values)) if values else mechanism
 
     def settings(self, **changes: Any) -> Settings:
         """The settings of the solves, with some options changed."""

@@ -30,9 +30,6 @@ class ErrorBudget:
       contacts), `elasticity` (the same with closed clearances), `dynamics` (NaN where it was not asked for); of each
       `joint` the vectors `joint_error` and `joint_play` that its pin alone makes (their sum is the whole but for the
       square of play over length); `frequency`, the lowest about each pose [Hz].
-    - `peaks`: the largest of each over time [m].
-    - `shares`, `play_shares`: by joint what its pin adds to the quasi-static peak along its direction [m], and what of
-      that it adds with rigid contacts.
 
     The parts do not add up: a contact gives way more where it is less conformal, and so where there is more play.
     """
@@ -52,12 +49,12 @@ class ErrorBudget:
 
     @property
     def shares(self) -> dict[str, float]:
-        """The contribution of each joint to the quasi-static peak [m]."""
+        """What the pin of each joint adds to the quasi-static peak, along the direction of this error [m]."""
         return self._along(self.dataset.joint_error)
 
     @property
     def play_shares(self) -> dict[str, float]:
-        """The contribution of each joint's play alone, along the same direction at the same time [m]."""
+        """What of the `shares` it adds with rigid contacts, by its play alone [m]."""
         return self._along(self.dataset.joint_play)
 
     def _along(self, vectors: xr.DataArray) -> dict[str, float]:

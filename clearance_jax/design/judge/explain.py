@@ -148,14 +148,16 @@ def tradeoff(
         raise ClearanceError(f"`factors` must be positive numbers, but they are {list(factors)}.")
     with place_of(cluster) as place:
         program = _traded(design, limit, factors, progress, place)
-    # The best of all evaluated points that hold the limit with each factor on its bound.
-    moved = [np.where([group == limit for group in program.groups], factor, 1.0) for factor in factors]
-    feasible = [[p for p in program.history if np.all((1 + p.limits) / bounds - 1 <= SLACK)] for bounds in moved]
-    ends = [min(points, key=lambda p: p.objective, default=None) for points in feasible]
+    # For each factor on the bound the best of all evaluated points, whichever search has found it.
+    is_moved, best = np.array([group == limit for group in program.groups]), []
+    for factor in factors:
+        bounds = np.where(is_moved, factor, 1.0)
+        feasible = [p for p in program.history if np.all((1 + p.limits) / bounds - 1 <= SLACK)]
+        best.append(min(feasible, key=lambda p: p.objective, default=None))
     asked = {wanted.title: wanted for wanted in design.specification.limits}.get(limit)
     bound, unit, label = (1.0, "", limit) if asked is None else (asked.bound, asked.metric.unit, asked.label)
-    objectives = np.array([np.nan if p is None else p.objective for p in ends])
-    clearances = tuple(None if p is None else design.specification.clearances(p.x) for p in ends)
+    objectives = np.array([np.nan if p is None else p.objective for p in best])
+    clearances = tuple(None if p is None else design.specification.clearances(p.x) for p in best)
     return Tradeoff(limit, unit, bound * np.array(factors), objectives, clearances, label, bound, design.units)
 
 
@@ -190,8 +192,8 @@ def _traded(
     return program
 
 
-# Clearances are chosen to last about so many times the cycles asked for, if wear is even; lives are simulated up to the
-# last factor.
+# The lives to be shown, over the number of cycles asked for; clearances are chosen for these as if wear were even. Each
+# life is simulated up to LONGEST times that number.
 TIMES, LONGEST = (0.5, 1.0, 2.0, 4.0, 7.0), 20
 # Shares of the designed clearances if an error does not grow with them.
 SHARES = np.array([0.5, 0.7, 0.85, 1.0, 1.2])
@@ -252,5 +254,7 @@ def _shares(design: Design, limit: Limit) -> np.ndarray:
         return -float(values[k]) / grows if grows > 0 else np.nan
 
     room = min(map(margin, scenarios_of(parts)))
+    # The design wears by `room` until its limit is met. A life of twice the cycles needs this room a second time, by
+    # which the new clearance must be smaller.
     shares = 1 + room * (1 - np.array(TIMES))
     return np.sort(shares[shares > 0.1]) if room > 0 else SHARES

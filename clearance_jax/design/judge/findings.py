@@ -72,7 +72,7 @@ class Findings(NamedTuple):
     def worst(self) -> dict[str, str]:
         """The condition of the largest force by joint, without first falls."""
         rising = sorted(self.loads, key=lambda load: load.largest if load.after is None else load.after)
-        conditions = {load.joint: load.condition for load in rising}
+        conditions = {load.joint: load.condition for load in rising}  # the last one counts, which is the largest
         return {load.joint: conditions[load.joint] for load in self.loads}
 
     @property
@@ -126,7 +126,15 @@ def findings(
         }
         if any(limit.ages for limit in design.specification.limits):
             steps["maintenance intervals"] = _step("maintenance", maintenances)
-    return with_tradeoff(known_findings(design, certificate), progress, cluster, trade, steps)
+    seen = known_findings(design, certificate)
+    try:
+        for name, step in steps.items():
+            if progress is not None:
+                progress(name)
+            seen = step(seen)
+    except KeyboardInterrupt:
+        return _note(seen, CUT_SHORT)
+    return with_tradeoff(seen, progress, cluster, trade)
 
 
 def with_tradeoff(
@@ -134,22 +142,16 @@ def with_tradeoff(
     progress: Callable[[str], None] | None = None,
     cluster: Any = None,
     trade: Mapping[str, Any] | None = None,
-    before: Mapping[str, Callable[[Findings], Findings]] = MappingProxyType({}),
 ) -> Findings:
-    """The findings after the steps `before`, and with a trade-off if `trade` is given. Arguments as of `findings`."""
+    """The findings with a trade-off if `trade` is given. Arguments as of `findings`."""
+    if trade is None or not findings.design.feasible:
+        return findings
+    if findings.design.specification.manufacture.among or findings.design.classes is not None:
+        return _note(findings, NO_TRADE)
     try:
-        for name, step in before.items():
-            if progress is not None:
-                progress(name)
-            findings = step(findings)
-        if trade is not None and findings.design.feasible:
-            if findings.design.specification.manufacture.among or findings.design.classes is not None:
-                return _note(findings, NO_TRADE)
-            traded = tradeoff(findings.design, **trade, progress=progress, cluster=cluster)
-            findings = findings._replace(tradeoff=traded)
+        return findings._replace(tradeoff=tradeoff(findings.design, **trade, progress=progress, cluster=cluster))
     except KeyboardInterrupt:
-        findings = _note(findings, CUT_SHORT)
-    return findings
+        return _note(findings, CUT_SHORT)
 
 
 def _note(findings: Findings, note: str) -> Findings:

@@ -35,12 +35,13 @@ FORCES = 8
 
 
 class Observed(NamedTuple):
-    """The observations of a scenario; before the solve, the metrics for them in the same fields:
+    """The observations of a scenario. `_request` fills the same fields with metrics; a solve replaces each metric by
+    its value.
 
-    - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
-    - by clearance joint, `forces` (`Instants` of the largest), `falls` (when the first fall is over [s]), `works`
-      (`Work`) and `impacts`;
-    - over time, `picture` (`results.places.picture`), and in space `wrenches` on the pins.
+    - By limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none).
+    - By clearance joint, `forces` (`Instants` of the largest), `falls` (when the first fall is over [s]), `works`
+      (`Work`) and `impacts`.
+    - Over time, `picture` (`results.places.picture`), and in space `wrenches` on the pins.
     """
 
     limits: tuple[Any, ...]
@@ -146,22 +147,22 @@ def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: O
     """The load of every clearance joint; components of forces are those at the nearest of the sample `times` [s]."""
     rows = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
     out = []
-    for joint, force, over, work, impacts in rows:
-        turned, k = _of_fall(force, float(over)), int(np.argmin(np.abs(times - float(force.times[0]))))
-        if not mechanism.is_plane:
-            exerted, moment = seen.wrenches[joint.name]
-            turned |= {"force": tuple(exerted[k].tolist()), "moment": float(np.hypot(*moment[k, :2]))}
+    for joint, force, fall_end, work, impacts in rows:
         largest, time, mean = float(force.values[0]), float(force.times[0]), float(work.mean_force)
+        optional = _of_fall(force, float(fall_end))
+        if not mechanism.is_plane:
+            (exerted, moment), k = seen.wrenches[joint.name], int(np.argmin(np.abs(times - time)))
+            optional |= {"force": tuple(exerted[k].tolist()), "moment": float(np.hypot(*moment[k, :2]))}
         rest = int(impacts), float(work.friction_loss), float(work.contact_loss), *pin_size(joint)
-        out.append(JointLoad(joint.name, condition, largest, time, mean, *rest, **turned))
+        out.append(JointLoad(joint.name, condition, largest, time, mean, *rest, **optional))
     return tuple(out)
 
 
-def _of_fall(force: Instants, over: float) -> dict[str, Any]:
-    """The fields of `JointLoad` about the first fall, over at a time [s]; empty if the largest force comes later."""
-    if force.times[0] > over:
+def _of_fall(force: Instants, end: float) -> dict[str, Any]:
+    """The fields of `JointLoad` about the first fall, which ends at a time [s]; empty if the largest force is later."""
+    if force.times[0] > end:
         return {}
-    later = np.flatnonzero((force.times > over) & (force.values > 0))
+    later = np.flatnonzero((force.times > end) & (force.values > 0))
     after = {"after": float(force.values[later[0]]), "time_after": float(force.times[later[0]])} if later.size else {}
     return {"first_fall": True} | after
 
@@ -236,22 +237,22 @@ def standings(design: Design, look: Callable[[Scenario], Observed | None] | None
         return tuple(Standing(label, unit, share * bound, bound, share, None) for label, share in shares)
     # A limit that is judged among parts is one number for a condition; its peak is that of the design itself.
     scenarios = scenarios_of(specification.nominal() if specification.manufacture.among else specification)
-    # For every number of a scenario's limits: the index of the limit, and which of its values it is.
+    # The limits of the program are all values of all limits in the first scenario, then in the second, ...
     titles = [limit.title for limit in specification.limits]
     groups = program.groups[: len(program.groups) // len(scenarios)]
-    rows = [(titles.index(title), groups[:k].count(title)) for k, title in enumerate(groups)]
     seen: dict[int, Observed | None] = {}
     out = []
     for k in order.tolist():
-        limit, place = rows[k % len(rows)]
-        number, asked = k // len(rows), specification.limits[limit]
+        number, row = divmod(k, len(groups))
+        limit, peak = titles.index(groups[row]), groups[:row].count(groups[row])
+        asked = specification.limits[limit]
         if look is not None and number not in seen:
             seen[number] = look(scenarios[number])
         value, share = float((1 + limits[k]) * asked.bound), float(1 + limits[k])
         # The observed mechanism is new.
         observed = None if asked.ages else seen.get(number)
         instants = None if observed is None else observed.limits[limit]
-        time = float(instants.times[place]) if isinstance(instants, Instants) else None
+        time = float(instants.times[peak]) if isinstance(instants, Instants) else None
         out.append(Standing(program.limit_names[k], asked.metric.unit, value, asked.bound, share, time))
     return tuple(out)
 

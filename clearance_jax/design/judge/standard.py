@@ -69,8 +69,8 @@ def nearest_fits(
     The search begins with the loosest fits within the designed clearances. As long as the limits hold, it loosens one
     joint after the other by one fit: the one that gains most. So a fit may be looser than its joint's clearance was
     designed, where others are tighter. Fits lie within the bounds of their variables, as far as such fits hold the
-    limits. `remarks` say where one does not, and where one is looser than designed. Of a `Yield` all fits get tighter
-    until the samples prove its target.
+    limits. `remarks` say where one does not, and where one is looser than designed. For a `Yield` all fits are
+    tightened until the samples prove its target.
 
     Holes and shafts of the samples are normal about the middle of their tolerances, whose limits are three standard
     deviations away. What else a `Yield` lets scatter, scatters in them too.
@@ -79,36 +79,30 @@ def nearest_fits(
     joint's pin radius; `samples`: how many for the yield, by `seed` (default: as many as the
     target of a `Yield` needs, else the fewest that can prove 99 %); `cluster`: as of `ToleranceProblem.solve`.
     """
-    with place_of(cluster) as place:
-        return _nearest(design, diameters or {}, samples, seed, place)
-
-
-def _nearest(
-    design: Design, diameters: Mapping[str, float], samples: int | None, seed: int, place: SolvePlace
-) -> StandardFits | None:
     specification, names = design.specification, list(design.clearances)
-    sizes = {**diameters_of(design.mechanism, names), **diameters}
+    sizes = {**diameters_of(design.mechanism, names), **(diameters or {})}
     fitted = [i for i, name in enumerate(names) if name in sizes]
     if not fitted:
         raise ClearanceError("No variable is a radial clearance of known diameter: give `diameters`.")
     between = list(specification.variables.values())
     within = {i: fits.fits_within(sizes[names[i]], between[i][1], between[i][0]) for i in fitted}
     every = {i: fits.fits_within(sizes[names[i]], 1.0) for i in fitted}
-    # If no fits within the bounds of the study hold the limits, others are tried, with remarks.
-    for candidates in (within, every):
-        # The tightest first: a chosen fit is a place in its list.
-        lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
-        if all(lists.values()) and (chosen := _loosest(design, lists, place)) is not None:
-            break
-    else:
-        return None
-    while True:
-        picked = {names[i]: lists[i][k] for i, k in chosen.items()}
-        made = {name: ToleranceClass(fit.name, *fit.radial_clearance, fit=fit) for name, fit in picked.items()}
-        judged = _judged(design, made, samples, seed, place)
-        if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
-            return judged
-        chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
+    with place_of(cluster) as place:
+        # If no fits within the bounds of the study hold the limits, others are tried, with remarks.
+        for candidates in (within, every):
+            # The tightest first: a chosen fit is a place in its list.
+            lists = {i: sorted(listed, key=_greatest) for i, listed in candidates.items()}
+            if all(lists.values()) and (chosen := _loosest(design, lists, place)) is not None:
+                break
+        else:
+            return None
+        while True:
+            picked = {names[i]: lists[i][k] for i, k in chosen.items()}
+            made = {name: ToleranceClass(fit.name, *fit.radial_clearance, fit=fit) for name, fit in picked.items()}
+            judged = _judged(design, made, samples, seed, place)
+            if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
+                return judged
+            chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
 
 
 def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: SolvePlace) -> dict[int, int] | None:
@@ -131,9 +125,10 @@ def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Sol
         chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
     growing = True
     while growing:
-        looser = [{**chosen, i: place + 1} for i, place in chosen.items() if place + 1 < len(lists[i])]
-        looser.sort(key=lambda p: _gain(design, lists, chosen, p), reverse=True)
-        growing = next((p for p in looser if worst(p) <= SLACK), None)
+        looser = [i for i, place in chosen.items() if place + 1 < len(lists[i])]
+        looser.sort(key=lambda i: _gain(design, i, *lists[i][chosen[i] : chosen[i] + 2]), reverse=True)
+        moved = ({**chosen, i: chosen[i] + 1} for i in looser)
+        growing = next((places for places in moved if worst(places) <= SLACK), None)
         chosen = growing or chosen
     return chosen
 
@@ -186,6 +181,7 @@ def _sampled(design: Design, made: Mapping[str, ToleranceClass], samples: int, s
         sampled = [s._replace(designed=s.values) for s in whole for _ in range(samples)]
     factors = np.array([s.factors for s in sampled], float)
     for i, column in drawn.items():
+        # Every condition has the same parts.
         factors[:, i] = np.tile(column / designed[i], len(sampled) // samples)
     return [s._replace(factors=row) for s, row in zip(sampled, factors, strict=True)]
 
@@ -207,12 +203,10 @@ def _greatest(fit: fits.Fit) -> float:
     return fit.radial_clearance[1]
 
 
-def _gain(design, lists, chosen, moved) -> float:
-    """The gain of a looser fit: in cost, or in clearance if there are no costs."""
-    (i,) = (i for i in chosen if moved[i] != chosen[i])
-    before, after = (_greatest(lists[i][p[i]]) for p in (chosen, moved))
+def _gain(design: Design, i: int, fit: fits.Fit, looser: fits.Fit) -> float:
+    """The gain of a looser fit of variable `i`: in cost, or in clearance if there are no costs."""
     cost = design.specification.costs[i] if design.specification.costs else (lambda c: -c)
-    return float(cost(before) - cost(after))
+    return float(cost(_greatest(fit)) - cost(_greatest(looser)))
 
 
 def _draw(made: ToleranceClass, samples: int, rng: np.random.Generator) -> np.ndarray:

@@ -91,6 +91,9 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
 def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
     """How far the point moves per clearance (times,), by the suffix of the clearance's name. `slope` (times, axes,
     play); `flat`: whether walls bound each slide across separately.
+
+    Both ends of a pin that tilts move by up to one clearance. Half the sum of their offsets moves the middle, half of
+    their difference leans the axis. So one end moves the point by middle + lean, the other by middle - lean.
     """
     turns = {k: np.asarray(c.turns, float) for k, c in enumerate(play) if c.turns is not None}
     if not turns:
@@ -98,10 +101,10 @@ def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> d
     slides = {k: np.asarray(c.slides, float) for k, c in enumerate(play) if c.slides is not None}
     across = [k for k, axis in slides.items() if axis[2] == 0]
     tilts, radial = [k for k, axis in turns.items() if axis[2] == 0], play[across[0]].scale
-    # How the point moves as the axis leans along each slide: z turned about the tilt's axis.
+    # A tilt leans the axis (z) along a slide by this share.
     leans = [sum(slope[..., t] * (np.cross(turns[t], [0, 0, 1]) @ slides[k]) for t in tilts) for k in across]
-    middle, end = slope[..., across] / 2, np.stack(leans, axis=-1) * float(play[tilts[0]].scale / radial) / 2
-    out = (_corners if flat else _both_ends)(middle + end, middle - end)
+    middle, lean = slope[..., across] / 2, np.stack(leans, axis=-1) * float(play[tilts[0]].scale / radial) / 2
+    out = (_corners if flat else _both_ends)(middle + lean, middle - lean)
     for k in turns.keys() - set(tilts):
         out = out + np.linalg.norm(slope[..., k], axis=1) * float(play[k].scale / radial)
     axial = [k for k in slides if k not in across]
@@ -126,7 +129,9 @@ def _both_ends(first: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _corners(first: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The same over vectors e and f with components from -1 to 1; it is convex, so the maximum is at a corner."""
+    """As `_both_ends`, but over vectors e and f whose components lie between -1 and 1. The norm is convex, so its
+    maximum is at a corner of this box.
+    """
     both = np.concatenate([first, other], axis=-1)
     signs = np.array(list(itertools.product((1.0, -1.0), repeat=both.shape[-1])))
     return np.linalg.norm(both @ signs.T, axis=1).max(axis=-1)

@@ -1,6 +1,7 @@
 """Verification of a design by another solver and a tighter tolerance, and its certificate in numbers and sentences."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -129,9 +130,9 @@ BISECTION = 16
 OTHER = {"tsit5": "dopri8"}
 # The tolerance of the other solver over that of the design.
 FINER = 0.1
-# The largest violation that counts as a difference of solves; how often a design is moved inside; by how many times the
-# violation.
-HAIR, TRIES, MORE = 1e-2, 4, 2.0
+# Two solves differ by at most SOLVES_DIFFER of a bound: designs with larger violations are not moved inside.
+# Otherwise bounds are tightened by MORE times the violation, at most TRIES times.
+SOLVES_DIFFER, MORE, TRIES = 1e-2, 2.0, 4
 
 
 def _judging(specification: Specification, solver: str | None) -> tuple[str, float]:
@@ -154,13 +155,13 @@ def moved_inside(
     program: Program, method: Method, point: Evaluation, fresh: Program
 ) -> tuple[Evaluation, dict[str, float]]:
     """The point of a method, moved inside until its limits also hold by the `fresh` program; and by limit the share of
-    its bound by which it was tightened. Solves differ, more so after many impacts; a violation above `HAIR` is left.
+    its bound by which it was tightened. A violation above `SOLVES_DIFFER` is left.
     """
     tightened: dict[str, float] = {}
     for _ in range(TRIES):
         judged = fresh.at(point.x, method.gradients)
         over = {fresh.groups[k]: float(judged.limits[k]) for k in np.argsort(judged.limits) if judged.limits[k] > HELD}
-        if judged.worst > HAIR or not over:
+        if judged.worst > SOLVES_DIFFER or not over:
             break
         tightened |= {name: tightened.get(name, 0.0) + MORE * part for name, part in over.items()}
         inner = program
@@ -211,7 +212,8 @@ def certify(
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
     judge, checked = specification.as_designed().judged_by(DYNAMICS), prices if reoptimise else {}
-    checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
+    again = functools.partial(formulate, specification, place=place, progress=progress)
+    checks = {name: (price, _price_check(again(), method, point, name)) for name, price in checked.items()}
     return Certificate(
         # A common clearance has the first unit.
         names=dict(zip(fresh.names, specification.units.values(), strict=False)),
@@ -224,7 +226,7 @@ def certify(
         residual=residual,
         prices=prices,
         price_checks=checks,
-        starts=_others(specification, method, starts, seed, place, progress),
+        starts=_others(again, method, starts, seed),
         objective=at.objective,
         goal="enlarges the clearance" if specification.common else "lowers the cost",
         yield_estimate=fresh_yield(specification, point.x, samples, place=place) if sampled else None,
@@ -261,13 +263,11 @@ def expected_evaluations(
     return 1 + BISECTION * (not among) + sweep + searched * (starts + 2 * reoptimise)
 
 
-def _others(
-    specification: Specification, method: Method, starts: int, seed: int, place: SolvePlace, progress
-) -> tuple[float, ...]:
-    """The objectives of searches from random starts."""
+def _others(again: Callable[[], Program], method: Method, starts: int, seed: int) -> tuple[float, ...]:
+    """The objectives of searches from random starts, each with a new program."""
     objectives, rng = [], np.random.default_rng(seed)
     for _ in range(starts):
-        program = formulate(specification, place=place, progress=progress)
+        program = again()
         start = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
         objectives.append(_run(program, method, start, np.inf))
     return tuple(objectives)
@@ -287,14 +287,13 @@ def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
     def worst(s):
         return program.at(s * x).worst
 
-    step = 1e-5
-    good, bad = (1.0, None) if at.worst <= 0 else (None, 1.0)
-    while good is None or bad is None:
-        s = min(1 + step, high) if bad is None else max(1 - step, low)
-        good, bad = (s, bad) if worst(s) <= 0 else (good, s)
-        if s in (low, high) and (good is None or bad is None):
+    # Search outwards if the design holds its limits, else inwards, until they change from held to violated.
+    holds, step, s, before = at.worst <= 0, 1e-5, 1.0, 1.0
+    while (worst(s) <= 0) == holds:
+        if s == (high if holds else low):
             return np.nan
-        step *= 4
+        s, before, step = (min(1 + step, high) if holds else max(1 - step, low)), s, 4 * step
+    good, bad = (before, s) if holds else (s, before)
     return float(scipy.optimize.brentq(worst, good, bad, xtol=1e-12, rtol=1e-10)) if worst(good) < 0 else float(good)
 
 
@@ -312,10 +311,7 @@ def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, 
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
-def _price_check(
-    specification: Specification, method: Method, point: Evaluation, name: str, place: SolvePlace, progress
-) -> float:
+def _price_check(program: Program, method: Method, point: Evaluation, name: str) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by two more searches."""
-    program = formulate(specification, place=place, progress=progress)
     looser, tighter = (_run(program.with_bound(name, 1 + change), method, point.x) for change in (0.01, -0.01))
     return float((tighter - looser) / 0.02 / abs(point.objective))

@@ -113,7 +113,9 @@ class BranchAndBound:
         return self.best is not None and bound >= self.best.objective - GAP * abs(self.best.objective)
 
     def _raised(self, node: Node, bound: float) -> float:
-        """The least cost of the combinations of a node that is not below a bound; infinite if all are below."""
+        """A higher lower bound of the cost of a node: the least of the costs of its combinations that reach `bound`;
+        infinite if none reaches it.
+        """
         sizes = [high - low + 1 for low, high in zip(node.low, node.high, strict=True)]
         if self._costs is None or np.prod(sizes, dtype=float) > MOST_SUMS:
             return bound
@@ -123,7 +125,10 @@ class BranchAndBound:
         return float(np.min(sums[sums >= bound - GAP * abs(bound)], initial=np.inf))
 
     def _look(self, node: Node) -> tuple[Evaluation | None, np.ndarray | None]:
-        """A node's optimum (`None`: not found), and where it is split (`None`: not). The values below are tried."""
+        """Solve the relaxation of a node, and try the combination of the values just below its optimum.
+
+        Returns the optimum (`None`: not found), and the point at which the node is to be split (`None`: not at all).
+        """
         self._nodes += 1
         lower, upper = self.program.lower.copy(), self.program.upper.copy()
         for i, values, low, high in zip(self._places, self._lists, node.low, node.high, strict=True):
@@ -173,7 +178,7 @@ class BranchAndBound:
             raise BudgetSpent
         if stop_reason:
             self._doubts.append(stop_reason)
-        # Points that the search did not ask for are not its optimum.
+        # A search that stopped early has an optimum only if it reached a feasible point itself: others are from before.
         if box.best is None or (stop_reason and not any(point.feasible for point in box.asked)):
             return None
         x = lower.copy()

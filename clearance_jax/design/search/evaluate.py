@@ -4,6 +4,7 @@ A limit that must hold while a joint wears needs many motions one after another.
 this process.
 """
 
+import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -46,7 +47,6 @@ class Simulations:
     ):
         self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
         self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
-        self._sizes: dict[int, int] = {}
         # Metrics of one motion are solved together; those of wear one by one.
         self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
         self._plain = {str(i): metric.base_metric for i, metric in enumerate(self.metrics) if i not in self._aged}
@@ -58,15 +58,13 @@ class Simulations:
 
     def sizes(self) -> list[int]:
         """The number of values of each metric."""
-        return [self._size(i) for i in range(len(self.metrics))]
+        return self._sizes
 
-    def _size(self, i: int) -> int:
-        metric = self.metrics[i]
-        if i not in self._sizes:
-            value = shapes_of(Question(self.mechanism, {"": metric.base_metric}, self.t1, self.solve), ()).values[""]
-            ages = len(self._aged[i].cycles) if i in self._aged else 1
-            self._sizes[i] = ages * int(np.prod(value.shape))
-        return self._sizes[i]
+    @functools.cached_property
+    def _sizes(self) -> list[int]:
+        questions = (Question(self.mechanism, {"": m.base_metric}, self.t1, self.solve) for m in self.metrics)
+        counts = [int(np.prod(shapes_of(question, ()).values[""].shape)) for question in questions]
+        return [count * len(self._aged[i].cycles) if i in self._aged else count for i, count in enumerate(counts)]
 
     def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n).
@@ -89,7 +87,7 @@ class Simulations:
         """`limits` of a design in every scenario (scenarios, m), and derivatives (scenarios, m, n); NaN if a motion did
         not reach its end. Scenarios of one condition must be neighbours in the list.
         """
-        # Lanes take entries of arrays by name, but not entries of arrays of higher rank.
+        # One batch solves all scenarios, unless parts wear or a condition sets a matrix, whose entries have no names.
         if self._aged or any(np.ndim(value) > 1 for value in scenarios[0].values.values()):
             first = self.limits(x, scenarios[0], gradient)  # compiles for all
             # Wear is mostly work of the host between small solves, also with a GPU.
@@ -143,10 +141,10 @@ class Simulations:
         except WearFailure:
             if scenario.designed is None:
                 raise
-            # If the design itself fails too, this raises its error.
+            # A part as made may fail: its limits are NaN. But if the design itself fails too, raise its error.
             with suppress(WornThrough):
                 self._simulate_wear(i, x, scenario.designed, ())
-        count = self._size(i)
+        count = self.sizes()[i]
         return np.full(count, np.nan), np.full((count, len(by)), np.nan)
 
     def _simulate_wear(self, i: int, x: np.ndarray, given, by: tuple[str, ...]) -> tuple:
@@ -161,9 +159,8 @@ class Simulations:
         factors = np.stack([scenario.factors for scenario in scenarios])
         numbers = dict(zip(self.names, (x * factors).T, strict=True))
         for name in scenarios[0].values:
-            column = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
-            entries = {f"{name}.{i}": entry for i, entry in enumerate(column.T)}
-            numbers |= {name: column} if column.ndim == 1 else entries
+            values = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
+            numbers |= {name: values} if values.ndim == 1 else {f"{name}.{i}": x for i, x in enumerate(values.T)}
         answered, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
         values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         scaled = [v.reshape(count, -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]

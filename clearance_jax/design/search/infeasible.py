@@ -1,7 +1,4 @@
-"""Explanations of why no design holds every limit, before and after a search, and what would help.
-
-Before a search, bounds that no clearances can hold are detected, at the smallest clearances.
-"""
+"""Explanations of why no design holds every limit, before and after a search, and what would help."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -52,11 +49,21 @@ def _by_poses(specification: Specification, program: Program) -> str:
         return ""
     solved = program.at(program.lower, True)
     k = int(np.argmax(solved.limits))
-    leader = int(program.leaders[k])
-    assert posed.jacobian is not None
-    if not 0 < solved.worst < np.inf or posed.jacobian[leader] @ posed.x < 0:
+    if not 0 < solved.worst < np.inf or _falls(program, posed, k):
         return ""
     return unreachable_words(specification, program, posed, solved, k)
+
+
+def _falls(program: Program, posed: Evaluation, k: int) -> bool:
+    """Whether limit `k` falls as all clearances grow by the same factor, by quasi-static poses."""
+    assert posed.jacobian is not None
+    return bool(posed.jacobian[int(program.leaders[k])] @ posed.x < 0)
+
+
+def _posed(specification: Specification, program: Program) -> Evaluation:
+    """The smallest clearances by quasi-static poses."""
+    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
+    return cheap.at(program.lower, True)
 
 
 def _by_dynamics(specification: Specification, program: Program, start: np.ndarray, gradient: bool) -> str:
@@ -80,10 +87,8 @@ def floor_words(specification: Specification, program: Program, solved: Evaluati
         return carried_words(specification, program, solved, k)
     if not getattr(limit.signal, "needs_ideal", False) or unposed(specification.nominal()):
         return ""
-    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
-    posed, leader = cheap.at(program.lower, True), int(program.leaders[k])
-    assert posed.jacobian is not None
-    if not 0 < posed.limits[leader] < np.inf or posed.jacobian[leader] @ posed.x < 0:
+    posed = _posed(specification, program)
+    if not 0 < posed.limits[int(program.leaders[k])] < np.inf or _falls(program, posed, k):
         return ""
     return unreachable_words(specification, program, posed, solved, k)
 
@@ -143,15 +148,16 @@ def unreachable_words(
     scenarios, count = scenarios_of(specification), sum(simulations.sizes())
     scenario, row, x = scenarios[leader // count], leader % count, specification.values(posed.x)
     bare = float(simulations.limits(CLOSED * x, scenario, True)[0][row])
-    text += f"{_value(limit, solved.limits[k])} of at most {_value(limit, 0.0)}; by quasi-static poses "
-    text += _value(limit, posed.limits[leader])
+    text += f"{_value(limit, 1 + solved.limits[k])} of at most {_value(limit, 1.0)}; by quasi-static poses "
+    text += _value(limit, 1 + posed.limits[leader])
     if np.isfinite(bare):
-        text += f", and {_value(limit, bare)} without any clearance, by the elasticity of the contacts alone"
+        text += f", and {_value(limit, 1 + bare)} without any clearance, by the elasticity of the contacts alone"
     return text + ". " + _help(specification, limit, simulations, scenario, row, bare)
 
 
-def _value(limit: Limit, scaled: float) -> str:
-    return format_quantity(float((1 + scaled) * limit.bound), limit.metric.unit, 3)
+def _value(limit: Limit, share: float) -> str:
+    """A share of the bound as a quantity."""
+    return format_quantity(float(share * limit.bound), limit.metric.unit, 3)
 
 
 def _help(
@@ -161,21 +167,22 @@ def _help(
     x = np.array([low for low, _ in specification.variables.values()])
     values, slopes = simulations.limits(x, scenario, True)
     assert slopes is not None
-    parts: dict[str, float] = {}
+    play: dict[str, float] = {}
     for name, part in zip(specification.variables, slopes[row] * x, strict=True):
         joint = name.rpartition(".")[0]
-        parts[joint] = parts.get(joint, 0.0) + float(part)
-    play, known = dict(parts), parameters(specification.mechanism)
-    for joint in parts:  # with nearly rigid contacts there
+        play[joint] = play.get(joint, 0.0) + float(part)
+    elastic, known = {}, parameters(specification.mechanism)
+    for joint in play:
+        # What the limit loses where contacts are nearly rigid.
         names = [n for n in known if n.startswith(f"{joint}.") and n.endswith(STIFFNESS)]
         rigid = {**scenario.values, **{n: RIGID * specification.worth(n) for n in names}}
         stiffer = simulations.limits(x, scenario._replace(values=rigid), True)[0]
-        parts[joint] += float(np.nan_to_num(values[row] - stiffer[row]))
-    most = max(parts, key=lambda joint: parts[joint])
+        elastic[joint] = float(np.nan_to_num(values[row] - stiffer[row]))
+    most = max(play, key=lambda joint: play[joint] + elastic[joint])
     return (
-        f"Joint `{most}` contributes most ({_value(limit, parts[most] - play[most] - 1)} by elasticity, "
-        f"{_value(limit, play[most] - 1)} by play): a longer sleeve, a larger pin, a stiffer contact or a preload "
-        f"there helps, or a looser bound{'.' if bare > 0 else ', or smaller least clearances.'}"
+        f"Joint `{most}` contributes most ({_value(limit, elastic[most])} by elasticity, {_value(limit, play[most])} "
+        "by play): a longer sleeve, a larger pin, a stiffer contact or a preload there helps, or a looser bound"
+        f"{'.' if bare > 0 else ', or smaller least clearances.'}"
     )
 
 
@@ -194,7 +201,7 @@ def why_infeasible(specification: Specification, program: Program) -> str:
             f"other. Loosen one of {', '.join(f'`{title}`' for title in least)}, or let the variables go further"
         )
     title = max(never, key=lambda title: least[title])
-    return _at_least(specification, program, title) or _seen(program, finite, title, least[title])
+    return _at_smallest(specification, program, title) or _at_evaluated(program, finite, title, least[title])
 
 
 def _no_motion(specification: Specification, program: Program) -> str:
@@ -224,7 +231,7 @@ def _ending(specification: Specification, mechanism: Mechanism) -> str:
     return "" if bool(solution.succeeded) else solution.message
 
 
-def _at_least(specification: Specification, program: Program, title: str) -> str:
+def _at_smallest(specification: Specification, program: Program, title: str) -> str:
     """What the ideal mechanism or quasi-static poses say of a limit at the smallest clearances, in words; or empty."""
     signal = next((limit.signal for limit in specification.limits if limit.title == title), None)
     manufacture, names = specification.manufacture, specification.variables
@@ -238,8 +245,7 @@ def _at_least(specification: Specification, program: Program, title: str) -> str
         return ""
     if manufacture.among or unposed(specification.nominal()):
         return ""
-    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
-    posed, solved = cheap.at(program.lower, True), program.at(program.lower, True)
+    posed, solved = _posed(specification, program), program.at(program.lower, True)
     k = int(rows[np.argmax(solved.limits[rows])])
     if not np.isfinite(solved.worst) or solved.limits[k] <= SLACK:
         return ""
@@ -267,24 +273,25 @@ def _singular(specification: Specification, program: Program, solved: Evaluation
     )
 
 
-def _seen(program: Program, points: list[Evaluation], title: str, least: float) -> str:
+def _at_evaluated(program: Program, points: list[Evaluation], title: str, least: float) -> str:
     """What the evaluated designs say of a limit that none of them holds, in words."""
     rows = np.flatnonzero(np.array(program.groups) == title)
     excess = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
     near = min(points, key=lambda p: float(p.limits[rows].max()))
-    parts = _by_values(points, rows)
-    if parts is None and near.jacobian is not None:
-        parts = near.jacobian[int(rows[np.argmax(near.limits[rows])])] * near.x
-    if parts is None:
+    exponents = _exponents(points, rows)
+    if exponents is None and near.jacobian is not None:
+        exponents = near.jacobian[int(rows[np.argmax(near.limits[rows])])] * near.x
+    if exponents is None:
         return f"{excess}. Loosen it, or widen the bounds of the variables"
-    if np.abs(parts) @ np.log(program.upper / program.lower) < np.log(1 + least):
+    # By how much the limit changes, in logarithms, if every variable goes from one bound to the other.
+    if np.abs(exponents) @ np.log(program.upper / program.lower) < np.log(1 + least):
         return f"{excess}, and by what they change no variables will: loads, drives or other numbers decide it"
-    i = int(np.argmax(np.abs(parts)))
-    way = "smaller" if parts[i] > 0 else "larger"
+    i = int(np.argmax(np.abs(exponents)))
+    way = "smaller" if exponents[i] > 0 else "larger"
     return f"{excess}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"
 
 
-def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
+def _exponents(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
     """The exponents of a limit as a product of powers of the variables, fitted to values; `None`: too few points."""
     logs = np.log([p.x for p in points])
     values = np.log([max(1 + float(p.limits[rows].max()), 1e-300) for p in points])

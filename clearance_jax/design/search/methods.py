@@ -31,9 +31,9 @@ def stochastic_approximation(
     (stochastic approximation: Robbins and Monro 1951).
 
     Other methods use a fixed set of samples, for which their design is slightly too good. Here each step draws a few
-    new samples, whose noise averages out over the steps. An exact penalty holds the limits; the answer is the mean over
-    the second half of the steps (Polyak and Juditsky 1992), whose rate falls to nothing, smaller if the problem's own
-    samples say so.
+    new samples, whose noise averages out over the steps. A penalty on the most violated limit holds the limits. The
+    rate of the steps falls to zero. The answer is the mean over the second half of the steps (Polyak and Juditsky
+    1992). If this mean violates a limit on the problem's own samples, all variables are made smaller until it does not.
 
     **Arguments:** `samples` of each step; fewer than 1 / (1 - target) have too little of the tail, and are optimistic;
     `rate` of the first step, in logarithms of the variables.

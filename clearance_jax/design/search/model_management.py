@@ -6,7 +6,7 @@ the next one. It is accepted if it is better by the dear limits; the region grow
 the end of the iteration satisfies the conditions of optimality of the dear model. From the second design on, the
 differences of slopes add a curvature (Eldred, Giunta and Collis 2004), by the symmetric rank-one update.
 
-All numbers are logarithms, so that corrections are ratios. A peak is compared with the highest one of the cheap motion.
+All numbers are logarithms, so that corrections are ratios. Limits of the two models correspond by `Program.leaders`.
 """
 
 from contextlib import suppress
@@ -116,9 +116,9 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
         at = program.at(np.exp(here.z), True)
         if at.feasible and scaling.optimality(program, at)[0] <= OPTIMAL:
             return ""
-        model, steepest = _matched(program, cheap, here, bend, near=step < NEAR), here.jacobian[np.argmax(here.limits)]
-        # Above the multiplier of the deciding limit.
-        price = PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(steepest)), 1e-2))
+        model, deciding = _matched(program, cheap, here, bend, near=step < NEAR), here.jacobian[np.argmax(here.limits)]
+        # A penalty is exact above the multiplier of the limit, which is about the ratio of the two slopes.
+        price = PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(deciding)), 1e-2))
         aim = model.best(radius, price, 0.1 * tolerance)
         promised = here.merit(price) - aim.merit(price)
         step = float(np.abs(aim.z - here.z).max())

@@ -155,7 +155,9 @@ class Program:
         return known
 
     def _recall(self, x: np.ndarray) -> Evaluation | None:
-        """The first known evaluation of a point, to round-off: so a search repeated from its record takes its way."""
+        """The known evaluation of a point, or of one that differs by round-off, if possible with a gradient. A search
+        that is repeated from its record so takes the same steps, although its points have other last digits.
+        """
         known = self._known.get(x.tobytes())
         if known is not None:
             return known
@@ -208,7 +210,9 @@ class Program:
 
     @property
     def found(self) -> Evaluation | None:
-        """The best of the points that were asked for, so that other points of a record do not change a search."""
+        """As `best`, but only of the points that this search has asked for: other points of a record must not change
+        its way.
+        """
         return _best(self.asked)
 
     @property
@@ -256,7 +260,9 @@ class Program:
         variables: tuple[Sequence[str], np.ndarray, np.ndarray],
         cheap: "Program | None",
     ) -> "Program":
-        """A program of `variables` that evaluates through this one, at `whole` points, and `shown` otherwise."""
+        """A program that evaluates through this one, with other limits or other `variables` (names, least and greatest
+        values). `whole` converts its points to this program's, `shown` converts evaluations back.
+        """
         fresh = None if self._fresh is None else lambda x, samples, seed: shown(self.fresh(whole(x), samples, seed))
         return Program(
             lambda x, gradient: shown(self.at(whole(x), gradient)),

@@ -23,6 +23,7 @@ from clearance_jax.design.search.program import BudgetSpent, Evaluation, Program
 
 INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
 STILL = "stopped: the search stands still"
+# The beginning of a reason that says that slopes were useless.
 USELESS = "stopped: "
 BY_VALUES = "So the search went on by values alone, and a better design may exist"
 
@@ -131,21 +132,22 @@ def _outwards(program: Program, method: Method) -> None:
     best, met = _best(program), MET if program.cheap is None else method.slack
     z, way = np.log(best.x), _gaining(program, best)
     end = float(_room(program, best, way).max())
-    low, high, step, narrow = (0.0, _excess(program, best)), None, STEP, np.inf
+    # Places along the line with their excess: the last one that holds, and the first one that does not.
+    low, high, step, last_width = (0.0, _excess(program, best)), None, STEP, np.inf
     while low[0] < end and (high is None or (low[1] < -met and high[0] - low[0] > SHORT)):
         if high is None:
             # Errors are about proportional to clearances.
             s, step = min(low[0] + max(step, -1.01 * low[1]), end), LONGER * step
         else:
-            s, narrow = _between(low, high, narrow), high[0] - low[0]
+            s, last_width = _between(low, high, last_width), high[0] - low[0]
         value = _excess(program, program.at(np.exp(z + s * way), method.gradients))
         low, high = ((s, value), high) if value <= 0 else (low, (s, value))
 
 
-def _between(low: tuple[float, float], high: tuple[float, float], before: float) -> float:
+def _between(low: tuple[float, float], high: tuple[float, float], last_width: float) -> float:
     """The next place in a bracket: by false position, or its middle if the last step hardly narrowed it."""
     width = high[0] - low[0]
-    if not np.isfinite(high[1]) or width > 0.5 * before:
+    if not np.isfinite(high[1]) or width > 0.5 * last_width:
         return low[0] + 0.5 * width
     share = -low[1] / (high[1] - low[1])
     # Not near the ends: one of them would be approached again and again.

@@ -41,8 +41,9 @@ def followed(program: Program, point: Evaluation) -> Evaluation:
             f"slopes are useless here: by its slope, {program.limit_names[k]} would change {0.01 * steep[k]:.1g} times "
             "its own size where a variable changes by 1 %. Neighbouring motions move apart (chaos, ringing)"
         )
-    rows = np.where((useless & leads)[:, None], 0.0, point.jacobian)
-    return point._replace(jacobian=np.where((useless & ~leads)[:, None], rows[program.leaders], rows))
+    # Slopes of zero for limits far below their bounds; then the rows of the highest peaks for lower ones.
+    jacobian = np.where((useless & leads)[:, None], 0.0, point.jacobian)
+    return point._replace(jacobian=np.where((useless & ~leads)[:, None], jacobian[program.leaders], jacobian))
 
 
 # The share of its bound below which a limit counts as this share.

@@ -1,8 +1,4 @@
-"""The search for a design: choice of method, starts, classes, explanations of failure.
-
-Continuation: searches with contact laws smoothed over smaller and smaller widths, and at last with the laws themselves,
-each from the design of the one before.
-"""
+"""The search for a design: choice of method, starts, classes, continuation of smoothed laws, explanation of failure."""
 
 import dataclasses
 import functools
@@ -161,14 +157,14 @@ def _managed(specification: Specification, program: Program, x: np.ndarray, how:
     note += f" (one more exceeds it with a probability of {1 / (among.samples + 1):.0%})"
     wider = how.formulate(specification, most=how.most - program.gradients, known=program.points)
     stop_reason = _runs(wider, MATCHED_VALUES, x, how, **tolerance)
-    if not wider.history:  # stopped before: take the design at which slopes were asked for
+    if not wider.history:  # stopped before any design had neighbours: return the best one of the first search
         return _design(dataclasses.replace(specification, manufacture=asked), program, MATCHED, stop_reason, note)
     return _design(specification, wider, MATCHED_VALUES, stop_reason, note)
 
 
 @stopping
 def _first(program: Program, specification: Specification, x: np.ndarray, gradient: bool = True) -> str:
-    """Why a search is not needed or was stopped before, in words; else empty."""
+    """Why no search is needed, or why the evaluations before it were stopped, in words; else empty."""
     return unreachable(specification, program, x, gradient)
 
 
@@ -211,9 +207,10 @@ def smoothed(mechanism: Mechanism, width: float) -> Mechanism:
 
 
 def continued(specification: Specification, widths: Sequence[float], how: SearchOptions) -> Design:
-    """The best design of the laws themselves, from designs of laws smoothed over `widths` [m], the last of which is 0.
-    Only the first width has further starts. Every width has its own record beside that of the laws themselves.
-    **Raises** `ClearanceError` for widths that do not fall to 0, and for classes.
+    """The best design of the laws themselves, by searches with laws smoothed over smaller and smaller `widths` [m], the
+    last of which is 0. Each starts from the design of the one before, and only the first one has further starts. Every
+    width has its own record beside that of the laws themselves. **Raises** `ClearanceError` for widths that do not fall
+    to 0, and for classes.
     """
     falls = all(high > low for high, low in itertools.pairwise(widths))
     if not (falls and widths and all(0 <= width < math.inf for width in widths) and widths[-1] == 0):
