@@ -128,11 +128,7 @@ def suggest(word: str, allowed) -> str:
     word, allowed = word[:100], sorted(allowed)
     if not allowed:
         return "There are none here."
-    near = difflib.get_close_matches(word, allowed, n=3, cutoff=0.5)
-    hint = (
-        f"Did you mean {' or '.join(f'`{name}`' for name in near[: None if len(allowed) > 12 else 1])}? "
-        if near
-        else ""
-    )
-    listed = ", ".join(allowed) if len(allowed) <= 12 else f"{', '.join(allowed[:12])}, ... ({len(allowed)} in all)"
-    return f"{hint}Allowed: {listed}."
+    is_long = len(allowed) > 12
+    near = difflib.get_close_matches(word, allowed, n=3 if is_long else 1, cutoff=0.5)
+    hint = f"Did you mean {' or '.join(f'`{name}`' for name in near)}? " if near else ""
+    return f"{hint}Allowed: {', '.join(allowed[:12])}{f', ... ({len(allowed)} in all)' if is_long else ''}."

@@ -34,9 +34,7 @@ def registry() -> Any:
     return pint.UnitRegistry()
 
 
-@functools.cache
-def _pint() -> str:
-    return version("pint")
+_version = functools.cache(version)
 
 
 def to_si(value: Any, unit: str, where: str) -> float:
@@ -44,18 +42,18 @@ def to_si(value: Any, unit: str, where: str) -> float:
 
     **Raises:** `ClearanceError` naming `where` for a missing unit, a wrong dimension, an unknown unit, or NaN.
     """
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if unit in ("", "1"):
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            if isinstance(value, str):
-                check_comma(value, where)
-            raise wrong_value(where, "a bare number", value)
-        return _float(value, where)
-    if isinstance(value, bool) or not isinstance(value, str):
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        shown, other = (quote(value), "") if number else ("2.5", f", not as {quote(value)}")
+        if is_number:
+            return _float(value, where)
+        if isinstance(value, str):
+            check_comma(value, where)
+        raise wrong_value(where, "a bare number", value)
+    if not isinstance(value, str):
+        shown, other = (quote(value), "") if is_number else ("2.5", f", not as {quote(value)}")
         raise _needs(where, value, f'a unit: write it as a string such as "{shown} {unit}"{other}')
     text = _check(value, unit, where)
-    question = f"pint {_pint()}: {text[0]!r} {text[1]} in {unit}"
+    question = f"pint {_version('pint')}: {text[0]!r} {text[1]} in {unit}"
     return _finite(remember(question, lambda: _convert(value, text, unit, where)), where)
 
 
