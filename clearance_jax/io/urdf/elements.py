@@ -17,7 +17,7 @@ from defusedxml.ElementTree import DefusedXMLParser
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_text
 from clearance_jax.io.keys.kinds import check_text
-from clearance_jax.io.urdf.robot import Triple
+from clearance_jax.io.urdf.robot import NOWHERE, Triple
 from clearance_jax.units import check_comma
 
 LARGEST_XML = 20_000_000
@@ -212,9 +212,9 @@ def pose(element: Element, where: str) -> tuple[Triple, Triple]:
     """Position [m] and roll, pitch, yaw [rad] of an element's <origin>; zeros if it is absent."""
     origin = only(element, "origin", where)
     if origin is None:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    x, y, z = numbers(origin, "xyz", 3, where, (0.0, 0.0, 0.0))
-    roll, pitch, yaw = numbers(origin, "rpy", 3, where, (0.0, 0.0, 0.0))
+        return NOWHERE, NOWHERE
+    x, y, z = numbers(origin, "xyz", 3, where, NOWHERE)
+    roll, pitch, yaw = numbers(origin, "rpy", 3, where, NOWHERE)
     return (x, y, z), (roll, pitch, yaw)
 
 

@@ -34,7 +34,8 @@ ROUNDING = 8 * np.finfo(float).eps
 
 class Link(NamedTuple):
     """A rigid body with the frame of its joint: `mass` [kg], 0 where nothing is said of it; `center` of mass [m] in
-    that frame; `inertia` [kg m^2] about the centre of mass, along its axes; the `line` of the file that it begins at.
+    that frame; `inertia` [kg m^2] about the centre of mass, along its axes; the `line` of the file that it begins at;
+    the names of the `links` that it is merged from.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Link(NamedTuple):
     center: Vector3
     inertia: Matrix3
     line: int
+    links: tuple[str, ...] = ()
 
 
 class Mimic(NamedTuple):
