@@ -1,6 +1,8 @@
 """Progress display of a command, estimates of remaining time, and its interruption by Ctrl-C."""
 
+import itertools
 import signal
+import statistics
 import sys
 import threading
 import time
@@ -133,9 +135,8 @@ class Pace:
         """The expected time of so many evaluations by a new program [s]; `None` before the first evaluation."""
         if self.count < 1:
             return None
-        steps = [after - before for before, after in zip(self._times, self._times[1:], strict=False)]
-        usual = sorted(steps[1:] or steps)[len(steps[1:] or steps) // 2]
-        return steps[0] + evaluations * usual
+        steps = [after - before for before, after in itertools.pairwise(self._times)]
+        return steps[0] + evaluations * statistics.median_high(steps[1:] or steps)
 
 
 def shown_duration(seconds: float | None) -> str:

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import sweep_axes as sweep
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
-from clearance_jax.report.style import STYLED, legend_below, panel_grid
+from clearance_jax.report.style import STYLED, legend_below, new_figure, panel_grid
 from clearance_jax.results.sobol import Indices
 
 COLOURS, FAILED = "viridis", "0.8"
@@ -160,8 +160,8 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
     """
     dataset = sweep.tidy(dataset)
     x = sweep.variables(dataset)[0] if x is None else x
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    draw_curves(figure.subplots(), dataset, name, x, by)
+    figure, axes = new_figure(6.4, 4.2)
+    draw_curves(axes, dataset, name, x, by)
     return figure
 
 
@@ -179,8 +179,7 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
     axes.set(xlabel=across.label, ylabel=of.label)
     axes.set_xscale(sweep.scale(dataset[x].values) if x in sweep.lanes_of(dataset) else "linear")
     axes.margins(x=0.01)
-    handles, _ = axes.get_legend_handles_labels()
-    if handles:
+    if axes.get_legend_handles_labels()[0]:
         legend_below(axes)
 
 
@@ -234,8 +233,7 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     # The highest on top; of many lanes some, evenly chosen by that.
     order = whole[np.argsort(columns[colour][whole], kind="stable")]
     order = order[sweep.spread_places(len(order), LINES)]
-    figure = Figure(figsize=(1.2 + 1.7 * len(names), 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(1.2 + 1.7 * len(names), 4.2)
     heights = []
     for i, name in enumerate(names):
         low, high = columns[name][whole].min(), columns[name][whole].max()
@@ -265,15 +263,12 @@ def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, 
     **Arguments:** `found`: what `sobol_indices` gives; `derivatives`: by every number that was varied, in SI units;
     `of`: what the result is called.
     """
-    bars = [
-        ("first order", found.first, found.first_interval, "tab:blue"),
-        ("total", found.total, found.total_interval, "tab:orange"),
-    ]
+    bars: list[tuple] = [("first order", found.first, found.first_interval, "tab:blue")]
+    bars += [("total", found.total, found.total_interval, "tab:orange")]
     if derivatives is not None:
         bars.append(("by local derivatives", found.linear(derivatives), None, "0.6"))
     count, height = len(found.names), 0.8 / len(bars)
-    figure = Figure(figsize=(6.4, 1.2 + 0.22 * len(bars) * count), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(6.4, 1.2 + 0.22 * len(bars) * count)
     for i, (label, values, interval, colour) in enumerate(bars):
         where = np.arange(count) + (i - (len(bars) - 1) / 2) * height
         axes.barh(where, values, 0.9 * height, color=colour, label=label)

@@ -89,8 +89,7 @@ def keys_of(cls: type, *names: str) -> dict[str, Key]:
 
 def optional(keys: Mapping[str, Key], **absent: str) -> dict[str, Key]:
     """The keys, made optional; `absent`: what their absence means, by name."""
-    how = {name: {"required": False, "absent": absent.get(name, key.absent)} for name, key in keys.items()}
-    return {name: dataclasses.replace(key, **how[name]) for name, key in keys.items()}
+    return {n: dataclasses.replace(key, required=False, absent=absent.get(n, key.absent)) for n, key in keys.items()}
 
 
 def _key(field: dataclasses.Field) -> Key:
