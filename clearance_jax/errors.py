@@ -7,7 +7,7 @@ from typing import Any
 
 # A message is one or two sentences; a longer one contains a long value or path from the input.
 LONGEST = 600
-# Its subject: what its first clause names in backticks.
+# The subject of a message: the name in backticks in its first clause.
 SUBJECT = re.compile(r"[\w -]*`([^`]+)`")
 
 
@@ -15,7 +15,7 @@ class ClearanceError(ValueError):
     """An error in a scene, a mechanism or an argument. The `message` names the place and says what to do, in no more
     than `LONGEST` characters. Its fields are for programs (`None`: not known): the `name` of the key, number or part
     that is wrong, as a user writes it (`hip.radial_clearance`), by default the message's subject; the `value` that was
-    given; what is `allowed`: words, a bound, or a part of the sentence. Another object: as in messages (`quote`).
+    given; what is `allowed`: words, a bound, or a part of the sentence. Other objects are kept as messages show them.
     """
 
     value: Any = None
@@ -80,7 +80,7 @@ def _last(place: str) -> str:
 
 
 def wrong_value(where: str, allowed: str, value: Any, shown: str = "", fix: str = "", name: str = "") -> ClearanceError:
-    """An error of a `value`; `shown`: as the message has it; `fix`: the last sentence; `name`: if `where` has none."""
+    """An error of a `value`; `shown`: as the message has it; `fix`: its last sentence; `name`: if `where` has none."""
     text = f"{where} must be {allowed}, but it is {shown or quote(value)}." + f" {fix}" * bool(fix)
     return ClearanceError(text).about(name or where, value, allowed)
 
@@ -93,7 +93,7 @@ def wrong_word(where: str, value: object, allowed: Collection[str]) -> Clearance
 
 
 def unknown_name(message: str, word: str, allowed: Iterable[str], name: str | None = None) -> ClearanceError:
-    """An error of a `word` that there is not, with the nearest ones behind the `message`; `name`: its key."""
+    """An error of an unknown `word`: the `message`, then the nearest allowed words; `name`: of the key."""
     allowed = tuple(allowed)
     return ClearanceError(f"{message} {suggest(word, allowed)}").about(name or word, word or None, allowed)
 

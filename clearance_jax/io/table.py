@@ -50,7 +50,7 @@ class TomlTable:
             if key.required:
                 self.need(name)
             return key.default
-        # These placeholders come first: they may contain those of the table.
+        # A placeholder in `words` may contain one of the table, so it is replaced first.
         return key.read(self.values[name], self.key(name), {**words, **self.words})
 
     def arguments(self, *skip: str) -> dict[str, Any]:
@@ -93,7 +93,7 @@ class Chosen(NamedTuple):
 
 
 def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
-    """The table of one of several kinds, which its first declared key chooses, or the default of that key."""
+    """The table of one of several kinds. The first declared key, or its default, chooses the kind."""
     first = next(iter(tables.values()))
     head, values = first.keys[0], check_table(values, where)
     if head.name not in values and head.default is None:

@@ -33,9 +33,9 @@ UPRIGHT, LEVEL = 30, 44
 LOW, HIGH = 1.5, 4.2
 # Relative to the mechanism's size: distance below which places share a label, and margin for labels.
 SAME, ROOM = 0.02, 0.2
-# Of a label: the height of a line and the width of a character, and how far it stands off [point].
+# Labels [point]: height of a line, width of a character, distance from the labelled place.
 LINE, CHARACTER, OFF = 11.0, 5.6, 9.0
-# Where a label may stand, the best place first; half the size of a joint's mark [point]; points all over a label.
+# Sides on which a label may stand, the best first; half the size of a joint's mark [point]; points spread over a label.
 SIDES = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)])
 MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 5)), -1).reshape(-1, 2)
 # Of an error budget: the size of the mark of the largest share [point]. Areas of marks are proportional to shares.

@@ -12,7 +12,7 @@ from clearance_jax.report.style import STYLED, legend_below, panel_grid
 
 # A diagram of more points than this is drawn with smaller ones; areas of both [pt^2].
 MANY, LARGE, SMALL = 20_000, 4.0, 0.5
-# Sections drawn at most; of how few points one is drawn with larger ones; how much a panel shows of all there is.
+# Most sections in a figure; most points that are drawn large; least part of the whole range that a panel shows.
 MOST_SECTIONS, FEW, CLOSE = 6, 200, 0.1
 # Columns of a picture: with more lanes a line would hide the points.
 COLUMNS = 500

@@ -19,9 +19,9 @@ from clearance_jax.report.style import STYLED, legend_below, new_figure, panel_g
 from clearance_jax.results.sobol import Indices
 
 COLOURS, FAILED = "viridis", "0.8"
-# Panels of a heat map, curves told apart by colour, bins of a scattered axis, lines of parallel coordinates, at most.
+# Most panels of a heat map, curves of different colours, bins of a scattered axis, lines of parallel coordinates.
 PANELS, CURVES, BINS, LINES = 6, 6, 24, 2000
-# Quantiles of the bands, and how dark they are; those of several curves.
+# Bands: lower and upper quantile, opacity; the opacity where there are several curves.
 BANDS, FAINT = ((0.05, 0.95, 0.18), (0.25, 0.75, 0.35)), 0.12
 
 
@@ -205,7 +205,7 @@ def _band(
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Values and groups: finite results by the values of an axis, or by equally full bins of a scattered number."""
+    """Places along a number, and the finite results at each: values of an axis, or bins of equally many results."""
     if on_axis:
         places = np.unique(where)
         return places, [values[(where == place) & np.isfinite(values)] for place in places]
@@ -230,7 +230,7 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
     if not whole.size:
         raise ClearanceError("There is nothing to draw: no sample has all of these results.")
-    # The highest on top; of many lanes some, evenly chosen by that.
+    # The highest values are drawn last, on top. Of many lanes some are drawn, evenly chosen in that order.
     order = whole[np.argsort(columns[colour][whole], kind="stable")]
     order = order[sweep.spread_places(len(order), LINES)]
     figure, axes = new_figure(1.2 + 1.7 * len(names), 4.2)

@@ -15,7 +15,7 @@ from clearance_jax.report.magnified import EDGE, SHOWN, WALL, bushing, round_fac
 from clearance_jax.report.style import STYLED, legend_below, length_unit, new_figure
 from clearance_jax.report.sweep_axes import display
 
-# Ages at which profiles are drawn; frames of a film, and how many a second.
+# Number of ages whose profiles are drawn; frames of a film, and how many of them a second.
 AGES, FRAMES, SLOW = 6, 80, FPS / 2
 PALE, MARK = "0.75", "tab:red"
 

@@ -15,11 +15,11 @@ from clearance_jax.results import blocks
 from clearance_jax.results.episodes import Look, Members, Spans, StepEnds, members
 from clearance_jax.solve.drivers.trace import Trace
 
-# How far the cubic through a step's ends may miss the force's top inside it, over the rise to that top. With the
-# longest steps of dopri8 at rtol 1e-6 it misses by a hundredth of the rise.
+# Largest error of the cubic through a step's ends at the top of the force, as a part of the rise to that top. With the
+# longest steps of dopri8 at rtol 1e-6 the error is a hundredth of the rise.
 DOUBT = 0.2
-# Places at which a step is looked into for a force. Each brings the largest one two to three digits closer (where the
-# force has kinks inside the step: one and a half); from the cubic's two digits four reach the accuracy of the solve.
+# Evaluations of a force inside a step. Each makes the largest force more accurate by two to three digits (by one and a
+# half if the force has kinks in the step). The cubic has two digits, so four evaluations reach the solve's accuracy.
 PLACES = 4
 # Of speeds and accelerations: most steps that are evaluated inside, and places in each.
 STEPS, SPOTS = 64, 8
@@ -94,8 +94,8 @@ def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.nd
 
 
 def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
-    """Place (0 to 1) and height of the largest force inside each step. Each place asked for is the top of the cubic on
-    what is left of the step around the top (or its middle), and becomes an end of what is left.
+    """Place (0 to 1) and height of the largest force inside each step. The force is evaluated at the top of the cubic
+    through the ends of an interval (in its middle if there is no top). Then that place is an end of the interval.
     """
     h = seen.time[steps + 1] - seen.time[steps]
     left = StepPoint(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
@@ -173,7 +173,7 @@ def largest(time: np.ndarray, values: np.ndarray, look: LookInto) -> Extreme:
 
 
 def _candidates(values: np.ndarray) -> np.ndarray:
-    """Steps inside which it may exceed its largest value at step ends, by the changes there and beside."""
+    """Steps inside which the values at step ends may be exceeded, judged by the changes there and in steps beside."""
     change = np.abs(np.diff(values))
     beside = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
     reach = np.maximum(values[:-1], values[1:]) + beside

@@ -111,7 +111,7 @@ def places(dataset: xr.Dataset) -> Places:
 
 
 def _directions(between: np.ndarray, fixed: bool) -> np.ndarray:
-    """Unit vectors along (times, axes), a short one that of the last long one; if `fixed` all that of the longest."""
+    """Directions of vectors (times, axes), of short ones that of the last long one, if `fixed` all of the longest."""
     length = np.linalg.norm(between, axis=1)
     long = length >= (1.0 if fixed else 0.1) * length.max()
     last = np.maximum.accumulate(np.where(long & (not fixed), np.arange(len(long)), np.argmax(long)))
@@ -158,7 +158,7 @@ def marks(mechanism: AbstractMechanism) -> Iterator[Mark]:
 
 
 def mark_labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
-    """Dataset mark_labels of the marks: their names and their bodies."""
+    """The labels of the marks in a dataset: their names and their bodies."""
     drawn = list(marks(mechanism))
     return {"mark": ("mark", [m.name for m in drawn]), "mark_body": ("mark", [m.body for m in drawn])}
 

@@ -100,7 +100,7 @@ class StudyFile:
         raise unknown_name(f"{where}: the study has no metric `{name}`.", name, self.metric_names, where)
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
-        """The scatter of the named numbers of a model (`None`: of all that scatter); `where` as of `metric`."""
+        """The scatter of the named numbers of a model (`None`: of all that scatter); `where`: the key that asks."""
         tables = expand_entries(self.table, "scatter", model)
         wanted = tuple(tables) if names is None else tuple(names)
         if not wanted:

@@ -78,7 +78,8 @@ def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
     pressure = _pressure(top.variant("pressure", keys.PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
-            pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
+            # Raises if it needs a number of the joint that is missing.
+            pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))
     return WearModel(mechanism, joint, law, pressure, cycle)
 
 

@@ -1,5 +1,5 @@
 """Rigid bodies of a URDF's robot: links that are fixed to one another are one body, which must have mass to move. The
-frame of each link stays known by the link's name; a frame or sensor may lack mass, for a body is checked as a whole.
+frame of each link stays known by the link's name. A link may lack mass, as a sensor does: whole bodies are checked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,9 +52,9 @@ def merge(robot: parts.Robot) -> Assembly:
             rpy = joint.rpy if parts.is_identity(carrier.pose.rotation) else parts.triple(parts.rpy_of(pose.rotation))
             joints.append(joint._replace(parent=carrier.body, xyz=parts.triple(pose.position), rpy=rpy))
     of_links: dict[str, list[parts.Link]] = {frame.body: [] for frame in frames.values()}
-    for link in robot.links:
-        # The link that gives the body its name comes first.
-        of_links[frames[link.name].body].insert(0 if frames[link.name].body == link.name else 10**9, link)
+    # The link that gives the body its name comes first.
+    for link in sorted(robot.links, key=lambda link: frames[link.name].body != link.name):
+        of_links[frames[link.name].body].append(link)
     bodies = {name: _together(of, frames) for name, of in of_links.items()}
     return Assembly(robot.name, robot.root, bodies, tuple(joints), frames)
 

@@ -227,7 +227,7 @@ def direction(element: Element, where: str) -> Triple:
     largest = np.abs(vector).max()
     if not largest > 0:
         raise ClearanceError(f"{where}: its <axis> must have a direction, but it is zero. Give one, as `0 0 1`.")
-    unit = vector / largest  # first, for squares of small numbers may vanish
+    unit = vector / largest  # without this division squares of small numbers could vanish
     # An axis along a coordinate axis stays exactly there: x / hypot(x, 0, 0) is 1.
     x, y, z = (float(part) for part in unit / np.sqrt(np.sum(unit**2)))
     return x, y, z
