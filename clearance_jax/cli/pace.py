@@ -20,14 +20,14 @@ SIGNALS = signal.SIGINT, signal.SIGTERM
 
 class Interruption:
     """A context (`with Interruption() as asked`) in which Ctrl-C and SIGTERM raise `KeyboardInterrupt` at once, and
-    again in `check` if that exception was lost.
+    again in `check` if that exception was lost. `heard`: whether the command was asked to end.
 
     Python raises an interruption wherever the program is. After a long call of JAX that is often a callback of the
     garbage collector, where an exception is printed and dropped. So the signal is remembered, and raised again.
     """
 
     def __init__(self):
-        self._heard = False
+        self.heard = False
 
     def __enter__(self) -> "Interruption":
         self._hook, self._usual = sys.unraisablehook, {}
@@ -41,18 +41,13 @@ class Interruption:
         for number, usual in self._usual.items():
             signal.signal(number, signal.SIG_DFL if usual is None else usual)
 
-    @property
-    def heard(self) -> bool:
-        """Whether the command was asked to end."""
-        return self._heard
-
     def check(self) -> None:
         """Raise `KeyboardInterrupt` if the command was asked to end."""
-        if self._heard:
+        if self.heard:
             raise KeyboardInterrupt
 
     def _hear(self, *_: Any) -> None:
-        self._heard = True
+        self.heard = True
         raise KeyboardInterrupt
 
     def _forgotten(self, what: Any) -> None:

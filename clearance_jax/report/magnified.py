@@ -173,5 +173,4 @@ def _bare(axis: Any) -> None:
     """Hide ticks and frame: play and sizes have different scales."""
     axis.set_aspect("equal", adjustable="box")
     axis.set(xticks=[], yticks=[])
-    for spine in axis.spines.values():
-        spine.set_visible(False)
+    axis.spines[:].set_visible(False)

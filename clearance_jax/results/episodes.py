@@ -148,14 +148,6 @@ class ContactWarning(UserWarning):
     """A contact gave back more work than it took up."""
 
 
-class Works(NamedTuple):
-    """Of every episode the work taken up and given back [J], and the root of their ratio (NaN: unknown as a whole)."""
-
-    taken: np.ndarray
-    given: np.ndarray
-    restitution: np.ndarray
-
-
 class ContactPowers(NamedTuple):
     """The power taken up [W] at instants [s] and its rate [W/s]; `known`: whether that is the contact's own rate."""
 
@@ -165,13 +157,15 @@ class ContactPowers(NamedTuple):
     known: np.ndarray
 
 
-def works(seen: StepEnds, spans: Spans, inside: Look) -> Works:
-    """The works of every episode of one joint; `inside` evaluates its contact inside steps."""
+def restitutions(seen: StepEnds, spans: Spans, inside: Look) -> np.ndarray:
+    """The root of the work [J] given back over that taken up, of every episode of one joint (NaN: not known as a
+    whole); `inside` evaluates its contact inside steps.
+    """
     powers, place = _powers(seen, spans, inside)
     until = [np.append(0.0, np.cumsum(part)) for part in _exchange(powers)]
     taken, given = (work[place[spans.last]] - work[place[spans.first]] for work in until)
     whole = (spans.first > 0) & ~spans.lasting & (taken > 0)
-    return Works(taken, given, np.where(whole, np.sqrt(given / np.where(whole, taken, 1.0)), np.nan))
+    return np.where(whole, np.sqrt(given / np.where(whole, taken, 1.0)), np.nan)
 
 
 def doubt(joint: str, restitution: np.ndarray) -> str:

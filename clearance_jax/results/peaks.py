@@ -31,11 +31,11 @@ LookInto = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """A function of steps (indices of their starts) and fractions of them (0 to 1): the quantity there."""
 
 
-class EpisodePeaks(NamedTuple):
-    """Time [s] and height [N] of the largest force of every episode."""
+class Extreme(NamedTuple):
+    """The largest value of a quantity, and when it is reached [s]; of several episodes arrays of both."""
 
-    time: np.ndarray
-    force: np.ndarray
+    value: Any
+    time: Any
 
 
 class StepPoint(NamedTuple):
@@ -57,10 +57,10 @@ def cubic_top(value0, slope0, value1, slope1) -> tuple[np.ndarray, np.ndarray]:
     return np.where(turns, x, np.nan), np.where(turns, top, np.nan)
 
 
-def peaks(seen: StepEnds, spans: Spans, look: Look) -> EpisodePeaks:
-    """The largest force of every episode of one joint."""
+def peaks(seen: StepEnds, spans: Spans, look: Look) -> Extreme:
+    """The largest force [N] of every episode of one joint."""
     if spans.first.size == 0:
-        return EpisodePeaks(np.zeros(0), np.zeros(0))
+        return Extreme(np.zeros(0), np.zeros(0))
     row = members(spans)
     highest = _first_largest(seen.force[row.index], row)
     time, height = seen.time[row.index[highest]], seen.force[row.index[highest]]
@@ -71,7 +71,7 @@ def peaks(seen: StepEnds, spans: Spans, look: Look) -> EpisodePeaks:
     order = order[top[order] > height[span[order]]]
     begin, end = seen.time[steps[order]], seen.time[steps[order] + 1]
     time[span[order]], height[span[order]] = begin + place[order] * (end - begin), top[order]
-    return EpisodePeaks(time, height)
+    return Extreme(height, time)
 
 
 def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -121,13 +121,6 @@ def _first_largest(values: np.ndarray, row: Members) -> np.ndarray:
     return largest[np.unique(row.span[largest], return_index=True)[1]]
 
 
-class Extreme(NamedTuple):
-    """The largest value of a quantity, and when it is reached [s]."""
-
-    value: float
-    time: float
-
-
 def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], falls_over: float) -> dict[str, Any]:
     """Variables: the largest speed and acceleration of every point, over the whole motion, and after first falls (the
     last ends at `falls_over` [s]; minus infinity: none); `seen`: `velocity` and `acceleration` at the step ends.
@@ -139,15 +132,13 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
     for name, called in zip(blocks.OF_POINTS, ("speed", "acceleration"), strict=True):
         sizes, rows = np.linalg.norm(seen[name], axis=-1), []
 
-        def look(step, s, name=name):
-            return np.linalg.norm(blocks.inside_steps(mechanism, time, y, step, s)[name], axis=-1)
-
         for begin, point in itertools.product(begins, range(sizes.shape[1])):
 
-            def look_at(step, s, begin=begin, point=point, look=look):
-                return look(step + begin, s)[:, point]
+            def look(step, s, name=name, begin=begin, point=point):
+                vectors = blocks.inside_steps(mechanism, time, y, step + begin, s)[name]
+                return np.linalg.norm(vectors[:, point], axis=-1)
 
-            rows.append(largest(time[begin:], sizes[begin:, point], look_at))
+            rows.append(largest(time[begin:], sizes[begin:, point], look))
         shape = len(begins), sizes.shape[1]
         out[f"largest_{called}"] = np.array([row.value for row in rows]).reshape(shape)
         out[f"largest_{called}_time"] = np.array([row.time for row in rows]).reshape(shape)
