@@ -40,15 +40,10 @@ class Key(abc.ABC):
     unit: str = ""
     bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
-    @property
-    @abc.abstractmethod
-    def kind(self) -> str:
-        """What its values are, in words."""
-
-    @property
-    @abc.abstractmethod
-    def shape(self) -> Shape:
-        """What its values are, in JSON Schema."""
+    kind: ClassVar[str]
+    """What its values are, in words."""
+    shape: ClassVar[Shape]
+    """What its values are, in JSON Schema."""
 
     @abc.abstractmethod
     def read(self, value: Any, where: str, words: Words) -> Any:
@@ -65,7 +60,6 @@ class Key(abc.ABC):
         return [to_si(value, unit, f"{where}[{i}]") for i, value in enumerate(values)]
 
 
-@dataclasses.dataclass(frozen=True)
 class QuantityKey(Key):
     """One number: a string with a unit, or bare if it has no unit."""
 
@@ -88,7 +82,6 @@ def quantity(
     return QuantityKey(help, example, absent, unit=unit, default=default, required=required, bounds=bounds)
 
 
-@dataclasses.dataclass(frozen=True)
 class Quantities(Key):
     """A list of at least one number."""
 
@@ -127,7 +120,6 @@ class VectorKey(AbstractComponents):
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 2, "maxItems": 3}
 
 
-@dataclasses.dataclass(frozen=True)
 class Triple(AbstractComponents):
     """Three angles or rates."""
 
@@ -136,7 +128,6 @@ class Triple(AbstractComponents):
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 3, "maxItems": 3}
 
 
-@dataclasses.dataclass(frozen=True)
 class Direction(Key):
     """An axis of a frame: a letter, or three numbers of any length."""
 
@@ -150,7 +141,6 @@ class Direction(Key):
             return as_axis(self._numbers(value, where, words) if isinstance(value, list) else value)
 
 
-@dataclasses.dataclass(frozen=True)
 class Moments(Key):
     """A moment of inertia (about z), or three or six of them."""
 
@@ -186,7 +176,6 @@ class Whole(Key):
         return value
 
 
-@dataclasses.dataclass(frozen=True)
 class Wholes(Key):
     """A list of increasing whole numbers, at least 0."""
 
@@ -200,7 +189,6 @@ class Wholes(Key):
         return tuple(value)
 
 
-@dataclasses.dataclass(frozen=True)
 class Flag(Key):
     """True or false."""
 
@@ -232,7 +220,6 @@ def path(help: str, example: str, absent: str = "", *, required: bool = False) -
     return Text(help, example, absent, required=required, longest=LONGEST_PATH)
 
 
-@dataclasses.dataclass(frozen=True)
 class Names(Key):
     """A list of names."""
 

@@ -12,7 +12,7 @@ from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.scene.contact import PLAYS, play_of
-from clearance_jax.io.table import Chosen, TomlTable, check_table, variant
+from clearance_jax.io.table import TomlTable, check_table, variant
 from clearance_jax.io.urdf.mechanism import place_of, read_robot
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
 from clearance_jax.mechanism.actuators import Servo
@@ -36,10 +36,10 @@ def joints_of(top: TomlTable, path: Path, known: Collection[str] = ()) -> tuple[
     """
     tree, loops, placed = [], [], {GROUND, *known}
     for name, values, where in top.parts("joint"):
-        read = variant(values, where, keys.JOINT_TABLES)
-        joint = _joint(name, read, path)
+        kind, table = variant(values, where, keys.JOINT_TABLES)
+        joint = _joint(name, kind, table, path)
         if joint.child in placed:
-            loops.append(_closure(joint, read.table))
+            loops.append(_closure(joint, table))
         else:
             tree.append(joint)
             placed.add(joint.child)
@@ -55,8 +55,7 @@ def _closure(joint: AbstractJoint, table: TomlTable) -> AbstractJoint:
     return joint
 
 
-def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
-    kind, table = read
+def _joint(name: str, kind: str, table: TomlTable, path: Path) -> AbstractJoint:
     common = {"name": name, "parent": table.get("parent"), "child": table.get("child")}
     common |= table.only("at_parent", "at_child", "angle", "orientation", "child_orientation")
     if kind == "fixed":

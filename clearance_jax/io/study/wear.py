@@ -103,10 +103,11 @@ def _material(table: TomlTable, key: str) -> Material:
 
 
 def _law(read: Chosen) -> AbstractWearLaw:
-    table, coefficient = read.table, read.table.get("coefficient")
+    word, table = read
+    coefficient = table.get("coefficient")
     if "hardness" in table.values:
         coefficient = coefficient / table.get("hardness")
-    law: AbstractWearLaw = Reye(coefficient) if read.word == "reye" else Archard(coefficient)
+    law: AbstractWearLaw = Reye(coefficient) if word == "reye" else Archard(coefficient)
     if table.has("graded"):
         law = Graded(law, **table.table("graded", keys.GRADED).arguments())
     if table.has("least_pressure"):
