@@ -102,11 +102,10 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     norm = Normalize(*(of.factor * f(values.values) for f in (np.nanmin, np.nanmax)))
     for panel, place in zip(panels.ravel(), places, strict=False):
         cells = of.factor * values.isel(place).transpose(y, x).values
-        panel.set_facecolor(FAILED)
         panel.grid(visible=False)
         edges = across.factor * dataset[x].values, up.factor * dataset[y].values
         panel.pcolormesh(*edges, cells, norm=norm, cmap=COLOURS, shading="nearest", rasterized=True)
-        panel.set(xscale=sweep.scale(edges[0]), yscale=sweep.scale(edges[1]))
+        panel.set(facecolor=FAILED, xscale=sweep.scale(edges[0]), yscale=sweep.scale(edges[1]))
         panel.set_title(sweep.place_words(dataset, place), fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(across.label)
@@ -176,8 +175,8 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
         part = dataset if k is None else dataset.isel({by: [k]})
         label = None if k is None else sweep.place_words(dataset, {by: k})
         _band(axes, part, name, x, across, of, f"C{i}", label, alone=len(places) == 1)
-    axes.set(xlabel=across.label, ylabel=of.label)
-    axes.set_xscale(sweep.scale(dataset[x].values) if x in sweep.lanes_of(dataset) else "linear")
+    scale = sweep.scale(dataset[x].values) if x in sweep.lanes_of(dataset) else "linear"
+    axes.set(xlabel=across.label, ylabel=of.label, xscale=scale)
     axes.margins(x=0.01)
     if axes.get_legend_handles_labels()[0]:
         legend_below(axes)
