@@ -78,15 +78,15 @@ def read_robot(
         Word("", "", allowed=allowed).read(word, f"`{name}`", {})
     field = _gravity(gravity)
     text, robot = read_urdf(path)
-    followers = ((joint, joint.mimic) for joint in robot.joints if joint.mimic is not None)
     with naming(f"`{path}`"), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a robot is loaded inside a jitted function.
-        for joint, led in followers if mimic == "refuse" else ():
-            raise ClearanceError(
-                f"line {joint.line}: joint `{joint.name}` follows `{led.joint}` (<mimic>), and such joints are "
-                "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
-                "joint."
-            ).about(joint.name, led.joint)
+        for joint in robot.joints if mimic == "refuse" else ():
+            if joint.mimic is not None:
+                raise ClearanceError(
+                    f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic}` (<mimic>), and such joints are "
+                    "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
+                    "joint."
+                ).about(joint.name, joint.mimic)
         return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector))
 
 
