@@ -8,6 +8,7 @@ Vectors are triples `(x, y, z)`. A plane mechanism is not a mode: its z componen
 structural zeros, and so is everything computed from them. The same functions take pairs `(x, y)` of a plane.
 """
 
+import functools
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -63,10 +64,7 @@ def times(a: Term, b: Term) -> Term:
 
 def total(terms) -> Term:
     """The sum of `terms`, 0.0 for none."""
-    result: Term = 0.0
-    for term in terms:
-        result = plus(result, term)
-    return result
+    return functools.reduce(plus, terms, 0.0)
 
 
 def add(a: Terms, b: Terms) -> Terms:

@@ -192,10 +192,8 @@ def say_budget(
     """Print the error budget of a point of a scene or a robot, and draw it if `plot` is given."""
     common.check_distinct(scene=scene_file, trajectory=trajectory, plot=plot)
     common.check_writable(plot, common.FIGURES)
-    if is_robot(scene_file) and point not in (None, *(known.name for known in scene.mechanism.points)):
-        from clearance_jax.io.urdf.mechanism import load_urdf
-
-        scene = scene._replace(mechanism=load_urdf(scene_file, end_effector=point))
+    if point is not None and is_robot(scene_file):
+        scene = scene._replace(mechanism=_with_point(scene.mechanism, scene_file, point))
     driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = common.change(driven, settings, False, clearance)
     name = _point(mechanism, point)
@@ -213,6 +211,12 @@ def say_budget(
         from clearance_jax.report.design_figures import budget_figure
 
         common.write_figure(budget_figure(budget), plot)
+
+
+def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
+    from clearance_jax.io.urdf.mechanism import load_urdf
+
+    return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)
 
 
 def _point(mechanism: Any, asked: str | None) -> str:
