@@ -112,7 +112,7 @@ def quote(value: object) -> str:
 
 def require_float64() -> None:
     """Raise unless 64-bit floats are on: float32 cannot represent a penetration of 1e-8 m on a 1 m arm."""
-    import jax  # here, for the command's help speaks of errors too and must not wait for JAX
+    import jax  # only here: the command's help imports this module too, and must not wait for JAX
 
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         raise ClearanceError(

@@ -208,7 +208,7 @@ def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
 
 
 class Swing(NamedTuple):
-    """A rotation by two tilts: matrix, spin per unit rate in outside and inside axes, `part` 1 / (1 + g^2)."""
+    """A rotation by two tilts: matrix, spins per unit rate of each in outside and inside axes, `part` 1 / (1 + g^2)."""
 
     rows: Matrix
     outside: tuple[Vector, Vector]

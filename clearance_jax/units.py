@@ -9,8 +9,8 @@ from typing import Any
 from clearance_jax._compile.files import remember
 from clearance_jax.errors import ClearanceError, quote, wrong_value
 
-# The allowed forms of a quantity. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and which
-# takes "mm" for one millimetre: it reads only the unit, and only these forms.
+# The allowed forms of a quantity. pint's own reader is a calculator: it would work on "9**9**9 kg" for ever, and read
+# "mm" as one millimetre. So pint reads the unit only, and only in these forms.
 LONGEST = 100
 _NUMBER = r"[+-]?(?:(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?|(?:nan|inf)(?=\s))"
 _SYMBOL = r"(?:[^\W\d_²³¹⁰⁴⁵⁶⁷⁸⁹][^\W²³¹⁰⁴⁵⁶⁷⁸⁹]*|[%°])"
@@ -104,7 +104,7 @@ def _check(value: str, unit: str, where: str) -> tuple[float, str]:
     if match is None:
         lacks = "it lacks a number" if not re.search(r"\d", value) else "it must read NUMBER UNIT"
         raise _unread(value, unit, where, lacks)
-    # pint would take a long row of digits for a whole number without end.
+    # pint would read a long row of digits as a whole number of any size.
     number = _float(match[1].replace("_", ""), where)
     return number, (match[2] or "").replace("·", "*")
 

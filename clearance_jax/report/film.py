@@ -97,7 +97,7 @@ class AbstractFilm(abc.ABC):
         return f"Film of {self.name}: {len(self)} frames, {self.fps:.3g} a second"
 
     def save(self, path: str | Path, progress: Callable[[float], None] | None = None) -> Path:
-        """Write a GIF, or an MP4 where the program ffmpeg is there; whole or not at all, interrupted too.
+        """Write a GIF, or with the program ffmpeg an MP4. It is written completely or not at all, if interrupted too.
 
         **Arguments:** `progress`: called with the fraction done.
 

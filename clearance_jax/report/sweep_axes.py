@@ -197,7 +197,7 @@ def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
 
 
 def slice_grid(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
-    """The lanes along one axis of a grid, at the middle of the others, and that in words; without a grid all lanes."""
+    """The lanes along one axis of a grid in the middle of its other axes, and this middle in words; else all lanes."""
     if axis not in lanes_of(dataset):
         return dataset, ""
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim != axis}

@@ -151,7 +151,7 @@ def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) ->
     program = blocks.observed_with_rates if mechanism.clearance_joints() else blocks.observed
 
     def some(*given):
-        seen = program(*given)  # far more than is wanted of as many states as there are steps
+        seen = program(*given)  # more variables than are kept of so many states
         return {name: seen[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in seen}
 
     return in_blocks(some, mechanism, np.asarray(trace.time), np.asarray(trace.y), progress=progress)

@@ -23,7 +23,7 @@ _OF_PARTS |= {record: (kind, {"unit": unit, "record": record}) for record, (kind
 
 class Keys(NamedTuple):
     """The declaration of a table: its `name` in the file, `title` and `help` for the reference, and its `keys`.
-    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present by former names of keys;
+    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present names of renamed keys;
     `shared`: tables whose keys it includes. Tables of one name and title are kinds of one family.
     """
 
