@@ -7,7 +7,7 @@ from typing import Any
 
 # A message is one or two sentences; a longer one contains a long value or path from the input.
 LONGEST = 600
-# Its subject: what its first clause names in backticks.
+# The subject of a message: the name in backticks in its first clause.
 SUBJECT = re.compile(r"[\w -]*`([^`]+)`")
 
 
@@ -15,7 +15,7 @@ class ClearanceError(ValueError):
     """An error in a scene, a mechanism or an argument. The `message` names the place and says what to do, in no more
     than `LONGEST` characters. Its fields are for programs (`None`: not known): the `name` of the key, number or part
     that is wrong, as a user writes it (`hip.radial_clearance`), by default the message's subject; the `value` that was
-    given; what is `allowed`: words, a bound, or a part of the sentence. Another object: as in messages (`quote`).
+    given; what is `allowed`: words, a bound, or a part of the sentence. Other objects are kept as messages show them.
     """
 
     value: Any = None
@@ -80,7 +80,7 @@ def _last(place: str) -> str:
 
 
 def wrong_value(where: str, allowed: str, value: Any, shown: str = "", fix: str = "", name: str = "") -> ClearanceError:
-    """An error of a `value`; `shown`: as the message has it; `fix`: the last sentence; `name`: if `where` has none."""
+    """An error of a `value`; `shown`: as the message has it; `fix`: its last sentence; `name`: if `where` has none."""
     text = f"{where} must be {allowed}, but it is {shown or quote(value)}." + f" {fix}" * bool(fix)
     return ClearanceError(text).about(name or where, value, allowed)
 
@@ -93,7 +93,7 @@ def wrong_word(where: str, value: object, allowed: Collection[str]) -> Clearance
 
 
 def unknown_name(message: str, word: str, allowed: Iterable[str], name: str | None = None) -> ClearanceError:
-    """An error of a `word` that there is not, with the nearest ones behind the `message`; `name`: its key."""
+    """An error of an unknown `word`: the `message`, then the nearest allowed words; `name`: of the key."""
     allowed = tuple(allowed)
     return ClearanceError(f"{message} {suggest(word, allowed)}").about(name or word, word or None, allowed)
 
@@ -112,7 +112,7 @@ def quote(value: object) -> str:
 
 def require_float64() -> None:
     """Raise unless 64-bit floats are on: float32 cannot represent a penetration of 1e-8 m on a 1 m arm."""
-    import jax  # here, for the command's help speaks of errors too and must not wait for JAX
+    import jax  # only here: the command's help imports this module too, and must not wait for JAX
 
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         raise ClearanceError(
@@ -128,11 +128,7 @@ def suggest(word: str, allowed) -> str:
     word, allowed = word[:100], sorted(allowed)
     if not allowed:
         return "There are none here."
-    near = difflib.get_close_matches(word, allowed, n=3, cutoff=0.5)
-    hint = (
-        f"Did you mean {' or '.join(f'`{name}`' for name in near[: None if len(allowed) > 12 else 1])}? "
-        if near
-        else ""
-    )
-    listed = ", ".join(allowed) if len(allowed) <= 12 else f"{', '.join(allowed[:12])}, ... ({len(allowed)} in all)"
-    return f"{hint}Allowed: {listed}."
+    is_long = len(allowed) > 12
+    near = difflib.get_close_matches(word, allowed, n=3 if is_long else 1, cutoff=0.5)
+    hint = f"Did you mean {' or '.join(f'`{name}`' for name in near)}? " if near else ""
+    return f"{hint}Allowed: {', '.join(allowed[:12])}{f', ... ({len(allowed)} in all)' if is_long else ''}."

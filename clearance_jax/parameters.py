@@ -25,7 +25,7 @@ from clearance_jax._basis.types import Flag
 from clearance_jax.errors import ClearanceError, quote, require_float64, unknown_name, wrong_value
 
 PARAMETER = "the parameter's"
-"""The unit of a number of a study that a parameter's name decides."""
+"""Stands for a unit in the declarations of a study's keys: that of the parameter which the file names."""
 # Bounds of a number's field: key of its metadata, test, words.
 BOUNDS = (("above", operator.gt, "greater than"), ("least", operator.ge, "at least"), ("below", operator.lt, "below"))
 
@@ -44,7 +44,7 @@ def as_leaf(value: Any) -> Any:
 
 
 def outside(part: Any) -> Any:
-    """The tree with NumPy's numbers, but for tracers: outside of a solve JAX would compile a program for a product."""
+    """The tree with NumPy's arrays for JAX's (tracers stay): outside of a solve JAX would compile each product."""
     return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) and not isinstance(x, Tracer) else x, part)
 
 
@@ -78,7 +78,7 @@ def describe(help: str, example: str, absent: str = "", *, least: int = 0, most:
 
 
 def flatten(member: str | None = None, **field):
-    """A field left out of dotted names: its members are its owner's; `member`: of a tuple the word before a name."""
+    """A field whose name dotted names leave out; `member`: of a tuple the word before its members' names."""
     return eqx.field(metadata={"flattened": True, "member": member}, **field)
 
 
@@ -122,7 +122,7 @@ class Parametrised(Module):
 @dataclasses.dataclass(frozen=True)
 class Leaf:
     """One number of a model: dotted name, attribute path, value and its field's metadata; `owners`: the parts that
-    contain it, the nearest last; `former`: its name from the time when its actuator had no name.
+    contain it, the nearest last; `former`: its name in older files, in which its actuator had no name.
     """
 
     name: str

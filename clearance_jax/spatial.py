@@ -8,6 +8,7 @@ Vectors are triples `(x, y, z)`. A plane mechanism is not a mode: its z componen
 structural zeros, and so is everything computed from them. The same functions take pairs `(x, y)` of a plane.
 """
 
+import functools
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -42,17 +43,17 @@ def absent(a: tuple[Term, ...]) -> bool:
 
 
 def plus(a: Term, b: Term) -> Term:
-    """A + b."""
+    """The sum a + b."""
     return b if is_zero(a) else a if is_zero(b) else a + b
 
 
 def minus(a: Term, b: Term) -> Term:
-    """A - b; the difference of a term with itself is absent."""
+    """The difference a - b; that of a term with itself is absent."""
     return 0.0 if a is b else a if is_zero(b) else -b if is_zero(a) else a - b
 
 
 def times(a: Term, b: Term) -> Term:
-    """A * b."""
+    """The product a b."""
     if is_zero(a) or is_zero(b):
         return 0.0
     for factor, other in ((a, b), (b, a)):
@@ -63,34 +64,31 @@ def times(a: Term, b: Term) -> Term:
 
 def total(terms) -> Term:
     """The sum of `terms`, 0.0 for none."""
-    result: Term = 0.0
-    for term in terms:
-        result = plus(result, term)
-    return result
+    return functools.reduce(plus, terms, 0.0)
 
 
 def add(a: Terms, b: Terms) -> Terms:
-    """A + b."""
+    """The vector a + b."""
     return tuple(plus(p, q) for p, q in zip(a, b, strict=True))  # pyright: ignore[reportReturnType]
 
 
 def subtract(a: Terms, b: Terms) -> Terms:
-    """A - b."""
+    """The vector a - b."""
     return tuple(minus(p, q) for p, q in zip(a, b, strict=True))  # pyright: ignore[reportReturnType]
 
 
 def scale(k: Term, a: Terms) -> Terms:
-    """K a."""
+    """The vector k a."""
     return tuple(times(k, p) for p in a)  # pyright: ignore[reportReturnType]
 
 
 def dot(a, b) -> Term:
-    """A . b."""
+    """The scalar product a . b."""
     return total(times(p, q) for p, q in zip(a, b, strict=True))
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """A x b: the moment of a force b at the arm a, the velocity at the arm b of a spin a."""
+    """The vector product a x b: the moment of a force b at the arm a, the velocity at the arm b of a spin a."""
     return (
         minus(times(a[1], b[2]), times(a[2], b[1])),
         minus(times(a[2], b[0]), times(a[0], b[2])),
@@ -99,19 +97,19 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 def centripetal(spin: Vector, arm: Vector) -> Vector:
-    """Spin x (spin x arm)."""
+    """The centripetal acceleration spin x (spin x arm)."""
     return add(scale(dot(spin, arm), spin), scale(minus(0.0, dot(spin, spin)), arm))
 
 
 def product(a: Matrix, b: Matrix) -> Matrix:
-    """A b."""
+    """The matrix a b."""
     columns = transpose(b)
     rows = tuple(tuple(dot(row, column) for column in columns) for row in a)
     return rows[0], rows[1], rows[2]  # pyright: ignore[reportReturnType]
 
 
 def transpose(a: Matrix) -> Matrix:
-    """A^T."""
+    """The transpose of a matrix."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = a
     return (xx, yx, zx), (xy, yy, zy), (xz, yz, zz)
 
@@ -210,7 +208,7 @@ def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
 
 
 class Swing(NamedTuple):
-    """A rotation by two tilts: matrix, spin per unit rate in outside and inside axes, `part` 1 / (1 + g^2)."""
+    """A rotation by two tilts: matrix, spins per unit rate of each in outside and inside axes, `part` 1 / (1 + g^2)."""
 
     rows: Matrix
     outside: tuple[Vector, Vector]
@@ -315,8 +313,8 @@ def matrix(rows: Matrix) -> Array:
 
 
 def put(whole: Array, places: np.ndarray, values: Array) -> Array:
-    """`whole` (n, ...) with `values` (k, ...) in its `places` (k,), which are known before it runs. It is no scatter,
-    with which a program could not be one function (see `_compile.one_function`).
+    """`whole` (n, ...) with `values` (k, ...) in its `places` (k,), which are known when it is traced. It avoids a
+    scatter: a program that has one cannot be compiled as one function (see `_compile.one_function`).
     """
     source = np.arange(len(whole))
     source[places] = len(whole) + np.arange(len(places))

@@ -9,8 +9,8 @@ from typing import Any
 from clearance_jax._compile.files import remember
 from clearance_jax.errors import ClearanceError, quote, wrong_value
 
-# The allowed forms of a quantity. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and which
-# takes "mm" for one millimetre: it reads only the unit, and only these forms.
+# The allowed forms of a quantity. pint's own reader is a calculator: it would work on "9**9**9 kg" for ever, and read
+# "mm" as one millimetre. So pint reads the unit only, and only in these forms.
 LONGEST = 100
 _NUMBER = r"[+-]?(?:(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?|(?:nan|inf)(?=\s))"
 _SYMBOL = r"(?:[^\W\d_²³¹⁰⁴⁵⁶⁷⁸⁹][^\W²³¹⁰⁴⁵⁶⁷⁸⁹]*|[%°])"
@@ -34,9 +34,7 @@ def registry() -> Any:
     return pint.UnitRegistry()
 
 
-@functools.cache
-def _pint() -> str:
-    return version("pint")
+_version = functools.cache(version)
 
 
 def to_si(value: Any, unit: str, where: str) -> float:
@@ -44,18 +42,18 @@ def to_si(value: Any, unit: str, where: str) -> float:
 
     **Raises:** `ClearanceError` naming `where` for a missing unit, a wrong dimension, an unknown unit, or NaN.
     """
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if unit in ("", "1"):
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            if isinstance(value, str):
-                check_comma(value, where)
-            raise wrong_value(where, "a bare number", value)
-        return _float(value, where)
-    if isinstance(value, bool) or not isinstance(value, str):
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        shown, other = (quote(value), "") if number else ("2.5", f", not as {quote(value)}")
+        if is_number:
+            return _float(value, where)
+        if isinstance(value, str):
+            check_comma(value, where)
+        raise wrong_value(where, "a bare number", value)
+    if not isinstance(value, str):
+        shown, other = (quote(value), "") if is_number else ("2.5", f", not as {quote(value)}")
         raise _needs(where, value, f'a unit: write it as a string such as "{shown} {unit}"{other}')
     text = _check(value, unit, where)
-    question = f"pint {_pint()}: {text[0]!r} {text[1]} in {unit}"
+    question = f"pint {_version('pint')}: {text[0]!r} {text[1]} in {unit}"
     return _finite(remember(question, lambda: _convert(value, text, unit, where)), where)
 
 
@@ -106,7 +104,7 @@ def _check(value: str, unit: str, where: str) -> tuple[float, str]:
     if match is None:
         lacks = "it lacks a number" if not re.search(r"\d", value) else "it must read NUMBER UNIT"
         raise _unread(value, unit, where, lacks)
-    # pint would take a long row of digits for a whole number without end.
+    # pint would read a long row of digits as a whole number of any size.
     number = _float(match[1].replace("_", ""), where)
     return number, (match[2] or "").replace("·", "*")
 

@@ -1,6 +1,8 @@
 """Progress display of a command, estimates of remaining time, and its interruption by Ctrl-C."""
 
+import itertools
 import signal
+import statistics
 import sys
 import threading
 import time
@@ -18,14 +20,14 @@ SIGNALS = signal.SIGINT, signal.SIGTERM
 
 class Interruption:
     """A context (`with Interruption() as asked`) in which Ctrl-C and SIGTERM raise `KeyboardInterrupt` at once, and
-    again in `check` if that exception was lost.
+    again in `check` if that exception was lost. `heard`: whether the command was asked to end.
 
     Python raises an interruption wherever the program is. After a long call of JAX that is often a callback of the
     garbage collector, where an exception is printed and dropped. So the signal is remembered, and raised again.
     """
 
     def __init__(self):
-        self._heard = False
+        self.heard = False
 
     def __enter__(self) -> "Interruption":
         self._hook, self._usual = sys.unraisablehook, {}
@@ -39,18 +41,13 @@ class Interruption:
         for number, usual in self._usual.items():
             signal.signal(number, signal.SIG_DFL if usual is None else usual)
 
-    @property
-    def heard(self) -> bool:
-        """Whether the command was asked to end."""
-        return self._heard
-
     def check(self) -> None:
         """Raise `KeyboardInterrupt` if the command was asked to end."""
-        if self._heard:
+        if self.heard:
             raise KeyboardInterrupt
 
     def _hear(self, *_: Any) -> None:
-        self._heard = True
+        self.heard = True
         raise KeyboardInterrupt
 
     def _forgotten(self, what: Any) -> None:
@@ -133,9 +130,8 @@ class Pace:
         """The expected time of so many evaluations by a new program [s]; `None` before the first evaluation."""
         if self.count < 1:
             return None
-        steps = [after - before for before, after in zip(self._times, self._times[1:], strict=False)]
-        usual = sorted(steps[1:] or steps)[len(steps[1:] or steps) // 2]
-        return steps[0] + evaluations * usual
+        steps = [after - before for before, after in itertools.pairwise(self._times)]
+        return steps[0] + evaluations * statistics.median_high(steps[1:] or steps)
 
 
 def shown_duration(seconds: float | None) -> str:

@@ -66,7 +66,9 @@ def run(
 
     with common.aloud(ImplausibleWarning):
         study = load_study(study_file)
-    asked = _sections(study)
+    asked = [name for name in ("sweep", "design", "wear", "calibrate") if getattr(study, name) is not None]
+    if study.wear is not None and study.wear.cycles is None:
+        asked.remove("wear")
     _check_options(given, asked)
     if "sweep" in asked:
         store = study_file.with_suffix(".zarr") if output is None else output
@@ -84,11 +86,6 @@ def run(
     if "design" in asked:
         how = {"method": method, "fidelity": fidelity, "starts": starts}
         run_design(study, report=report, verify=verify, tradeoff=tradeoff, cluster=cluster, record=record, **how)
-
-
-def _sections(study: Any) -> list[str]:
-    asked = [name for name in ("sweep", "design", "wear", "calibrate") if getattr(study, name) is not None]
-    return [name for name in asked if name != "wear" or study.wear.cycles is not None]
 
 
 def _check_options(given: dict[str, Any], asked: list[str]) -> None:

@@ -1,6 +1,7 @@
 """`clearance run` of a wear simulation: profiles, clearance and criterion over cycles; figures, a film."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,8 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
     with ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
         try:
             with aloud(SectorsWarning), aloud(RunWarning):
-                told, given = _Told(shown, asked, study.wear.cycles), study.wear
-                how = {**given.options, "until": given.until, "journal": journal, "progress": told, **given.solve}
+                given, progress = study.wear, _progress(shown, asked, study.wear.cycles)
+                how = {**given.options, "until": given.until, "journal": journal, "progress": progress, **given.solve}
                 history = simulate_wear(given.model, given.cycles, **how)
                 shown.update("reading off")
                 dataset = _dataset(study, history)
@@ -65,22 +66,21 @@ def _dataset(study: Any, history: Any, **attributes: Any) -> Any:
     return to_dataset(history, given.model, name=study.name, **words, **texts, **attributes)
 
 
-class _Told:
-    """Shows the progress, and raises a lost Ctrl-C. The remaining time, by the last block, is too long at first: later
-    blocks have more cycles.
+def _progress(shown: ProgressDisplay, asked: Interruption, cycles: int) -> Callable[[float], None]:
+    """A function of the fraction done, which shows the progress and raises a lost Ctrl-C. It estimates the remaining
+    time from the last block. That is too long at first, since later blocks have more cycles.
     """
+    shown.phase("compiling")
+    last = time.monotonic(), 0.0
 
-    def __init__(self, shown: ProgressDisplay, asked: Interruption, cycles: int):
-        self._shown, self._asked, self._cycles = shown, asked, cycles
-        shown.phase("compiling")
-        self._at, self._done = time.monotonic(), 0.0
+    def progress(done: float) -> None:
+        nonlocal last
+        (before, part), last = last, (time.monotonic(), done)
+        left = (last[0] - before) / max(done - part, 1e-12) * (1 - done)
+        shown.update(f"cycle {round(done * cycles)} of {cycles}, {shown_duration(left)} left", done)
+        asked.check()
 
-    def __call__(self, done: float) -> None:
-        now = time.monotonic()
-        left = (now - self._at) / max(done - self._done, 1e-12) * (1 - done)
-        self._at, self._done = now, done
-        self._shown.update(f"cycle {round(done * self._cycles)} of {self._cycles}, {shown_duration(left)} left", done)
-        self._asked.check()
+    return progress
 
 
 def _words(dataset: Any) -> list[str]:

@@ -67,7 +67,7 @@ def read_text(path: Path, what: str, largest: int) -> str:
 
 
 class Meant(NamedTuple):
-    """Words for messages about a table: `what` it is, what a `column` beside the times holds, an `example` header."""
+    """Words for messages about a table: `what` it is, what a `column` holds (times apart), an `example` of a header."""
 
     what: str
     column: str

@@ -1,7 +1,7 @@
 """Tables of scene and study files, read by the declarations of their keys. Unknown keys are errors."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.io.keys.declare import Keys
@@ -50,7 +50,7 @@ class TomlTable:
             if key.required:
                 self.need(name)
             return key.default
-        # These placeholders come first: they may contain those of the table.
+        # A placeholder in `words` may contain one of the table, so it is replaced first.
         return key.read(self.values[name], self.key(name), {**words, **self.words})
 
     def arguments(self, *skip: str) -> dict[str, Any]:
@@ -67,7 +67,7 @@ class TomlTable:
         return TomlTable(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
 
     def variant(self, name: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> "Chosen":
-        """The key's sub-table, one of several kinds."""
+        """The key's sub-table, one of several kinds, behind the word that chooses the kind."""
         return variant(self.values[name] if self.has(name) else {}, self.key(name), tables, {**self.words, **words})
 
     def entries(self, name: str) -> Iterator[tuple[str, Any, str]]:
@@ -85,15 +85,12 @@ class TomlTable:
             yield inner, TomlTable(values, where, keys, words)
 
 
-class Chosen(NamedTuple):
-    """A table of one of several kinds, and the word that chose the kind."""
-
-    word: str
-    table: TomlTable
+Chosen = tuple[str, TomlTable]
+"""The word that chooses one of several kinds of a table, and the table."""
 
 
 def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
-    """The table of one of several kinds, which its first declared key chooses, or the default of that key."""
+    """The table of one of several kinds. The first declared key, or its default, chooses the kind."""
     first = next(iter(tables.values()))
     head, values = first.keys[0], check_table(values, where)
     if head.name not in values and head.default is None:
@@ -109,7 +106,7 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
             what = f"{below(where, key)} is not a known key of the {head.name} `{word}`, but of {of}"
             text = f"{what}. Remove it, or {'change' if head.name in values else 'add'} the key `{head.name}`."
             raise ClearanceError(text).about(below(where, key), allowed=having)
-    return Chosen(word, TomlTable(values, where, tables[word], words))
+    return word, TomlTable(values, where, tables[word], words)
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:

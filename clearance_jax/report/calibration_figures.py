@@ -5,9 +5,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from clearance_jax.calibrate.result import Calibration
-from clearance_jax.report.design_figures import HEIGHT, PAGE, WIDTH, new_figure
+from clearance_jax.report.design_figures import HEIGHT, PAGE, WIDTH
 from clearance_jax.report.panels import time_axis
-from clearance_jax.report.style import length_unit
+from clearance_jax.report.style import length_unit, new_figure
 
 # Most letters of a name beside an axis.
 SHORT = 22
@@ -46,7 +46,7 @@ def signal_fit(calibration: Calibration, name: str) -> Figure:
 def interval_widths(calibration: Calibration) -> Figure:
     """The widths of the 95 % intervals relative to their numbers, cut off at 100 %."""
     names = list(calibration.values)
-    figure, axes = new_figure(1.0 + 0.4 * len(names))
+    figure, axes = new_figure(WIDTH, 1.0 + 0.4 * len(names))
     for row, name in enumerate(names):
         low, high = np.array(calibration.intervals[name])
         size = abs(calibration.values[name]) or 1.0
@@ -62,7 +62,7 @@ def interval_widths(calibration: Calibration) -> Figure:
 def correlations(calibration: Calibration) -> Figure:
     """The correlation of every pair of numbers."""
     names = [str(name) for name in calibration.correlation["parameter"].values]
-    figure, axes = new_figure(1.2 + 0.45 * len(names))
+    figure, axes = new_figure(WIDTH, 1.2 + 0.45 * len(names))
     axes.imshow(calibration.correlation.values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     for i, line in enumerate(calibration.correlation.values):
         for k, value in enumerate(line):

@@ -19,7 +19,7 @@ from clearance_jax.design.judge.observed import TimeHistory
 from clearance_jax.report.figures import draw_path
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.report.style import STYLED, legend_below, length_unit, round_down
+from clearance_jax.report.style import STYLED, legend_below, length_unit, new_figure, round_down
 from clearance_jax.report.wear_figures import draw_lives
 from clearance_jax.results.places import Outline, bounds, places
 from clearance_jax.results.play import middle_path, play
@@ -33,9 +33,9 @@ UPRIGHT, LEVEL = 30, 44
 LOW, HIGH = 1.5, 4.2
 # Relative to the mechanism's size: distance below which places share a label, and margin for labels.
 SAME, ROOM = 0.02, 0.2
-# Of a label: the height of a line and the width of a character, and how far it stands off [point].
+# Labels [point]: height of a line, width of a character, distance from the labelled place.
 LINE, CHARACTER, OFF = 11.0, 5.6, 9.0
-# Where a label may stand, the best place first; half the size of a joint's mark [point]; points all over a label.
+# Sides on which a label may stand, the best first; half the size of a joint's mark [point]; points spread over a label.
 SIDES = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)])
 MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 5)), -1).reshape(-1, 2)
 # Of an error budget: the size of the mark of the largest share [point]. Areas of marks are proportional to shares.
@@ -43,12 +43,6 @@ LARGEST = 34.0
 # Words and colours of the models of an error budget.
 MODELS = {"dynamics": ("dynamics", "C3"), "quasi_static": ("quasi-static", "k"), "play": ("play alone", "C0")}
 MODELS |= {"elasticity": ("elasticity alone", "C1")}
-
-
-def new_figure(height: float = HEIGHT) -> tuple[Figure, Axes]:
-    """A figure of the report's width, with one pair of axes."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    return figure, figure.subplots()
 
 
 def _objective(design: Design) -> tuple[float, str]:
@@ -70,7 +64,7 @@ def _label(text: str, unit: str, width: int) -> str:
 @PAGE
 def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound; times that do not count are shaded."""
-    figure, axes = new_figure()
+    figure, axes = new_figure(WIDTH, HEIGHT)
     factor, unit = _scale(history.unit)
     per_second = time_axis(axes, float(history.times[-1]))
     times = per_second * history.times
@@ -89,7 +83,7 @@ def over_time(history: TimeHistory) -> Figure:
 def contributions(why: Sequence[Response]) -> Figure:
     """Shares of the clearances in each limit's value, to first order, and the rest."""
     names = [*why[0].contributions, "the rest"]
-    figure, axes = new_figure(0.8 + 0.55 * len(why) + 0.18 * len(names))
+    figure, axes = new_figure(WIDTH, 0.8 + 0.55 * len(why) + 0.18 * len(names))
     colours = [f"C{i}" for i in range(10)]
     for row, response in enumerate(why):
         ends = [0.0, 0.0]  # negative parts to the left, the others to the right
@@ -110,7 +104,7 @@ def contributions(why: Sequence[Response]) -> Figure:
 @PAGE
 def trade(tradeoff: Tradeoff, design: Design) -> Figure:
     """The cost, or the clearance, that each bound allows."""
-    figure, axes = new_figure()
+    figure, axes = new_figure(WIDTH, HEIGHT)
     factor, unit = _scale(tradeoff.unit)
     times, label = _objective(design)
     axes.plot(factor * tradeoff.bounds, times * tradeoff.objectives, "o-", lw=1)
@@ -123,7 +117,7 @@ def trade(tradeoff: Tradeoff, design: Design) -> Figure:
 @PAGE
 def intervals(maintenance: Maintenance, design: Design) -> Figure:
     """After how many cycles a limit is met, against the clearance; or against the share of the designed ones."""
-    figure, axes = new_figure()
+    figure, axes = new_figure(WIDTH, HEIGHT)
     places, label = maintenance.shares, "clearances, share of the design"
     if len(design.specification.names) == 1:
         factor, unit = _scale(next(iter(design.units.values())))
@@ -140,7 +134,7 @@ def intervals(maintenance: Maintenance, design: Design) -> Figure:
 @PAGE
 def convergence(design: Design) -> Figure:
     """Cost (or clearance) of each evaluated design; those that violate a limit have another mark."""
-    figure, axes = new_figure()
+    figure, axes = new_figure(WIDTH, HEIGHT)
     points, (times, label) = design.program.history, _objective(design)
     values = times * np.array([p.objective for p in points])
     feasible = np.array([p.feasible for p in points])
@@ -163,7 +157,7 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     """
     pin, path = play(dataset, joint), middle_path(dataset, joint)
     if pin is None or pin.outline.axial is None:
-        figure, axes = new_figure(3.6)
+        figure, axes = new_figure(WIDTH, 3.6)
     else:
         figure = Figure(figsize=(WIDTH, 4.9), layout="constrained")
         axes, below = figure.subplots(2, height_ratios=(3, 1))
@@ -189,7 +183,7 @@ def mechanism(outline: Outline) -> Figure:
     low, high = bounds(outline.visible)
     size = float(max(high - low))
     width, height = high - low + 2 * ROOM * size
-    figure, axes = new_figure(float(np.clip(WIDTH * height / width, LOW, HIGH)))
+    figure, axes = new_figure(WIDTH, float(np.clip(WIDTH * height / width, LOW, HIGH)))
     # The whole page is the axes': names are placed in points, which no layout may move afterwards.
     figure.set_layout_engine("none")
     axes.set_position((0.0, 0.0, 1.0, 1.0))

@@ -24,7 +24,7 @@ PATTERNS = ("apart", "0.88"), ("at one edge", "tab:orange"), ("along a line", "t
 PATTERNS += (("at two opposite edges", "tab:red"),)
 TOUCHING = ("in contact", "tab:red")
 FACES = ("on a face", "tab:purple")
-# Of the height of a joint's row: its bar, and the one of its faces below.
+# Heights, as parts of a joint's row: the bar of its pattern, and the bar of its faces below.
 BAR, FACE_BAR = 0.55, 0.16
 # Most orbits in a row; the least share of the time that is shown as a number.
 ROW, TOLD = 4, 0.005

@@ -31,8 +31,8 @@ from clearance_jax.results.play import JointPlay, require_joint
 MOVIES = (".gif", ".mp4")
 FPS, DPI = 20.0, 80
 STYLE = {"font.size": 9, "axes.grid": False}
-# Colours of a GIF (the last of 256 marks pixels that stay as they were, which makes the file smaller), and in how many
-# frames they are looked for.
+# Colours of a GIF (of 256 the last marks pixels that do not change, which makes the file smaller); the number of frames
+# from which they are chosen.
 COLOURS, LOOKED_AT = 255, 10
 _BITS = np.array([1 << 16, 1 << 8, 1])
 # Default length of a film [s]. It is slowed by a round factor that makes it no longer.
@@ -53,7 +53,7 @@ def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> N
 
 
 def _palette(frames: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """The colours that most of the pixels have: areas keep theirs, their blurred edges get the nearest."""
+    """The most frequent colours: areas keep theirs, blurred edges get the nearest one."""
     seen = np.concatenate([colours for colours, _ in frames])
     counts = np.concatenate([np.bincount(which.ravel()) for _, which in frames])
     colours, which = np.unique(seen, return_inverse=True)
@@ -97,7 +97,7 @@ class AbstractFilm(abc.ABC):
         return f"Film of {self.name}: {len(self)} frames, {self.fps:.3g} a second"
 
     def save(self, path: str | Path, progress: Callable[[float], None] | None = None) -> Path:
-        """Write a GIF, or an MP4 where the program ffmpeg is there; whole or not at all, interrupted too.
+        """Write a GIF, or with the program ffmpeg an MP4. It is written completely or not at all, if interrupted too.
 
         **Arguments:** `progress`: called with the fraction done.
 

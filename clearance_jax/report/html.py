@@ -1,6 +1,6 @@
 """Reports of designs and calibrations as one HTML file, with figures and numbers inside, and how these are written.
 
-Everything on it was found before; a template says where it stands.
+A page shows findings that were computed before. Templates say where they stand.
 """
 
 import io

@@ -13,8 +13,8 @@ from clearance_jax.results.play import JointPlay, kind, penetration, pin_travel,
 
 # Default size of the drawn play over the pin's radius; the factor is rounded down.
 SHOWN = 0.35
-# Relative to the pin's radius: the sleeve's wall, how far the longer of the two comes out, the collar's thickness, and
-# the radius of what joins it to a shorter pin.
+# Relative to the pin's radius: thickness of the sleeve's wall, overhang of the longer of pin and sleeve, thickness of a
+# collar, radius of the neck between a collar and a shorter pin.
 WALL, OUT, COLLAR, NECK = 0.3, 0.35, 0.25, 0.6
 # Half angle that is marked at a contact [rad]; samples in the trail of the pin's centre.
 HALF_ANGLE, TRAIL = 0.35, 150
@@ -107,7 +107,7 @@ class Side:
         self.faces = axis.plot([], [], "s", ms=6, color="tab:purple", zorder=7)[0]
         centres = joint.centres(outline.heights)
         self.lateral = centres[..., up]
-        # What bears towards the reader or away from him does not bear at the edge of this picture.
+        # Contacts on the sides towards the reader and away from him are not at the edge of this picture.
         self.touching = np.hypot(*np.moveaxis(centres, -1, 0)) > outline.clearance
         self.touching &= np.abs(self.lateral) >= np.abs(centres[..., 1 - up])
         if outline.height is not None:
@@ -173,5 +173,4 @@ def _bare(axis: Any) -> None:
     """Hide ticks and frame: play and sizes have different scales."""
     axis.set_aspect("equal", adjustable="box")
     axis.set(xticks=[], yticks=[])
-    for spine in axis.spines.values():
-        spine.set_visible(False)
+    axis.spines[:].set_visible(False)

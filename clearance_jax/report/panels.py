@@ -1,4 +1,4 @@
-"""Panels of a motion from a dataset; curves of more points than a picture has columns, and smooth ones through few."""
+"""Panels of a motion from a dataset. Curves of very many points are drawn as envelopes, paths of few as splines."""
 
 from collections.abc import Callable
 from functools import partial
@@ -120,7 +120,7 @@ def _path(axis: Any, dataset: xr.Dataset) -> None:
 def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
     """Give axes one scale around places (..., 2 or 3) [m]; returns their lowest corner."""
     low, high = bounds(places)
-    # What stands still has axes too, of a size that needs no powers of ten beside its numbers.
+    # A mechanism that stands still has axes too, so large that their numbers need no power of ten.
     size = max(float(np.max(high - low)), 0.02 * float(np.max(np.abs([low, high]))), 1e-9)
     middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low) + ROOM * size, LEAST * size)
     for name, centre, reach in zip("xyz", middle, half, strict=False):

@@ -12,7 +12,7 @@ from clearance_jax.report.style import STYLED, legend_below, panel_grid
 
 # A diagram of more points than this is drawn with smaller ones; areas of both [pt^2].
 MANY, LARGE, SMALL = 20_000, 4.0, 0.5
-# Sections drawn at most; of how few points one is drawn with larger ones; how much a panel shows of all there is.
+# Most sections in a figure; most points that are drawn large; least part of the whole range that a panel shows.
 MOST_SECTIONS, FEW, CLOSE = 6, 200, 0.1
 # Columns of a picture: with more lanes a line would hide the points.
 COLUMNS = 500
@@ -89,8 +89,7 @@ def draw_bifurcation(
     for chosen, colour, label in kinds:
         where = np.broadcast_to(x[chosen, None], y[chosen].shape)
         axes.scatter(where, y[chosen], s=size, lw=0, color=colour, label=label, rasterized=True)
-    axes.set(xlabel=across.label, ylabel=f"{up.label}\nonce a period")
-    axes.set_xscale(sweep.scale(x))
+    axes.set(xlabel=across.label, ylabel=f"{up.label}\nonce a period", xscale=sweep.scale(x))
     axes.margins(x=0.01)
     if exponent is not None:
         legend_below(axes, markerscale=np.sqrt(30 / size))
@@ -109,8 +108,7 @@ def draw_exponent(axes: Axes, dataset: xr.Dataset, name: str, axis: str) -> None
         axes.plot(x, y, lw=0.5, color="0.3")
     axes.scatter(x, y, s=4 * LARGE if len(x) <= COLUMNS else LARGE, lw=0, color=colours, zorder=3)
     axes.axhline(0, color="black", lw=0.8)
-    axes.set(xlabel=across.label, ylabel=up.label)
-    axes.set_xscale(sweep.scale(x))
+    axes.set(xlabel=across.label, ylabel=up.label, xscale=sweep.scale(x))
     axes.margins(x=0.01)
 
 

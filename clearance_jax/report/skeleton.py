@@ -25,7 +25,7 @@ LINK: Any = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zo
 
 class Skeleton:
     """Axes (of projection "3d" in space) with a mechanism on it; `show(i)` puts it where it is at sample `i`. `joint`:
-    the joint to point at; `whole`: whether paths of points are drawn from first to last, not so far.
+    the joint to point at; `whole`: whether paths of points show all of the motion, or what lies before the sample.
     """
 
     def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):

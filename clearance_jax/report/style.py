@@ -4,11 +4,19 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
 STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True})
-# From the axes' lower edge down past numbers and label [inch].
+# Distance of a legend below the lower edge of its axes, past their numbers and label [inch].
 BELOW = 0.45
+
+
+def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
+    """A figure of this size [inch], with one pair of axes."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots()
 
 
 def legend_below(axis: Any, columns: int = 3, **how: Any) -> None:

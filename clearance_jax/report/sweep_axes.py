@@ -1,8 +1,8 @@
 """Lanes, varied numbers and results of a sweep's dataset, and their labels in figures.
 
-Lanes lie along the dimensions of the result codes, `code`: names of numbers, or a counter (`sample`). A coordinate of
-floats along these is a number that varies; of several that are all monotone `tidy` keeps one. The attribute `metric` of
-a result is the kind of its metric.
+The variable `code` has the result code of every lane. Its dimensions are named after numbers, or count (`sample`). A
+coordinate of floats along them is a number that varies. If several along one dimension are all monotone, `tidy` keeps
+one of them. The attribute `metric` of a result is the kind of its metric.
 """
 
 from collections.abc import Mapping
@@ -167,7 +167,7 @@ def display(array: xr.DataArray, name: str | None = None) -> AxisScale:
 
 
 def scale(values: np.ndarray) -> str:
-    """Of an axis: "log" for values in equal ratios, such as come of `spacing = "log"`, "linear" for all others."""
+    """The scale of an axis: "log" for values in equal ratios (those of `spacing = "log"`), else "linear"."""
     if len(values) < 3 or np.any(values <= 0):
         return "linear"
     ratios, steps = np.diff(np.log(values)), np.diff(values)
@@ -197,7 +197,7 @@ def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
 
 
 def slice_grid(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
-    """The lanes along one axis of a grid, at the middle of the others, and that in words; without a grid all lanes."""
+    """The lanes along one axis of a grid in the middle of its other axes, and this middle in words; else all lanes."""
     if axis not in lanes_of(dataset):
         return dataset, ""
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim != axis}

@@ -15,13 +15,13 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import sweep_axes as sweep
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
-from clearance_jax.report.style import STYLED, legend_below, panel_grid
+from clearance_jax.report.style import STYLED, legend_below, new_figure, panel_grid
 from clearance_jax.results.sobol import Indices
 
 COLOURS, FAILED = "viridis", "0.8"
-# Panels of a heat map, curves told apart by colour, bins of a scattered axis, lines of parallel coordinates, at most.
+# Most panels of a heat map, curves of different colours, bins of a scattered axis, lines of parallel coordinates.
 PANELS, CURVES, BINS, LINES = 6, 6, 24, 2000
-# Quantiles of the bands, and how dark they are; those of several curves.
+# Bands: lower and upper quantile, opacity; the opacity where there are several curves.
 BANDS, FAINT = ((0.05, 0.95, 0.18), (0.25, 0.75, 0.35)), 0.12
 
 
@@ -102,11 +102,10 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     norm = Normalize(*(of.factor * f(values.values) for f in (np.nanmin, np.nanmax)))
     for panel, place in zip(panels.ravel(), places, strict=False):
         cells = of.factor * values.isel(place).transpose(y, x).values
-        panel.set_facecolor(FAILED)
         panel.grid(visible=False)
         edges = across.factor * dataset[x].values, up.factor * dataset[y].values
         panel.pcolormesh(*edges, cells, norm=norm, cmap=COLOURS, shading="nearest", rasterized=True)
-        panel.set(xscale=sweep.scale(edges[0]), yscale=sweep.scale(edges[1]))
+        panel.set(facecolor=FAILED, xscale=sweep.scale(edges[0]), yscale=sweep.scale(edges[1]))
         panel.set_title(sweep.place_words(dataset, place), fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(across.label)
@@ -160,8 +159,8 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
     """
     dataset = sweep.tidy(dataset)
     x = sweep.variables(dataset)[0] if x is None else x
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    draw_curves(figure.subplots(), dataset, name, x, by)
+    figure, axes = new_figure(6.4, 4.2)
+    draw_curves(axes, dataset, name, x, by)
     return figure
 
 
@@ -176,11 +175,10 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
         part = dataset if k is None else dataset.isel({by: [k]})
         label = None if k is None else sweep.place_words(dataset, {by: k})
         _band(axes, part, name, x, across, of, f"C{i}", label, alone=len(places) == 1)
-    axes.set(xlabel=across.label, ylabel=of.label)
-    axes.set_xscale(sweep.scale(dataset[x].values) if x in sweep.lanes_of(dataset) else "linear")
+    scale = sweep.scale(dataset[x].values) if x in sweep.lanes_of(dataset) else "linear"
+    axes.set(xlabel=across.label, ylabel=of.label, xscale=scale)
     axes.margins(x=0.01)
-    handles, _ = axes.get_legend_handles_labels()
-    if handles:
+    if axes.get_legend_handles_labels()[0]:
         legend_below(axes)
 
 
@@ -206,7 +204,7 @@ def _band(
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Values and groups: finite results by the values of an axis, or by equally full bins of a scattered number."""
+    """Places along a number, and the finite results at each: values of an axis, or bins of equally many results."""
     if on_axis:
         places = np.unique(where)
         return places, [values[(where == place) & np.isfinite(values)] for place in places]
@@ -231,11 +229,10 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
     if not whole.size:
         raise ClearanceError("There is nothing to draw: no sample has all of these results.")
-    # The highest on top; of many lanes some, evenly chosen by that.
+    # The highest values are drawn last, on top. Of many lanes some are drawn, evenly chosen in that order.
     order = whole[np.argsort(columns[colour][whole], kind="stable")]
     order = order[sweep.spread_places(len(order), LINES)]
-    figure = Figure(figsize=(1.2 + 1.7 * len(names), 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(1.2 + 1.7 * len(names), 4.2)
     heights = []
     for i, name in enumerate(names):
         low, high = columns[name][whole].min(), columns[name][whole].max()
@@ -265,15 +262,12 @@ def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, 
     **Arguments:** `found`: what `sobol_indices` gives; `derivatives`: by every number that was varied, in SI units;
     `of`: what the result is called.
     """
-    bars = [
-        ("first order", found.first, found.first_interval, "tab:blue"),
-        ("total", found.total, found.total_interval, "tab:orange"),
-    ]
+    bars: list[tuple] = [("first order", found.first, found.first_interval, "tab:blue")]
+    bars += [("total", found.total, found.total_interval, "tab:orange")]
     if derivatives is not None:
         bars.append(("by local derivatives", found.linear(derivatives), None, "0.6"))
     count, height = len(found.names), 0.8 / len(bars)
-    figure = Figure(figsize=(6.4, 1.2 + 0.22 * len(bars) * count), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(6.4, 1.2 + 0.22 * len(bars) * count)
     for i, (label, values, interval, colour) in enumerate(bars):
         where = np.arange(count) + (i - (len(bars) - 1) / 2) * height
         axes.barh(where, values, 0.9 * height, color=colour, label=label)

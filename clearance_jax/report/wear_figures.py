@@ -12,10 +12,10 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
 from clearance_jax.report.magnified import EDGE, SHOWN, WALL, bushing, round_factor
-from clearance_jax.report.style import STYLED, legend_below, length_unit
+from clearance_jax.report.style import STYLED, legend_below, length_unit, new_figure
 from clearance_jax.report.sweep_axes import display
 
-# Ages at which profiles are drawn; frames of a film, and how many a second.
+# Number of ages whose profiles are drawn; frames of a film, and how many of them a second.
 AGES, FRAMES, SLOW = 6, 80, FPS / 2
 PALE, MARK = "0.75", "tab:red"
 
@@ -41,11 +41,6 @@ def overview(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _new_figure() -> tuple[Figure, Any]:
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
-    return figure, figure.add_subplot()
-
-
 @STYLED
 def intervals(dataset: xr.Dataset, name: str) -> Figure:
     """Life over a number that varies, the maintenance interval; `dataset`: of `ServiceLives.to_dataset`."""
@@ -54,7 +49,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
     order = np.argsort(dataset[name].values, kind="stable")
     told = display(dataset[name], name)
     x, y = told.factor * dataset[name].values[order], dataset["life"].values[order]
-    figure, axis = _new_figure()
+    figure, axis = new_figure(6.5, 4)
     draw_lives(axis, x, y, dataset.attrs["cycles"])
     if not np.isfinite(y).all():
         legend_below(axis, fontsize=8)
@@ -74,7 +69,7 @@ def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str
 @STYLED
 def failures(found: Any) -> Figure:
     """The probability of failure over the life, with its confidence band (`wear.Failures`)."""
-    figure, axis = _new_figure()
+    figure, axis = new_figure(6.5, 4)
     band = f"{100 * found.confidence:g} % confidence"
     axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
     axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
@@ -100,9 +95,8 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
     factor, unit = length_unit(float(dataset["deepest"].max()))
     for age, colour in _ages(dataset):
         axis.plot(angle, factor * _depth(dataset, age), color=colour, lw=1.2, label=f"{age:.0f} cycles")
-    axis.set(xlabel="angle around the sleeve, deg", ylabel=f"depth of wear, {unit}", xlim=(0, 360), ylim=(0, None))
-    axis.set_xticks(np.arange(0, 361, 45))
-    axis.set_title("profile")
+    axis.set(title="profile", xlabel="angle around the sleeve, deg", ylabel=f"depth of wear, {unit}")
+    axis.set(xticks=np.arange(0, 361, 45), xlim=(0, 360), ylim=(0, None))
     legend_below(axis, fontsize=7)
 
 
@@ -115,9 +109,8 @@ def bore(axis: Any, dataset: xr.Dataset) -> None:
     for age, colour in _ages(dataset):
         axis.plot(*_bore(dataset, age, factors), color=colour, lw=1.2)
     axis.add_patch(Circle((0, 0), radius, fc="0.9", ec="0.5", lw=0.8))
-    axis.set_aspect("equal")
+    axis.set(aspect="equal", title=f"bore: {_magnification_words(factors)}")
     axis.set_axis_off()
-    axis.set_title(f"bore: {_magnification_words(factors)}")
 
 
 def growth(axis: Any, dataset: xr.Dataset) -> None:
@@ -129,8 +122,7 @@ def growth(axis: Any, dataset: xr.Dataset) -> None:
     curves = {"largest depth": dataset["deepest"].values, "mean depth": dataset["mean_depth"].values}
     for name, values in {**curves, "radial clearance, grown by": clearance - clearance[0]}.items():
         axis.plot(dataset["cycle"].values, factor * values, "o-", ms=2.5, lw=1, label=name)
-    axis.set_ylabel(unit)
-    axis.set_title("growth")
+    axis.set(title="growth", ylabel=unit)
     _over_life(axis, dataset)
     legend_below(axis, fontsize=7)
 
@@ -224,8 +216,8 @@ class WearFilm(AbstractFilm):
             upper, lower = right.subplots(2, 1)
             angle, last = np.degrees(dataset["angle"].values), _depth(dataset, _last(dataset))
             upper.plot(angle, self._micro * last, color=PALE, lw=1)
-            upper.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}", xlim=(0, 360), ylim=(0, None))
-            upper.set_xticks(np.arange(0, 361, 90))
+            upper.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}")
+            upper.set(xticks=np.arange(0, 361, 90), xlim=(0, 360), ylim=(0, None))
             self._curve = upper.plot(angle, 0 * last, color="tab:blue", lw=1.2)[0]
             growth(lower, dataset)
             self._cursor = lower.axvline(0.0, color="k", lw=1.2)

@@ -30,8 +30,8 @@ from clearance_jax.solve.steps.step import try_step
 BLOCK = 2048
 # Instants inside steps per call: there are few, and each costs an integration step.
 FEW = 64
-# Up to so many samples, a trace observes them by the program of its step ends: it is slower per state, but a second
-# program takes seconds to compile.
+# Up to this number of samples, the program of a trace's step ends observes the samples too. It is slower per state, but
+# a second program takes seconds to compile.
 SHARED = 20 * BLOCK
 
 Progress = Callable[[float], None]
@@ -101,8 +101,8 @@ def _along(
 
 
 def _inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> dict[str, Any]:
-    """Contacts, and velocity and acceleration of points, at a fraction s of the step of size h from a step end, by one
-    step of order eight: inside long steps an interpolated penetration would be right to six digits only.
+    """Contacts, and velocity and acceleration of points, at a fraction s of the step of size h from a step end. A step
+    of order eight leads there: an interpolated penetration in a long step would have six correct digits only.
     """
     # The end of a step up to a drive's break is recorded just past the break: the step itself is that much shorter.
     part, y = s * jnp.maximum(h - 16 * jnp.finfo(h.dtype).eps * jnp.abs(time), 0.0), y[: layout(mechanism).size]

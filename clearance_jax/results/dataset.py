@@ -14,7 +14,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import Progress, in_blocks
-from clearance_jax.results.episodes import ContactWarning, doubt, works
+from clearance_jax.results.episodes import ContactWarning, doubt, restitutions
 from clearance_jax.results.first_fall import first_falls_over
 from clearance_jax.results.peaks import of_points, peaks
 from clearance_jax.results.places import mark_labels
@@ -151,7 +151,7 @@ def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) ->
     program = blocks.observed_with_rates if mechanism.clearance_joints() else blocks.observed
 
     def some(*given):
-        seen = program(*given)  # far more than is wanted of as many states as there are steps
+        seen = program(*given)  # more variables than are kept of so many states
         return {name: seen[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in seen}
 
     return in_blocks(some, mechanism, np.asarray(trace.time), np.asarray(trace.y), progress=progress)
@@ -169,11 +169,11 @@ def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]
             contact = blocks.inside_steps(mechanism, t, y, step, s)["contact"]
             return episodes.Inside(*(values[:, joint] for values in contact))
 
-        top, work = peaks(ends, spans, inside), works(ends, spans, inside)
-        if message := doubt(mechanism.clearance_joints()[joint].name, work.restitution):
+        top, restitution = peaks(ends, spans, inside), restitutions(ends, spans, inside)
+        if message := doubt(mechanism.clearance_joints()[joint].name, restitution):
             warnings.warn(message, ContactWarning, stacklevel=3)
-        columns = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
-        tables.append(columns | episodes.table(ends, spans) | {"restitution": work.restitution})
+        columns = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.value, "peak_time": top.time}
+        tables.append(columns | episodes.table(ends, spans) | {"restitution": restitution})
         impacts.append((t[spans.first], episodes.impact_ends(t, ends.penetration_rate, spans)))
     steps = {"step_time": t, "step_eccentricity": seen["eccentricity"], "step_force": seen["contact_force"]}
     steps["step_state"] = _states(t, seen["penetration"], impacts)

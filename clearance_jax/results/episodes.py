@@ -3,11 +3,10 @@
 Every touch and separation is a step end, so an episode is a span of step ends. Everything here is about one joint.
 Arrays have one entry per step end or per episode, and no function loops over either.
 
-The works say how much of what a contact takes up it gives back. The ratio of the speeds after and before tells what it
-did only where nothing else acts on the two bodies while it lasts. A pin that a load, a drive or another joint pushes
-may leave faster than it came, from a wall that gave back less than it took. The ratio of the works is the contact's
-own: at most 1, whatever else acts, and that of the speeds, squared, where nothing does (Stronge 1990,
-doi 10.1098/rspa.1990.0125).
+A contact takes up work, and gives back a part of it. The ratio of the speeds after and before tells this part only if
+nothing else acts on the two bodies meanwhile: a pin that a load, a drive or another joint pushes may leave faster than
+it came. The ratio of the works is a property of the contact alone, and at most 1. If nothing else acts, it is the
+square of the ratio of the speeds (Stronge 1990, doi 10.1098/rspa.1990.0125).
 """
 
 from collections.abc import Callable
@@ -23,8 +22,8 @@ LIVELY = 0.05
 NO_IMPACTS = np.zeros(0), np.zeros(0)
 # Parts of a step, in each of which the contact either takes up work or gives it back.
 PARTS = 32
-# Places that are looked at inside the first and the last step of a contact. At the very ends of a contact the power's
-# rate is not its own: a law may not yet remember this touch, and a pin that has left is apart.
+# Places inside the first and the last step of a contact at which its power is evaluated. At the very ends the rate of
+# the power is not that of the contact: a law may not yet remember this touch, or the pin has left.
 FIRST, LAST = (0.2, 0.5), (0.5, 0.8)
 # Above this restitution a contact adds energy: the works of solves at rtol up to 1e-3 are right within a tenth of it.
 ADDS = 1.02
@@ -115,7 +114,7 @@ def impact_ends(time: np.ndarray, rate: np.ndarray, spans: Spans) -> np.ndarray:
     calm = here[(following - here > 1) & (span[here] == span[following]) & (pause >= lasted)]
     calmed, first = np.unique(span[calm], return_index=True)
     ends[calmed] = np.minimum(ends[calmed], t[calm[first]])
-    # Of a contact that goes on without such a pause, what comes after the last lively step end is one.
+    # If a contact goes on without such a pause, the impact ends at the last lively step end.
     restless = spans.lasting.copy()
     restless[calmed] = False
     last = lively[np.searchsorted(span[lively], np.flatnonzero(restless), side="right") - 1]
@@ -149,14 +148,6 @@ class ContactWarning(UserWarning):
     """A contact gave back more work than it took up."""
 
 
-class Works(NamedTuple):
-    """Of every episode the work taken up and given back [J], and the root of their ratio (NaN: unknown as a whole)."""
-
-    taken: np.ndarray
-    given: np.ndarray
-    restitution: np.ndarray
-
-
 class ContactPowers(NamedTuple):
     """The power taken up [W] at instants [s] and its rate [W/s]; `known`: whether that is the contact's own rate."""
 
@@ -166,13 +157,15 @@ class ContactPowers(NamedTuple):
     known: np.ndarray
 
 
-def works(seen: StepEnds, spans: Spans, inside: Look) -> Works:
-    """The works of every episode of one joint; `inside` evaluates its contact inside steps."""
+def restitutions(seen: StepEnds, spans: Spans, inside: Look) -> np.ndarray:
+    """The root of the work [J] given back over that taken up, of every episode of one joint (NaN: not known as a
+    whole); `inside` evaluates its contact inside steps.
+    """
     powers, place = _powers(seen, spans, inside)
     until = [np.append(0.0, np.cumsum(part)) for part in _exchange(powers)]
     taken, given = (work[place[spans.last]] - work[place[spans.first]] for work in until)
     whole = (spans.first > 0) & ~spans.lasting & (taken > 0)
-    return Works(taken, given, np.where(whole, np.sqrt(given / np.where(whole, taken, 1.0)), np.nan))
+    return np.where(whole, np.sqrt(given / np.where(whole, taken, 1.0)), np.nan)
 
 
 def doubt(joint: str, restitution: np.ndarray) -> str:

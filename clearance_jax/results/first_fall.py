@@ -1,7 +1,7 @@
 """Contact forces in a dataset that belong to the first fall, an artefact of a start without contact.
 
 A pin that starts apart from its wall falls. Its first fall ends at the first separation after the first touch, or, if
-contact goes on, when this is no impact any more.
+contact goes on, when the contact stops being an impact.
 """
 
 from typing import NamedTuple
@@ -94,7 +94,7 @@ def _all(dataset: xr.Dataset) -> list[ForcePeak]:
     rows = zip(*columns, strict=True)
     out = [ForcePeak(float(force), float(at), str(joints[int(joint)])) for joint, at, force in rows]
     for joint, end, forces in zip(joints, first_fall_ends(dataset), dataset["step_force"].values.T, strict=True):
-        # A peak is where a force stops rising: the decay of an impact's force is none.
+        # A peak is where a force stops rising, so there is none where the force of an impact decays.
         peaks = (np.diff(forces, prepend=forces[0]) > 0) & (np.diff(forces, append=-np.inf) <= 0)
         forces = np.where((time > end) & peaks, forces, 0.0)
         k = int(np.argmax(forces))

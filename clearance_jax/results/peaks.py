@@ -15,11 +15,11 @@ from clearance_jax.results import blocks
 from clearance_jax.results.episodes import Look, Members, Spans, StepEnds, members
 from clearance_jax.solve.drivers.trace import Trace
 
-# How far the cubic through a step's ends may miss the force's top inside it, over the rise to that top. With the
-# longest steps of dopri8 at rtol 1e-6 it misses by a hundredth of the rise.
+# Largest error of the cubic through a step's ends at the top of the force, as a part of the rise to that top. With the
+# longest steps of dopri8 at rtol 1e-6 the error is a hundredth of the rise.
 DOUBT = 0.2
-# Places at which a step is looked into for a force. Each brings the largest one two to three digits closer (where the
-# force has kinks inside the step: one and a half); from the cubic's two digits four reach the accuracy of the solve.
+# Evaluations of a force inside a step. Each makes the largest force more accurate by two to three digits (by one and a
+# half if the force has kinks in the step). The cubic has two digits, so four evaluations reach the solve's accuracy.
 PLACES = 4
 # Of speeds and accelerations: most steps that are evaluated inside, and places in each.
 STEPS, SPOTS = 64, 8
@@ -31,11 +31,11 @@ LookInto = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """A function of steps (indices of their starts) and fractions of them (0 to 1): the quantity there."""
 
 
-class EpisodePeaks(NamedTuple):
-    """Time [s] and height [N] of the largest force of every episode."""
+class Extreme(NamedTuple):
+    """The largest value of a quantity, and when it is reached [s]; of several episodes arrays of both."""
 
-    time: np.ndarray
-    force: np.ndarray
+    value: Any
+    time: Any
 
 
 class StepPoint(NamedTuple):
@@ -57,10 +57,10 @@ def cubic_top(value0, slope0, value1, slope1) -> tuple[np.ndarray, np.ndarray]:
     return np.where(turns, x, np.nan), np.where(turns, top, np.nan)
 
 
-def peaks(seen: StepEnds, spans: Spans, look: Look) -> EpisodePeaks:
-    """The largest force of every episode of one joint."""
+def peaks(seen: StepEnds, spans: Spans, look: Look) -> Extreme:
+    """The largest force [N] of every episode of one joint."""
     if spans.first.size == 0:
-        return EpisodePeaks(np.zeros(0), np.zeros(0))
+        return Extreme(np.zeros(0), np.zeros(0))
     row = members(spans)
     highest = _first_largest(seen.force[row.index], row)
     time, height = seen.time[row.index[highest]], seen.force[row.index[highest]]
@@ -71,7 +71,7 @@ def peaks(seen: StepEnds, spans: Spans, look: Look) -> EpisodePeaks:
     order = order[top[order] > height[span[order]]]
     begin, end = seen.time[steps[order]], seen.time[steps[order] + 1]
     time[span[order]], height[span[order]] = begin + place[order] * (end - begin), top[order]
-    return EpisodePeaks(time, height)
+    return Extreme(height, time)
 
 
 def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -94,8 +94,8 @@ def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.nd
 
 
 def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
-    """Place (0 to 1) and height of the largest force inside each step. Each place asked for is the top of the cubic on
-    what is left of the step around the top (or its middle), and becomes an end of what is left.
+    """Place (0 to 1) and height of the largest force inside each step. The force is evaluated at the top of the cubic
+    through the ends of an interval (in its middle if there is no top). Then that place is an end of the interval.
     """
     h = seen.time[steps + 1] - seen.time[steps]
     left = StepPoint(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
@@ -121,13 +121,6 @@ def _first_largest(values: np.ndarray, row: Members) -> np.ndarray:
     return largest[np.unique(row.span[largest], return_index=True)[1]]
 
 
-class Extreme(NamedTuple):
-    """The largest value of a quantity, and when it is reached [s]."""
-
-    value: float
-    time: float
-
-
 def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], falls_over: float) -> dict[str, Any]:
     """Variables: the largest speed and acceleration of every point, over the whole motion, and after first falls (the
     last ends at `falls_over` [s]; minus infinity: none); `seen`: `velocity` and `acceleration` at the step ends.
@@ -139,15 +132,13 @@ def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], f
     for name, called in zip(blocks.OF_POINTS, ("speed", "acceleration"), strict=True):
         sizes, rows = np.linalg.norm(seen[name], axis=-1), []
 
-        def look(step, s, name=name):
-            return np.linalg.norm(blocks.inside_steps(mechanism, time, y, step, s)[name], axis=-1)
-
         for begin, point in itertools.product(begins, range(sizes.shape[1])):
 
-            def look_at(step, s, begin=begin, point=point, look=look):
-                return look(step + begin, s)[:, point]
+            def look(step, s, name=name, begin=begin, point=point):
+                vectors = blocks.inside_steps(mechanism, time, y, step + begin, s)[name]
+                return np.linalg.norm(vectors[:, point], axis=-1)
 
-            rows.append(largest(time[begin:], sizes[begin:, point], look_at))
+            rows.append(largest(time[begin:], sizes[begin:, point], look))
         shape = len(begins), sizes.shape[1]
         out[f"largest_{called}"] = np.array([row.value for row in rows]).reshape(shape)
         out[f"largest_{called}_time"] = np.array([row.time for row in rows]).reshape(shape)
@@ -173,7 +164,7 @@ def largest(time: np.ndarray, values: np.ndarray, look: LookInto) -> Extreme:
 
 
 def _candidates(values: np.ndarray) -> np.ndarray:
-    """Steps inside which it may exceed its largest value at step ends, by the changes there and beside."""
+    """Steps inside which the values at step ends may be exceeded, judged by the changes there and in steps beside."""
     change = np.abs(np.diff(values))
     beside = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
     reach = np.maximum(values[:-1], values[1:]) + beside

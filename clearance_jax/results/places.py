@@ -13,9 +13,8 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.quantities import axes_of, observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.mechanism.body import GROUND
+from clearance_jax.mechanism.body import GROUND, Point
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.spatial import as_array
@@ -111,7 +110,7 @@ def places(dataset: xr.Dataset) -> Places:
 
 
 def _directions(between: np.ndarray, fixed: bool) -> np.ndarray:
-    """Unit vectors along (times, axes), a short one that of the last long one; if `fixed` all that of the longest."""
+    """Directions of vectors (times, axes), of short ones that of the last long one, if `fixed` all of the longest."""
     length = np.linalg.norm(between, axis=1)
     long = length >= (1.0 if fixed else 0.1) * length.max()
     last = np.maximum.accumulate(np.where(long & (not fixed), np.arange(len(long)), np.argmax(long)))
@@ -133,32 +132,24 @@ def outline(dataset: xr.Dataset) -> Outline:
     return Outline(flat, int(np.argmax(thickness)), seen)
 
 
-class Mark(NamedTuple):
-    """A place on a body, called by what is there: a joint or a spring (on two bodies each), a named point, or the
-    body's own centre of mass, which has the body's name.
+def marks(mechanism: AbstractMechanism) -> Iterator[Point]:
+    """The marks of the ground and of every body: points that are called by what is there, a joint or a spring (on two
+    bodies each), or a named point. A body with one mark has its centre of mass, under its own name, as a second one.
     """
-
-    name: str
-    body: str
-    at: Position
-
-
-def marks(mechanism: AbstractMechanism) -> Iterator[Mark]:
-    """The marks of the ground and of every body. A body with one mark has its centre of mass as a second one."""
     joints, springs = mechanism.all_joints(), mechanism.springs
     for body in (GROUND, *(b.name for b in mechanism.bodies)):
-        carried = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
-        carried += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
-        carried += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
-        carried += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
-        carried += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
+        carried = [Point(j.name, body, j.at_child) for j in joints if j.child == body]
+        carried += [Point(j.name, body, j.at_parent) for j in joints if j.parent == body]
+        carried += [Point(p.name, body, p.at) for p in mechanism.points if p.body == body]
+        carried += [Point(s.name, body, s.at_a) for s in springs if s.body_a == body]
+        carried += [Point(s.name, body, s.at_b) for s in springs if s.body_b == body]
         if len(carried) == 1:
-            carried += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
+            carried += [Point(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
         yield from carried
 
 
 def mark_labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
-    """Dataset mark_labels of the marks: their names and their bodies."""
+    """The labels of the marks in a dataset: their names and their bodies."""
     drawn = list(marks(mechanism))
     return {"mark": ("mark", [m.name for m in drawn]), "mark_body": ("mark", [m.body for m in drawn])}
 

@@ -322,7 +322,7 @@ def test_peaks_are_the_largest_force(force, time, accuracy):
     found = peaks(seen, episodes.spans(time, seen.penetration), looked_into(time, force))
     dense = np.linspace(time[0], time[-1], 2_000_001)
     top = int(np.argmax(force(dense)[0]))
-    np.testing.assert_allclose(found.force, [force(dense)[0][top]], rtol=accuracy)
+    np.testing.assert_allclose(found.value, [force(dense)[0][top]], rtol=accuracy)
     # The force misses its top by the square of how far off the place is.
     np.testing.assert_allclose(found.time, [dense[top]], atol=2 * np.sqrt(accuracy))
 
@@ -346,7 +346,7 @@ def test_few_steps_are_looked_into():
 
     found = peaks(seen, episodes.spans(time, seen.penetration), inside)
     assert len(set(asked)) <= 2
-    np.testing.assert_allclose(found.force, [2.0], rtol=1e-8)
+    np.testing.assert_allclose(found.value, [2.0], rtol=1e-8)
 
 
 def thrown(law) -> cj.Mechanism:

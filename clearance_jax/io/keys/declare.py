@@ -13,14 +13,17 @@ from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Positi
 from clearance_jax.mechanism.tree.compounds import Slide, Spin, Turn
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-# Kinds of keys by the record of numbers that a field holds, with their units.
+# Kinds of keys by the part that a field holds, and their units.
+_OF_PARTS: dict[type, tuple[Any, dict[str, Any]]] = {Slide: (values.Sub, {}), Turn: (values.Sub, {})}
+_OF_PARTS |= {Axis: (values.Direction, {}), Spin: (values.Triple, {"unit": "rad/s"})}
 _RECORDS: dict[type, Any] = {Position: (values.VectorKey, "m"), Orientation: (values.Triple, "rad")}
 _RECORDS |= {Force: (values.VectorKey, "N"), Torque: (values.Triple, "N*m")}
+_OF_PARTS |= {record: (kind, {"unit": unit, "record": record}) for record, (kind, unit) in _RECORDS.items()}
 
 
 class Keys(NamedTuple):
     """The declaration of a table: its `name` in the file, `title` and `help` for the reference, and its `keys`.
-    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present by former names of keys;
+    `choice`: what selects it among tables of that name (`law = "hertz"`); `renamed`: present names of renamed keys;
     `shared`: tables whose keys it includes. Tables of one name and title are kinds of one family.
     """
 
@@ -86,33 +89,24 @@ def keys_of(cls: type, *names: str) -> dict[str, Key]:
 
 def optional(keys: Mapping[str, Key], **absent: str) -> dict[str, Key]:
     """The keys, made optional; `absent`: what their absence means, by name."""
-    how = {name: {"required": False, "absent": absent.get(name, key.absent)} for name, key in keys.items()}
-    return {name: dataclasses.replace(key, **how[name]) for name, key in keys.items()}
+    return {n: dataclasses.replace(key, required=False, absent=absent.get(n, key.absent)) for n, key in keys.items()}
 
 
 def _key(field: dataclasses.Field) -> Key:
-    about = field.metadata
-    required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    about, missing = field.metadata, dataclasses.MISSING
     words = about["help"], about["example"], about["absent"]
-    common: dict[str, Any] = {"required": required}
-    types = {field.type, *get_args(field.type)}
-    if types & {Slide, Turn}:
-        return values.Sub(*words, **common)
-    if Spin in types:
-        return values.Triple(*words, unit="rad/s", **common)
-    if Inertia in types:
-        return values.Moments(*words, unit=about["unit"], bounds=about, **common)
-    common |= {"default": None if required else field.default}
-    for record, (make, unit) in _RECORDS.items():
-        if record in types:
-            return make(*words, unit=unit, record=record, **common)
-    if Axis in types:
-        return values.Direction(*words, **common)
+    common: dict[str, Any] = {"required": field.default is missing and field.default_factory is missing}
+    common |= {"default": None if field.default is missing else field.default}
+    types = field.type, *get_args(field.type)
+    for part in _OF_PARTS.keys() & types:
+        make, how = _OF_PARTS[part]
+        return make(*words, **how, **common)
     if "unit" in about:
         # A table of numbers has a dimension in its annotation, one number none; either may be optional.
-        many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))
-        common |= {"unit": about["unit"]}
-        return values.Quantities(*words, **common) if many else values.QuantityKey(*words, bounds=about, **common)
+        if any(getattr(kind, "dim_str", "").strip() for kind in types):
+            return values.Quantities(*words, unit=about["unit"], **common)
+        make = values.Moments if Inertia in types else values.QuantityKey
+        return make(*words, unit=about["unit"], bounds=about, **common)
     if field.type == tuple[str, ...]:
         return values.Names(*words, **common)
     if field.type in (int, int | None):

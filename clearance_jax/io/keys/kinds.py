@@ -20,14 +20,6 @@ _NUMBER = {"type": ["string", "number"]}
 _NUMBERS = {"type": "array", "items": _NUMBER}
 
 
-def _as_tuple(*numbers: float | None) -> tuple[float | None, ...]:
-    return numbers
-
-
-def _in_si(values: list[Any], unit: str, where: str) -> list[float]:
-    return [to_si(value, unit, f"{where}[{i}]") for i, value in enumerate(values)]
-
-
 @dataclasses.dataclass(frozen=True)
 class Key(abc.ABC):
     """A key of a table, declared once for the reader and the reference. Its `name` is that under which it is declared.
@@ -35,6 +27,7 @@ class Key(abc.ABC):
     - `help`: what it is; `example`: its value in TOML.
     - `default`: its value where it is absent; `absent`: what its absence means, where no value says that.
     - `required`: whether it must be there.
+    - `unit` of its numbers, which may have placeholders; `bounds`: as of `parameters.physical`.
     """
 
     help: str
@@ -45,27 +38,31 @@ class Key(abc.ABC):
     default: Any = None
     required: bool = False
     unit: str = ""
+    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
-    @property
-    @abc.abstractmethod
-    def kind(self) -> str:
-        """What its values are, in words."""
-
-    @property
-    @abc.abstractmethod
-    def shape(self) -> Shape:
-        """What its values are, in JSON Schema."""
+    kind: ClassVar[str]
+    """What its values are, in words."""
+    shape: ClassVar[Shape]
+    """What its values are, in JSON Schema."""
 
     @abc.abstractmethod
     def read(self, value: Any, where: str, words: Words) -> Any:
         """The value checked, numbers in SI. **Raises** `ClearanceError` naming `where` it stands."""
 
+    def _number(self, value: Any, where: str, words: Words) -> float:
+        unit = resolve_unit(self.unit, words)
+        number = to_si(value, unit, where)
+        check_bounds(number, self.bounds, where, unit, value)
+        return number
 
-@dataclasses.dataclass(frozen=True)
+    def _numbers(self, values: list[Any], where: str, words: Words) -> list[float]:
+        unit = resolve_unit(self.unit, words)
+        return [to_si(value, unit, f"{where}[{i}]") for i, value in enumerate(values)]
+
+
 class QuantityKey(Key):
-    """One number: a string with a unit, or bare if it has no unit. `bounds`: as of `parameters.physical`."""
+    """One number: a string with a unit, or bare if it has no unit."""
 
-    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
     shape: ClassVar[Shape] = _NUMBER
 
     @property
@@ -75,30 +72,16 @@ class QuantityKey(Key):
     def read(self, value, where, words):
         if isinstance(value, list):
             raise wrong_value(where, "one quantity", value, f"the list {quote(value)}")
-        return _bounded(value, resolve_unit(self.unit, words), self.bounds, where)
-
-
-def _bounded(value: Any, unit: str, bounds: Mapping[str, Any], where: str) -> float:
-    number = to_si(value, unit, where)
-    check_bounds(number, bounds, where, unit, value)
-    return number
+        return self._number(value, where, words)
 
 
 def quantity(
-    help: str,
-    example: str,
-    unit: str = "",
-    absent: str = "",
-    *,
-    default: float | None = None,
-    required: bool = False,
-    **bounds: float,
+    help: str, example: str, unit: str = "", absent: str = "", *, default=None, required=False, **bounds
 ) -> Key:
     """A key of one number; `bounds`: as of `parameters.physical`."""
     return QuantityKey(help, example, absent, unit=unit, default=default, required=required, bounds=bounds)
 
 
-@dataclasses.dataclass(frozen=True)
 class Quantities(Key):
     """A list of at least one number."""
 
@@ -111,20 +94,20 @@ class Quantities(Key):
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
             raise wrong_value(where, f"a list such as {self.example}", value)
-        return _in_si(value, resolve_unit(self.unit, words), where)
+        return self._numbers(value, where, words)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AbstractComponents(Key):
-    """Components, of which zeros are left out of the program. `record`: what is made of them."""
+    """Components, of which zeros are left out of the program. `record`: what is made of them, by default a tuple."""
 
-    record: Callable[..., Any] = _as_tuple
+    record: Callable[..., Any] = lambda *numbers: numbers
     form: ClassVar[str]
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not self.shape["minItems"] <= len(value) <= self.shape["maxItems"]:
             raise wrong_value(where, f"{self.form} such as {self.example}", value)
-        return self.record(*(number or None for number in _in_si(value, self.unit, where)))
+        return self.record(*(number or None for number in self._numbers(value, where, words)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +120,6 @@ class VectorKey(AbstractComponents):
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 2, "maxItems": 3}
 
 
-@dataclasses.dataclass(frozen=True)
 class Triple(AbstractComponents):
     """Three angles or rates."""
 
@@ -146,7 +128,6 @@ class Triple(AbstractComponents):
     shape: ClassVar[Shape] = _NUMBERS | {"minItems": 3, "maxItems": 3}
 
 
-@dataclasses.dataclass(frozen=True)
 class Direction(Key):
     """An axis of a frame: a letter, or three numbers of any length."""
 
@@ -157,24 +138,22 @@ class Direction(Key):
         if not isinstance(value, (str, list)):
             raise wrong_value(where, f"an axis such as {self.example}", value)
         with naming(where):
-            return as_axis(_in_si(value, "", where) if isinstance(value, list) else value)
+            return as_axis(self._numbers(value, where, words) if isinstance(value, list) else value)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Moments(Key):
     """A moment of inertia (about z), or three or six of them."""
 
-    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     kind: ClassVar[str] = "quantity, or list of three or six"
     shape: ClassVar[Shape] = {"type": ["string", "number", "array"]}
 
     def read(self, value, where, words):
         if not isinstance(value, list):
-            return _bounded(value, self.unit, self.bounds, where)
+            return self._number(value, where, words)
         if len(value) not in (3, 6):
             raise wrong_value(where, "one quantity, three (xx, yy, zz) or six (and xy, xz, yz)", value)
         with naming(where):
-            return as_inertia(_in_si(value, self.unit, where))
+            return as_inertia(self._numbers(value, where, words))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -197,7 +176,6 @@ class Whole(Key):
         return value
 
 
-@dataclasses.dataclass(frozen=True)
 class Wholes(Key):
     """A list of increasing whole numbers, at least 0."""
 
@@ -211,7 +189,6 @@ class Wholes(Key):
         return tuple(value)
 
 
-@dataclasses.dataclass(frozen=True)
 class Flag(Key):
     """True or false."""
 
@@ -243,7 +220,6 @@ def path(help: str, example: str, absent: str = "", *, required: bool = False) -
     return Text(help, example, absent, required=required, longest=LONGEST_PATH)
 
 
-@dataclasses.dataclass(frozen=True)
 class Names(Key):
     """A list of names."""
 

@@ -56,7 +56,6 @@ _LEVEL = {
 
 
 def _keys(cls: type) -> dict[str, Key]:
-    """The keys of a count, or of a reduction of a signal."""
     if not _has(cls, "signal"):
         needed = {name: key for name, key in OF.items() if _has(cls, name)}
         return {name: dataclasses.replace(key, required=True) for name, key in needed.items()} | _SINCE

@@ -113,8 +113,7 @@ def example(table: Keys, *skip: str) -> dict[str, str]:
 
 
 def _key(key: Key) -> KeyReference:
-    bounds = getattr(key, "bounds", None) or {}
-    limits = [f"{words} {bounds[bound]:g}" for bound, _, words in BOUNDS if bounds.get(bound) is not None]
+    limits = [f"{words} {key.bounds[bound]:g}" for bound, _, words in BOUNDS if key.bounds.get(bound) is not None]
     help = key.help + (f" ({', '.join(limits)})" if limits else "")
     # A unit that the kind of joint decides is said for turning and for sliding.
     both = [resolve_unit(key.unit, words) for words in (TURNING, SLIDING)]

@@ -106,7 +106,7 @@ BEARINGS_MADE |= {"angular-contact-pair": joints.angular_contact_pair}
 
 
 class PlayReader(NamedTuple):
-    """How a kind of joint's clearance is read: it has one with one of the keys `makes`, or (`radii`) both radii."""
+    """Reads the clearance of a kind of joint. A joint has one if it has one of the keys `makes`, or both `radii`."""
 
     keys: Keys
     makes: tuple[str, ...]

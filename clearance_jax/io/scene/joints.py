@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.scene.contact import PLAYS, play_of
-from clearance_jax.io.table import Chosen, TomlTable, check_table, variant
+from clearance_jax.io.table import TomlTable, check_table, variant
 from clearance_jax.io.urdf.mechanism import place_of, read_robot
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
 from clearance_jax.mechanism.actuators import Servo
@@ -20,7 +20,7 @@ from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.expressions import read_expression
 from clearance_jax.mechanism.motion.motion_laws import AbstractDrive, Spline
-from clearance_jax.mechanism.placement import Axis, Gravity, Orientation, Position
+from clearance_jax.mechanism.placement import Axis, Orientation, Position
 from clearance_jax.mechanism.tree.compounds import Ball, Free, Slide, Spin, Turn
 from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.units import to_si
@@ -36,10 +36,10 @@ def joints_of(top: TomlTable, path: Path, known: Collection[str] = ()) -> tuple[
     """
     tree, loops, placed = [], [], {GROUND, *known}
     for name, values, where in top.parts("joint"):
-        read = variant(values, where, keys.JOINT_TABLES)
-        joint = _joint(name, read, path)
+        kind, table = variant(values, where, keys.JOINT_TABLES)
+        joint = _joint(name, kind, table, path)
         if joint.child in placed:
-            loops.append(_closure(joint, read.table))
+            loops.append(_closure(joint, table))
         else:
             tree.append(joint)
             placed.add(joint.child)
@@ -55,8 +55,7 @@ def _closure(joint: AbstractJoint, table: TomlTable) -> AbstractJoint:
     return joint
 
 
-def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
-    kind, table = read
+def _joint(name: str, kind: str, table: TomlTable, path: Path) -> AbstractJoint:
     common = {"name": name, "parent": table.get("parent"), "child": table.get("child")}
     common |= table.only("at_parent", "at_child", "angle", "orientation", "child_orientation")
     if kind == "fixed":
@@ -122,22 +121,8 @@ def read_drive(values: Any, where: str, words: Words, path: Path) -> AbstractDri
         return keys.DRIVES[kind](**inner.arguments("type"))
 
 
-class RobotParts(NamedTuple):
-    """Parts that a robot adds to a scene; `trajectory`: its file; `notes`: what of the URDF file was not read."""
-
-    bodies: tuple[Body, ...] = ()
-    joints: tuple[AbstractJoint, ...] = ()
-    points: tuple[Point, ...] = ()
-    gravity: Gravity | None = None
-    trajectory: Path | None = None
-    notes: tuple[str, ...] = ()
-
-
-NO_ROBOT = RobotParts()
-
-
-def robot_of(top: TomlTable, path: Path) -> RobotParts:
-    """Read the table `robot` of a scene."""
+def robot_of(top: TomlTable, path: Path) -> tuple[Mechanism, Path | None]:
+    """Read the table `robot` of a scene: the robot with what it carries, and the file of its trajectory."""
     table = top.table("robot", keys.ROBOT)
     robot = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
     joints = {joint.name: joint for joint in robot.joints}
@@ -148,7 +133,7 @@ def robot_of(top: TomlTable, path: Path) -> RobotParts:
     carried = [_payload(robot, *part) for part in table.tables("payload", keys.PAYLOAD)]
     bodies, grips = (*robot.bodies, *(body for body, _ in carried)), (grip for _, grip in carried)
     trajectory = path.parent / table.get("trajectory") if table.has("trajectory") else None
-    return RobotParts(bodies, (*joints.values(), *grips), robot.points, robot.gravity, trajectory, robot.notes)
+    return dataclasses.replace(robot, bodies=bodies, joints=(*joints.values(), *grips)), trajectory
 
 
 def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:

@@ -12,7 +12,7 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, naming, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
-from clearance_jax.io.scene.joints import NO_ROBOT, body_of, drive_of, joints_of, read_drive, robot_of
+from clearance_jax.io.scene.joints import body_of, drive_of, joints_of, read_drive, robot_of
 from clearance_jax.io.table import TomlTable
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
@@ -84,28 +84,29 @@ def load(path: str | Path) -> Mechanism:
 
 
 def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
-    robot = robot_of(top, path) if top.has("robot") else NO_ROBOT
-    placed = {joint.child for joint in robot.joints}
-    joints, loops = joints_of(top, path, placed)
-    gravity = robot.gravity if robot.gravity is not None and not top.has("gravity") else Gravity(*top.get("gravity"))
+    robot, file = robot_of(top, path) if top.has("robot") else (None, None)
+    of_robot: Any = ((),) * 4 if robot is None else (robot.bodies, robot.joints, robot.points, robot.notes)
+    bodies, tree, points, notes = of_robot
+    joints, loops = joints_of(top, path, {joint.child for joint in tree})
+    gravity = Gravity(*top.get("gravity")) if robot is None or top.has("gravity") else robot.gravity
     mechanism = Mechanism(
-        (*robot.bodies, *(body_of(name, table) for name, table in top.tables("body", keys.BODY))),
-        (*robot.joints, *joints),
+        (*bodies, *(body_of(name, table) for name, table in top.tables("body", keys.BODY))),
+        (*tree, *joints),
         tuple(loops),
         tuple(Spring(name, **table.arguments()) for name, table in top.tables("spring", keys.SPRING)),
-        (*robot.points, *(Point(name, **table.arguments()) for name, table in top.tables("point", keys.POINT))),
+        (*points, *(Point(name, **table.arguments()) for name, table in top.tables("point", keys.POINT))),
         gravity,
         top.get("name") or path.stem,
         top.get("assemble"),
         tuple(_wrench(*part, path) for part in top.tables("wrench", keys.WRENCH, {"coordinate": ""})),
-        notes=robot.notes,
+        notes=notes,
     )
     trajectory = None
-    if robot.trajectory is not None:
-        trajectory = Trajectory(robot.trajectory, read_trajectory(robot.trajectory, mechanism))
+    if file is not None:
+        trajectory = Trajectory(file, read_trajectory(file, mechanism))
         twice = {c.name for c in mechanism.coordinates() if not c.motion.is_free} & set(trajectory.drives)
         if twice:
-            what = f"`{min(twice)}` has a drive, and a column of the trajectory `{robot.trajectory}`"
+            what = f"`{min(twice)}` has a drive, and a column of the trajectory `{file}`"
             raise ClearanceError(f"{what}. Take one of the two away.")
         mechanism = mechanism.with_drives(trajectory.drives)
     if top.has("misalignment"):

@@ -11,11 +11,10 @@ from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.files import TIME, Meant, read_columns
 from clearance_jax.io.keys.metric import OF, OF_SIGNAL
 from clearance_jax.io.keys.study import CALIBRATE, PARAMETER_TABLE, SIGNAL_TABLE
-from clearance_jax.io.study.file import StudyFile, signal_of
+from clearance_jax.io.study.file import StudyFile, of_parameter, signal_of
 from clearance_jax.io.table import TomlTable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
-from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.results.store import load_dataset
 
 _TABLE = Meant("table of measured data", "signal", "`time [s], tip.position.x [mm]`")
@@ -26,7 +25,10 @@ def calibration_of(study: StudyFile) -> dict[str, Any]:
     table, mechanism = study.table.table("calibrate", CALIBRATE), study.mechanism
     path = study.path.parent / table.get("data")
     table.need("parameter")
-    bounds = {name: _bounds(name, values, where, mechanism) for name, values, where in table.entries("parameter")}
+    bounds: dict[str, tuple[float, float] | None] = {}
+    for name, values, where in table.entries("parameter"):
+        given = of_parameter(name, values, where, PARAMETER_TABLE, mechanism).only("lower", "upper")
+        bounds[name] = (given.get("lower", -np.inf), given.get("upper", np.inf)) if given else None
     with naming(table.key("data")):
         data = read_data(path)
     signals, deviations = _signals(table, data, mechanism)
@@ -55,14 +57,6 @@ def read_data(path: str | Path) -> xr.Dataset:
         for (name, unit, _), column in zip(heads, values.T, strict=True)
     }
     return xr.Dataset(columns, {TIME: columns.pop(TIME)})
-
-
-def _bounds(name: str, values: Any, where: str, mechanism: Mechanism) -> tuple[float, float] | None:
-    with naming(where):
-        unit = units_of(mechanism, [name])[name]
-    table = TomlTable(values, where, PARAMETER_TABLE, {PARAMETER: unit})
-    bounds = table.only("lower", "upper")
-    return (bounds.get("lower", -np.inf), bounds.get("upper", np.inf)) if bounds else None
 
 
 def _signals(table: TomlTable, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any, dict[str, float]]:

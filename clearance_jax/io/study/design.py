@@ -13,12 +13,12 @@ from clearance_jax.errors import ClearanceError, naming, quote, unknown_name
 from clearance_jax.io.keys import design as keys
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.settings import values_by_name
-from clearance_jax.io.study.file import StudyFile, expand_entries
+from clearance_jax.io.study.file import StudyFile, expand_entries, of_parameter
 from clearance_jax.io.study.wear import WearAsked
 from clearance_jax.io.table import Chosen, TomlTable, entries
 from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import PARAMETER, units_of
+from clearance_jax.parameters import PARAMETER
 from clearance_jax.wear import AfterWear
 
 
@@ -40,15 +40,13 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
         with naming(where):
             path = study.path.parent / keys.TRAJECTORY.read(file, where, {})
             trajectories[name] = read_trajectory(path, mechanism)
-    for drives in itertools.islice(trajectories.values(), 1):  # the others are numbers of these drives
+    if trajectories:
         if wear is not None:
             raise ClearanceError(f"{table.key('trajectory')}: with a section `wear` the scene drives the mechanism.")
-        model = mechanism = mechanism.with_drives(drives)
-    tables = {}  # each with the unit of its variable
-    for name, (values, where) in expand_entries(table, "variable", mechanism).items():
-        with naming(where):
-            unit = units_of(mechanism, [name])[name]
-        tables[name] = TomlTable(values, where, keys.VARIABLE, {PARAMETER: unit})
+        # The numbers of these drives are varied to make the others.
+        model = mechanism = mechanism.with_drives(next(iter(trajectories.values())))
+    variable_entries = expand_entries(table, "variable", mechanism).items()
+    tables = {name: of_parameter(name, *entry, keys.VARIABLE, mechanism) for name, entry in variable_entries}
     variables, costs = _variables(tables)
     limits = [_limit(name, TomlTable(inner, at, keys.LIMIT), study, wear) for name, inner, at in table.entries("limit")]
     how = {"cost": costs or None, "conditions": _conditions(table, mechanism, model, trajectories)}
@@ -67,17 +65,15 @@ def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | Non
     """The arguments of `tradeoff`; `None`: not asked for."""
     if not top.has("tradeoff"):
         return None
-    table, limit = top.table("tradeoff", keys.TRADEOFF), None
-    limits = [limit.title for limit in problem.specification.limits]
-    if table.has("limit"):
-        limit = table.get("limit")
-        if problem.specification.manufacture.title:
-            raise ClearanceError(f"{table.key('limit')} has no effect: a yield is of all limits at once. Leave it out.")
+    table = top.table("tradeoff", keys.TRADEOFF)
+    limit, limits = table.get("limit"), [limit.title for limit in problem.specification.limits]
+    if problem.specification.manufacture.title:
+        table.refuse("limit", why="has no effect: a yield is of all limits at once. Leave it out.")
     if limit is not None and limit not in limits:
         raise unknown_name(f"{table.key('limit')}: there is no limit {quote(limit)}.", limit, limits)
     for factor in table.get("factors") or ():
         if not factor > 0:
-            raise ClearanceError(f"{table.key('factors')} must be above 0, but one is {factor:g}. Leave it out.")
+            table.refuse("factors", why=f"must be above 0, but one is {factor:g}. Leave it out.")
     return table.arguments()
 
 
@@ -88,14 +84,11 @@ def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: TolerancePro
         if not table.has("classes"):
             table.refuse("class_costs", why="has no effect without `classes`. Add them.")
             continue
-        names = table.get("classes")
-        fits[name] = names
-        if table.has("class_costs"):
-            costs = table.get("class_costs")
-            if len(costs) != len(names):
-                why = f"must be as many as `classes`, {len(names)}, but they are {len(costs)}."
-                table.refuse("class_costs", why=why)
-            fits[name] = dict(zip(names, costs, strict=True))
+        names, costs = table.get("classes"), table.get("class_costs")
+        if costs and len(costs) != len(names):
+            why = f"must be as many as `classes`, {len(names)}, but they are {len(costs)}."
+            table.refuse("class_costs", why=why)
+        fits[name] = dict(zip(names, costs, strict=True)) if costs else names
     with naming(top.where):
         if fits:
             priced(problem.specification, classes_of(problem.specification, fits))
@@ -110,11 +103,10 @@ def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories
     for name, values, where in table.entries("payload"):
         with naming(where):
             payloads[name] = Payload(**TomlTable(values, where, keys.PAYLOAD).arguments())
-    speeds = table.get("speed") if table.has("speed") else None
-    if not (trajectories or payloads or speeds):
+    if not (trajectories or payloads or table.has("speed")):
         return conditions
     with naming(table.where):
-        return condition_product(mechanism, trajectories, payloads, speeds, conditions)
+        return condition_product(mechanism, trajectories, payloads, table.get("speed"), conditions)
 
 
 def _variables(tables: dict[str, TomlTable]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
@@ -147,13 +139,11 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
 def _limit(name: str, table: TomlTable, study: StudyFile, wear: WearAsked | None) -> Limit:
     metric: Any = study.metric(name, study.span, table.where)
     bound = table.get("bound", {METRIC: metric.unit})
-    if table.has("cycles"):
-        if wear is None:
-            why = "has no effect without a section `wear`, which says how a joint wears. Add it."
-            raise ClearanceError(f"{table.key('cycles')} {why}").about(table.key("cycles"))
-        model, options = wear.model, wear.options
-        how = {name: getattr(model, name) for name in ("joint", "wear", "pressure", "cycle")}
-        how |= {name: options[name] for name in ("sectors", "tolerance")}
+    if wear is None:
+        table.refuse("cycles", why="has no effect without a section `wear`, which says how a joint wears. Add it.")
+    elif table.has("cycles"):
+        how = {name: getattr(wear.model, name) for name in ("joint", "wear", "pressure", "cycle")}
+        how |= {name: wear.options[name] for name in ("sectors", "tolerance")}
         metric = AfterWear(metric, cycles=table.get("cycles"), **how)
     return Limit(metric, bound, name)
 

@@ -14,6 +14,7 @@ from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import metric as metrics
+from clearance_jax.io.keys.declare import Keys
 from clearance_jax.io.keys.scene import SOLVING
 from clearance_jax.io.keys.study import SCATTER, SOLVE, STUDY
 from clearance_jax.io.scene.scene import Scene, read_scene
@@ -99,7 +100,7 @@ class StudyFile:
         raise unknown_name(f"{where}: the study has no metric `{name}`.", name, self.metric_names, where)
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
-        """The scatter of the named numbers of a model (`None`: of all that scatter); `where` as of `metric`."""
+        """The scatter of the named numbers of a model (`None`: of all that scatter); `where`: the key that asks."""
         tables = expand_entries(self.table, "scatter", model)
         wanted = tuple(tables) if names is None else tuple(names)
         if not wanted:
@@ -108,10 +109,7 @@ class StudyFile:
         for name in wanted:
             if name not in tables:
                 raise unknown_name(f"{where}: `{name}` does not scatter.", name, tables, where)
-            values, there = tables[name]
-            with naming(there):
-                unit = units_of(model, [name])[name]
-            scatters[name] = _scatter(TomlTable(values, there, SCATTER, {PARAMETER: unit}))
+            scatters[name] = _scatter(of_parameter(name, *tables[name], SCATTER, model))
         return scatters
 
     def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
@@ -126,6 +124,12 @@ class StudyFile:
             with naming(how.where):
                 out[name] = scatter(mean, deviation, how.lower, how.upper, how.distribution)
         return out
+
+
+def of_parameter(name: str, values: Any, where: str, keys: Keys, model: Any) -> TomlTable:
+    """The table of a number of a model, in the number's unit. **Raises** `ClearanceError` for an unknown name."""
+    with naming(where):
+        return TomlTable(values, where, keys, {PARAMETER: units_of(model, [name])[name]})
 
 
 def expand_entries(table: TomlTable, key: str, model: Any) -> dict[str, tuple[Any, str]]:
@@ -152,29 +156,22 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     kind, table = read
     if kind in metrics.RECURRENCES:
         return _recurrence(read)
-    make = (metrics.COUNTS | metrics.REDUCTIONS)[kind]
-    wanted = {field.name for field in dataclasses.fields(make)}
     if kind in metrics.COUNTS:
-        fields: dict[str, Any] = _of(make, kind, table, mechanism)
-        words = {}
+        fields: dict[str, Any] = _of(metrics.COUNTS[kind], kind, table, mechanism)
     else:
         fields = {"signal": signal_of(table, mechanism)}
-        words = {metrics.OF_SIGNAL: fields["signal"].unit}
-    if "times" in wanted:
-        times = fields["times"] = table.get("times")
-        if not (span.t0 <= times[0] and times[-1] <= span.t1 and all(a < b for a, b in itertools.pairwise(times))):
-            bounds = f"from t0 = {span.t0:g} s to t1 = {span.t1:g} s"
-            table.refuse("times", why=f"must increase {bounds} at most, but they are {quote(times)} s.")
-    if "band" in wanted:
-        fields["band"] = table.get("band", words)
-    if "level" in wanted:
-        fields |= {"level": table.get("level", words) or 0.0, **table.only("direction")}
-    if "since" in wanted and table.has("since"):
-        since = fields["since"] = table.get("since")
-        if not span.t0 <= since < span.t1:
-            bounds = f"between t0 = {span.t0:g} s and t1 = {span.t1:g} s"
-            table.refuse("since", why=f"must lie {bounds}, but it is {since:g} s.")
-    return make(**fields)
+        table.words = {metrics.OF_SIGNAL: fields["signal"].unit}
+    fields |= table.arguments("kind", "signal", *metrics.OF_METRIC)
+    times, since = fields.get("times"), fields.get("since", span.t0)
+    if times and not (
+        span.t0 <= times[0] and times[-1] <= span.t1 and all(a < b for a, b in itertools.pairwise(times))
+    ):
+        bounds = f"from t0 = {span.t0:g} s to t1 = {span.t1:g} s"
+        table.refuse("times", why=f"must increase {bounds} at most, but they are {quote(times)} s.")
+    if not span.t0 <= since < span.t1:
+        bounds = f"between t0 = {span.t0:g} s and t1 = {span.t1:g} s"
+        table.refuse("since", why=f"must lie {bounds}, but it is {since:g} s.")
+    return (metrics.COUNTS | metrics.REDUCTIONS)[kind](**fields)
 
 
 def signal_of(table: TomlTable, mechanism: Mechanism) -> AbstractSignal:

@@ -133,12 +133,12 @@ def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
         with naming(where):
             return Zipped(sobol_samples(scatter, **table.arguments("kind", "of")))
     table.need("scenes")
-    files = {}
+    scenes = {}
     for label, given, there in table.entries("scenes"):
         if not isinstance(given, str):
             raise ClearanceError(f"{there} must be the path of a scene file, in quotes.")
-        files[label] = study.path.parent / given
-    return Choice({label: read_scene(file).mechanism for label, file in files.items()})
+        scenes[label] = read_scene(study.path.parent / given).mechanism
+    return Choice(scenes)
 
 
 def _correlation(table: TomlTable) -> dict[tuple[str, ...], float]:

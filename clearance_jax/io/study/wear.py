@@ -78,7 +78,8 @@ def wear_model(top: TomlTable, mechanism: Mechanism, cycle: float) -> WearModel:
     pressure = _pressure(top.variant("pressure", keys.PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
-            pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
+            # Raises if it needs a number of the joint that is missing.
+            pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))
     return WearModel(mechanism, joint, law, pressure, cycle)
 
 
@@ -102,10 +103,11 @@ def _material(table: TomlTable, key: str) -> Material:
 
 
 def _law(read: Chosen) -> AbstractWearLaw:
-    table, coefficient = read.table, read.table.get("coefficient")
+    word, table = read
+    coefficient = table.get("coefficient")
     if "hardness" in table.values:
         coefficient = coefficient / table.get("hardness")
-    law: AbstractWearLaw = Reye(coefficient) if read.word == "reye" else Archard(coefficient)
+    law: AbstractWearLaw = Reye(coefficient) if word == "reye" else Archard(coefficient)
     if table.has("graded"):
         law = Graded(law, **table.table("graded", keys.GRADED).arguments())
     if table.has("least_pressure"):

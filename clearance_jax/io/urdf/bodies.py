@@ -1,5 +1,5 @@
 """Rigid bodies of a URDF's robot: links that are fixed to one another are one body, which must have mass to move. The
-frame of each link stays known by the link's name; a frame or sensor may lack mass, for a body is checked as a whole.
+frame of each link stays known by the link's name. A link may lack mass, as a sensor does: whole bodies are checked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,25 +27,14 @@ class LinkFrame(NamedTuple):
     pose: parts.FramePose
 
 
-class Rigid(NamedTuple):
-    """A body with the frame and the name of the first of its `links`: `mass` [kg]; `center` of mass [m] in that frame;
-    `inertia` [kg m^2] about the centre of mass, along its axes; the `line` that its first link begins at.
+class Assembly(NamedTuple):
+    """Bodies and the joints that move them, parents first; `frames` of all links by their names. A body has the name,
+    frame and line of the first of its `links`.
     """
 
     name: str
-    mass: float
-    center: parts.Vector3
-    inertia: parts.Matrix3
-    links: tuple[str, ...]
-    line: int
-
-
-class Assembly(NamedTuple):
-    """Bodies and the joints that move them, parents first; `frames` of all links by their names."""
-
-    name: str
     root: str
-    bodies: dict[str, Rigid]
+    bodies: dict[str, parts.Link]
     joints: tuple[parts.Joint, ...]
     frames: dict[str, LinkFrame]
 
@@ -63,21 +52,21 @@ def merge(robot: parts.Robot) -> Assembly:
             rpy = joint.rpy if parts.is_identity(carrier.pose.rotation) else parts.triple(parts.rpy_of(pose.rotation))
             joints.append(joint._replace(parent=carrier.body, xyz=parts.triple(pose.position), rpy=rpy))
     of_links: dict[str, list[parts.Link]] = {frame.body: [] for frame in frames.values()}
-    for link in robot.links:
-        # The link that gives the body its name comes first.
-        of_links[frames[link.name].body].insert(0 if frames[link.name].body == link.name else 10**9, link)
+    # The link that gives the body its name comes first.
+    for link in sorted(robot.links, key=lambda link: frames[link.name].body != link.name):
+        of_links[frames[link.name].body].append(link)
     bodies = {name: _together(of, frames) for name, of in of_links.items()}
     return Assembly(robot.name, robot.root, bodies, tuple(joints), frames)
 
 
-def _together(links: Sequence[parts.Link], frames: Mapping[str, LinkFrame]) -> Rigid:
-    first, names = links[0], tuple(link.name for link in links)
+def _together(links: Sequence[parts.Link], frames: Mapping[str, LinkFrame]) -> parts.Link:
+    body = links[0]._replace(links=tuple(link.name for link in links))
     weighing = [_in_body(link, frames[link.name].pose) for link in links if link.mass > 0 or link.inertia.any()]
     if not weighing:
-        return Rigid(first.name, 0.0, np.zeros(3), np.zeros((3, 3)), names, first.line)
+        return body._replace(center=np.zeros(3))
     if len(weighing) == 1:  # as the file has it, to the last digit
-        (mass, center, inertia), *_ = weighing
-        return Rigid(first.name, mass, center, inertia, names, first.line)
+        mass, center, inertia = weighing[0]
+        return body._replace(mass=mass, center=center, inertia=inertia)
     masses, centers, inertias = (np.array(values) for values in zip(*weighing, strict=True))
     mass = masses.sum()
     center = masses @ centers / mass if mass > 0 else np.zeros(3)
@@ -85,7 +74,7 @@ def _together(links: Sequence[parts.Link], frames: Mapping[str, LinkFrame]) -> R
     inertia = np.zeros((3, 3))
     for mass_of, arm, own_inertia in zip(masses, centers - center, inertias, strict=True):  # by Steiner
         inertia = inertia + (own_inertia + mass_of * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
-    return Rigid(first.name, float(mass), center, inertia, names, first.line)
+    return body._replace(mass=float(mass), center=center, inertia=inertia)
 
 
 def _in_body(link: parts.Link, pose: parts.FramePose) -> tuple[float, parts.Vector3, parts.Matrix3]:
@@ -97,7 +86,7 @@ def _in_body(link: parts.Link, pose: parts.FramePose) -> tuple[float, parts.Vect
     return link.mass, center, parts.clean((inertia + inertia.T) / 2, np.abs(inertia).max())
 
 
-def check_bodies(joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid]) -> None:
+def check_bodies(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link]) -> None:
     """Raise for an impossible inertia, and for a joint that moves no mass; `joints`: parents first."""
     for body in bodies.values():
         _check_inertia(body)
@@ -105,7 +94,7 @@ def check_bodies(joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid]) -> 
         _check_moved(joints, bodies)
 
 
-def _check_inertia(body: Rigid) -> None:
+def _check_inertia(body: parts.Link) -> None:
     fixed = len(body.links) - 1
     others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
     where = f"line {body.line}: link `{body.name}`{others}"
@@ -128,7 +117,7 @@ def _check_inertia(body: Rigid) -> None:
         )
 
 
-def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid]) -> None:
+def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link]) -> None:
     """Raise where joints move no mass, by the mass matrix at a random pose, where no axes are aligned by chance."""
     matrix, owners = mass_matrix(joints, bodies, 0)
     met = np.diag(matrix)
@@ -144,37 +133,29 @@ def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid]) -> 
 
 
 def mass_matrix(
-    joints: Sequence[parts.Joint], bodies: Mapping[str, Rigid], seed: int
+    joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link], seed: int
 ) -> tuple[Float[np.ndarray, "n n"], list[parts.Joint]]:
     """The mass matrix at a random pose, and the joint of each coordinate."""
-    columns, moving, poses = _kinematics(joints, seed)
+    rng = np.random.default_rng(seed)
+    columns: list[JacobianColumn] = []
+    owners: list[parts.Joint] = []
+    moving: dict[str, list[int]] = {}  # the indices of the columns that move each body
+    poses: dict[str, parts.FramePose] = {}
+    for joint in joints:
+        frame = poses.get(joint.parent, parts.HERE).of(np.array(joint.xyz), parts.rotation_of(joint.rpy))
+        columns += _columns(joint, frame)
+        moving[joint.child] = [*moving.get(joint.parent, []), *range(len(owners), len(columns))]
+        owners += [joint] * (len(columns) - len(owners))
+        poses[joint.child] = frame.of(*_move(joint, rng))
     matrix = np.zeros((len(columns), len(columns)))
     for name, body in bodies.items():
-        pose = poses[name]
+        pose, which = poses[name], moving[name]
         center = parts.triple(pose.position + pose.rotation @ body.center)
-        which = moving[name]
         rates = np.array([[*columns[i].velocity_at(center), *columns[i].spin] for i in which])
         inertia = np.zeros((6, 6))
         inertia[:3, :3], inertia[3:, 3:] = body.mass * np.eye(3), pose.rotation @ body.inertia @ pose.rotation.T
         matrix[np.ix_(which, which)] += rates @ inertia @ rates.T
-    return matrix, [joint for joint in joints for _ in _columns(joint, parts.HERE)]
-
-
-def _kinematics(
-    joints: Sequence[parts.Joint], seed: int
-) -> tuple[list[JacobianColumn], dict[str, list[int]], dict[str, parts.FramePose]]:
-    """The columns of all coordinates; for each body the indices of those that move it, and its pose."""
-    rng = np.random.default_rng(seed)
-    columns: list[JacobianColumn] = []
-    moving: dict[str, list[int]] = {}
-    poses: dict[str, parts.FramePose] = {}
-    for joint in joints:
-        frame = poses.get(joint.parent, parts.HERE).of(np.array(joint.xyz), parts.rotation_of(joint.rpy))
-        count = len(columns)
-        columns += _columns(joint, frame)
-        moving[joint.child] = [*moving.get(joint.parent, []), *range(count, len(columns))]
-        poses[joint.child] = frame.of(*_move(joint, rng))
-    return columns, moving, poses
+    return matrix, owners
 
 
 def _columns(joint: parts.Joint, frame: parts.FramePose) -> list[JacobianColumn]:

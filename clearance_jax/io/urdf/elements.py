@@ -17,7 +17,7 @@ from defusedxml.ElementTree import DefusedXMLParser
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_text
 from clearance_jax.io.keys.kinds import check_text
-from clearance_jax.io.urdf.robot import Triple
+from clearance_jax.io.urdf.robot import NOWHERE, Triple
 from clearance_jax.units import check_comma
 
 LARGEST_XML = 20_000_000
@@ -212,9 +212,9 @@ def pose(element: Element, where: str) -> tuple[Triple, Triple]:
     """Position [m] and roll, pitch, yaw [rad] of an element's <origin>; zeros if it is absent."""
     origin = only(element, "origin", where)
     if origin is None:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    x, y, z = numbers(origin, "xyz", 3, where, (0.0, 0.0, 0.0))
-    roll, pitch, yaw = numbers(origin, "rpy", 3, where, (0.0, 0.0, 0.0))
+        return NOWHERE, NOWHERE
+    x, y, z = numbers(origin, "xyz", 3, where, NOWHERE)
+    roll, pitch, yaw = numbers(origin, "rpy", 3, where, NOWHERE)
     return (x, y, z), (roll, pitch, yaw)
 
 
@@ -227,7 +227,7 @@ def direction(element: Element, where: str) -> Triple:
     largest = np.abs(vector).max()
     if not largest > 0:
         raise ClearanceError(f"{where}: its <axis> must have a direction, but it is zero. Give one, as `0 0 1`.")
-    unit = vector / largest  # first, for squares of small numbers may vanish
+    unit = vector / largest  # without this division squares of small numbers could vanish
     # An axis along a coordinate axis stays exactly there: x / hypot(x, 0, 0) is 1.
     x, y, z = (float(part) for part in unit / np.sqrt(np.sum(unit**2)))
     return x, y, z

@@ -85,8 +85,12 @@ def _joint(element: xml.Element) -> parts.Joint:
     losses = _losses(element, kind, where)
     mimic = _mimic(element, kind, where)
     limits = _limits(element, kind, where)
-    spring = spring_of(element, kind, where)
-    return parts.Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, *losses, element.line, *spring)
+    joint = parts.Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, *losses, element.line)
+    dynamics = xml.only(element, "dynamics", where)
+    if dynamics is not None:
+        joint = joint._replace(**{key: xml.number(dynamics, word, where, 0.0) for key, word in SPRING.items()})
+        _check_spring(joint, where)
+    return joint
 
 
 def _losses(element: xml.Element, kind: str, where: str) -> tuple[float, float]:
@@ -130,14 +134,15 @@ def _limits(element: xml.Element, kind: str, where: str) -> Limits | None:
     return Limits(lower, upper, *most)
 
 
-def _mimic(element: xml.Element, kind: str, where: str) -> parts.Mimic | None:
+def _mimic(element: xml.Element, kind: str, where: str) -> str | None:
     mimic = xml.only(element, "mimic", where)
     if mimic is None or kind == "fixed":  # who fixes a joint of a gripper often leaves its <mimic> there
         return None
     if kind not in parts.MAY_MIMIC:
         raise ClearanceError(f"{where} is {kind}: it has no single coordinate to follow another's. Remove <mimic>.")
-    factor, offset = xml.number(mimic, "multiplier", where, 1.0), xml.number(mimic, "offset", where, 0.0)
-    return parts.Mimic(xml.text(mimic, "joint", where), factor, offset)
+    for key in ("multiplier", "offset"):  # only checked: joints that follow others are not made yet
+        xml.number(mimic, key, where, 0.0)
+    return xml.text(mimic, "joint", where)
 
 
 # What dialects add ----------------------------------------------------------------------------------------------------
@@ -146,6 +151,9 @@ def _mimic(element: xml.Element, kind: str, where: str) -> parts.Mimic | None:
 # <gazebo> that refers to the joint (Gazebo), <torsional_spring> of a <force_element>. Rotors: `armature` of <dynamics>
 # (MuJoCo's word: as seen through the gears), <rotor_inertia> and <gear_ratio> of a transmission's <actuator> (Drake's:
 # the inertia of the rotor itself, which the joint feels times the square of the ratio).
+
+# Attributes of <dynamics> by the fields of a joint.
+SPRING = {"stiffness": "spring_stiffness", "rest": "spring_reference", "rotor": "armature"}
 
 
 def check_loops(top: xml.Element) -> None:
@@ -165,17 +173,6 @@ def check_loops(top: xml.Element) -> None:
             )
 
 
-def spring_of(element: xml.Element, kind: str, where: str) -> tuple[float, float, float]:
-    """Stiffness and rest of a joint's spring, and the inertia of its motor seen through the gears, from <dynamics>."""
-    dynamics = xml.only(element, "dynamics", where)
-    if dynamics is None:
-        return 0.0, 0.0, 0.0
-    stiffness = xml.number(dynamics, "spring_stiffness", where, 0.0)
-    rest, rotor = xml.number(dynamics, "spring_reference", where, 0.0), xml.number(dynamics, "armature", where, 0.0)
-    _check(kind, stiffness, rotor, where)
-    return stiffness, rest, rotor
-
-
 def with_extras(joints: Sequence[parts.Joint], top: xml.Element) -> tuple[parts.Joint, ...]:
     """The joints with the springs and rotors that elements outside them describe."""
     by_name, extra = {joint.name: joint for joint in joints}, set()
@@ -191,7 +188,7 @@ def with_extras(joints: Sequence[parts.Joint], top: xml.Element) -> tuple[parts.
                     raise ClearanceError(f"{where}: the {key} of joint `{name}` is {both}. Leave one.")
             by_name[name] = joint._replace(**numbers)
             extra.add(name)
-            _check(joint.kind, by_name[name].stiffness, by_name[name].rotor, where)
+            _check_spring(by_name[name], where)
     # Joints of equal names stay apart, and are refused later.
     return tuple(by_name[joint.name] if joint.name in extra else joint for joint in joints)
 
@@ -234,15 +231,16 @@ def _number_in(element: xml.Element, where: str) -> float:
     return xml.parse_number(content.strip(), f"{where}: <{element.word}>")
 
 
-def _check(kind: str, stiffness: float, rotor: float, where: str) -> None:
-    if stiffness < 0 or rotor < 0:
-        what, value = ("stiffness", stiffness) if stiffness < 0 else ("inertia of its rotor", rotor)
-        raise wrong_value(f"{where}: the {what}", "at least 0", value, f"{value:g}", "Correct it.")
-    if (stiffness > 0 or rotor > 0) and kind not in (*parts.MAY_MIMIC, "fixed"):
-        raise ClearanceError(
-            f"{where}: a spring or a rotor acts along the one coordinate of a revolute, continuous or prismatic joint, "
-            f"but this joint is {kind}. Remove it, and add the spring in Python (`Motion(actuators=...)`)."
-        )
+def _check_spring(joint: parts.Joint, where: str) -> None:
+    for what, value in (("stiffness", joint.stiffness), ("inertia of its rotor", joint.rotor)):
+        if value < 0:
+            raise wrong_value(f"{where}: the {what}", "at least 0", value, f"{value:g}", "Correct it.")
+        if value > 0 and joint.kind not in (*parts.MAY_MIMIC, "fixed"):
+            raise ClearanceError(
+                f"{where}: a spring or a rotor acts along the one coordinate of a revolute, continuous or prismatic "
+                f"joint, but this joint is {joint.kind}. Remove it, and add the spring in Python "
+                "(`Motion(actuators=...)`)."
+            )
 
 
 def unread(top: xml.Element) -> tuple[str, ...]:

@@ -11,9 +11,9 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.keys.kinds import Word
-from clearance_jax.io.urdf.bodies import Assembly, Rigid, check_bodies, merge
+from clearance_jax.io.urdf.bodies import Assembly, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
-from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Robot, Triple, is_identity, rpy_of, triple
+from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Link, Robot, Triple, is_identity, rpy_of, triple
 from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -78,15 +78,15 @@ def read_robot(
         Word("", "", allowed=allowed).read(word, f"`{name}`", {})
     field = _gravity(gravity)
     text, robot = read_urdf(path)
-    followers = ((joint, joint.mimic) for joint in robot.joints if joint.mimic is not None)
     with naming(f"`{path}`"), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a robot is loaded inside a jitted function.
-        for joint, led in followers if mimic == "refuse" else ():
-            raise ClearanceError(
-                f"line {joint.line}: joint `{joint.name}` follows `{led.joint}` (<mimic>), and such joints are "
-                "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
-                "joint."
-            ).about(joint.name, led.joint)
+        for joint in robot.joints if mimic == "refuse" else ():
+            if joint.mimic is not None:
+                raise ClearanceError(
+                    f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic}` (<mimic>), and such joints are "
+                    "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
+                    "joint."
+                ).about(joint.name, joint.mimic)
         return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector))
 
 
@@ -149,7 +149,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     )
 
 
-def _body(body: Rigid, name: str) -> Body:
+def _body(body: Link, name: str) -> Body:
     if body.mass == 0:
         return Body(name)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = body.inertia.tolist()
@@ -191,8 +191,8 @@ def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
 def _start(limits: Limits) -> float:
     """The initial coordinate: 0 if it is within the limits, else their middle, or the only one."""
     ends = [end for end in (limits.lower, limits.upper) if end is not None]
-    within = (limits.lower is None or limits.lower <= 0) and (limits.upper is None or limits.upper >= 0)
-    return 0.0 if within else sum(ends) / len(ends)
+    is_within = (limits.lower or 0.0) <= 0 <= (limits.upper or 0.0)
+    return 0.0 if is_within else sum(ends) / len(ends)
 
 
 def place_of(pose: FramePose) -> tuple[Position, Orientation | None]:

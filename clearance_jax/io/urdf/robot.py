@@ -34,7 +34,8 @@ ROUNDING = 8 * np.finfo(float).eps
 
 class Link(NamedTuple):
     """A rigid body with the frame of its joint: `mass` [kg], 0 where nothing is said of it; `center` of mass [m] in
-    that frame; `inertia` [kg m^2] about the centre of mass, along its axes; the `line` of the file that it begins at.
+    that frame; `inertia` [kg m^2] about the centre of mass, along its axes; the `line` of the file that it begins at;
+    the names of the `links` that it is merged from.
     """
 
     name: str
@@ -42,20 +43,14 @@ class Link(NamedTuple):
     center: Vector3
     inertia: Matrix3
     line: int
-
-
-class Mimic(NamedTuple):
-    """A coordinate that follows the one of `joint`: multiplier * q + offset [rad or m]."""
-
-    joint: str
-    multiplier: float
-    offset: float
+    links: tuple[str, ...] = ()
 
 
 class Joint(NamedTuple):
     """A joint, one of `KINDS`. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
-    `axis`: a unit vector there; `damping` [N m s/rad or N s/m]; `friction` [N m or N]; `stiffness` of a spring [N m/rad
-    or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or kg]: inertia of its motor, seen through its gears.
+    `axis`: a unit vector there; `mimic`: the joint that its coordinate follows; `damping` [N m s/rad or N s/m];
+    `friction` [N m or N]; `stiffness` of a spring [N m/rad or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or
+    kg]: inertia of its motor, seen through its gears.
     """
 
     name: str
@@ -66,7 +61,7 @@ class Joint(NamedTuple):
     rpy: Triple
     axis: Triple
     limits: Limits | None
-    mimic: Mimic | None
+    mimic: str | None
     damping: float
     friction: float
     line: int
@@ -231,7 +226,7 @@ def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
 
 def _check_mimics(joints: Mapping[str, Joint]) -> None:
     for joint in joints.values():
-        followed = None if joint.mimic is None else joint.mimic.joint
+        followed = joint.mimic
         if followed is not None and followed not in joints:
             raise unknown_name(f"{_say(joint)} mimics `{followed}`, which is no joint.", followed, joints)
         if followed is not None and joints[followed].kind not in MAY_MIMIC:
@@ -242,11 +237,11 @@ def _check_mimics(joints: Mapping[str, Joint]) -> None:
     led: set[str] = set()  # by a joint that follows none
     for joint in joints.values():
         followers = [joint.name]
-        while followers[-1] not in led and (mimic := joints[followers[-1]].mimic) is not None:
-            if mimic.joint in followers and len(followers) == 1:
+        while followers[-1] not in led and (leader := joints[followers[-1]].mimic) is not None:
+            if leader in followers and len(followers) == 1:
                 raise ClearanceError(f"{_say(joint)} mimics itself. Name another joint, or remove <mimic>.")
-            if mimic.joint in followers:
-                named, first = _list([f"`{name}`" for name in followers]), _say(joints[mimic.joint])
+            if leader in followers:
+                named, first = _list([f"`{name}`" for name in followers]), _say(joints[leader])
                 raise ClearanceError(f"{first} follows itself: {named} mimic one another. Let one of them lead.")
-            followers.append(mimic.joint)
+            followers.append(leader)
         led |= set(followers)
