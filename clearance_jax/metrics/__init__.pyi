@@ -1,3 +1,4 @@
+__all__: list[str]
 from .crossing import CrossingTime as CrossingTime
 from .crossing import SettlingTime as SettlingTime
 from .iso9283 import Accuracy as Accuracy
