@@ -47,7 +47,7 @@ class AbstractClearance(Parametrised):
     kind: ClassVar[str] = ""
     """What scenes and datasets call it; empty: a kind of your own."""
     flat: ClassVar[bool] = False
-    """Whether flat walls limit each slide across by itself; round ones limit the distance from the middle."""
+    """Whether its walls are flat: each limits one slide. A round wall limits the distance from the middle."""
 
     @property
     def count(self) -> int:
@@ -61,8 +61,8 @@ class AbstractClearance(Parametrised):
 
     @classmethod
     def sizes(cls) -> dict[str, bool]:
-        """Names of the lengths that a designer gives, and whether each is play, which an error budget closes. By
-        default all its lengths but wear; those called `clearance` are play.
+        """The lengths that a designer gives, by name: whether each is play (an error budget shrinks play). By default
+        every length but wear; names that end in `clearance` are play.
         """
         lengths = [f.name for f in dataclasses.fields(cls) if f.metadata.get("unit") == "m" and f.name != "depth"]
         return {name: name.endswith("clearance") for name in lengths}
@@ -246,7 +246,7 @@ class PreparedClearance(Module):
         (depth, speed, slip), (_, change, _) = point, rates
         normal_memory, rest, touched = self._parts(memory)
         touching, touched = depth > 0, touched[0] > 0.5
-        # Traced back on a straight line, if the speed has hardly changed since (a solve may start deep in contact).
+        # Time since the touch at constant speed; 0 if the speed has changed since (a start deep in contact).
         recent = jnp.abs(change * depth) < 0.01 * speed**2
         elapsed = jnp.where(recent, depth / jnp.where(recent, speed, 1.0), 0.0)
         then = jnp.where(recent, speed - change * elapsed, speed)
@@ -295,7 +295,7 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     def memory_growth(self) -> tuple[float, ...]:
-        """By memory variable: 1 if an error relative to its size is allowed too (a normal law's grows with contact)."""
+        """By memory variable: 1 if its tolerance also grows with its size (a normal law's: it can be large), else 0."""
         growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
         return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
@@ -332,7 +332,7 @@ class PreparedClearance(Module):
 
 def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
     """`function(joint, ...)` for each of `several` prepared joints and their arguments. Alike joints with several
-    points share one copy in the program; a single point's is small, and a third axis would cost more in a batch.
+    points are stacked: one copy in the program. Others are small, and one more axis would slow a batch.
     """
     beside = iter(side_by_side(function, [args for args in several if args[0].joint.count > 1]))
     return [next(beside) if args[0].joint.count > 1 else share(function(*args)) for args in several]
@@ -341,8 +341,8 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:
     """The rates of a law's memory; zero while apart, except for a law that acts there.
 
-    Whether they are apart is what was latched at the start of the step. By the sign of the penetration the rate would
-    jump inside a step that is tried across a touch: a large error, for which steps shrink until they end at the touch,
-    before event location can cut one there.
+    Whether they are apart was latched at the start of the step. If the sign of the penetration decided, the rate would
+    jump within a trial step across a touch. Steps would be rejected until they end at the touch, and event location
+    could not cut one there.
     """
     return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)

@@ -6,17 +6,17 @@ and depths h. It touches where that is largest. The largest value over the secto
     d = T log(sum_j exp(d_j / T) / m),    T = w^2 max(|e|, c / 2),    w: the width of a sector,
 
 with T some 1e-4 of the clearance. In a round wall exp(d_j / T) is a bell over the angle, and this T makes it one sector
-w wide. Then the sum over sectors is the integral to 1e-8 of T, and the pin does not feel the sectors. T grows with the
-eccentricity, and m is the sum of a round wall. So if h is the same everywhere, d and its gradient, a unit vector, are
-those of a round sleeve, however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is
+w wide. Then the sum over sectors equals the integral, to 1e-8 of T, and the pin does not feel the sectors. T grows with
+the eccentricity, and m is that sum for a round wall. So if h is the same everywhere, d and its gradient, a unit vector,
+are those of a round sleeve, however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is
 constant.)
 
-If a profile bears at two places at once, both are in the sum, and the gradient is shorter than one. d is convex, except
-for walls as sharp as a sector, and has all derivatives in e and h where a pin can touch. The force is along its
-gradient, so power balances and seats are unique.
+If a profile bears at two places at once, both are in the sum, and the gradient is shorter than one. d is convex, unless
+the wall has edges as narrow as a sector, and has all derivatives in e and h where a pin can touch. The force is along
+its gradient, so power balances and seats are unique.
 
-A spline refines a profile of few sectors, as for a foundation; with `FINE` sectors the gradient's length is within 1e-3
-of one.
+A spline refines a profile of few sectors, as in `wear.Foundation`; with `FINE` sectors the gradient's length is within
+1e-3 of one.
 """
 
 from typing import NamedTuple
@@ -110,7 +110,7 @@ class Bore(NamedTuple):
         return newton(step, start, ITERATIONS, self, x, y, depth, last=derivatives)
 
     def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
-        """The place of a pin that a force presses so deep along a direction, that of the wall's gradient there."""
+        """The place at which the pin is `depth` [m] deep in the wall, and the gradient of its depth points `along`."""
         ahead = tuple(jnp.asarray(c, float) for c in along[:2])
         still, wall, deep = jax.tree.map(jax.lax.stop_gradient, (self, ahead, depth))
         middle = jnp.arctan2(wall[1], wall[0])

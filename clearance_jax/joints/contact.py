@@ -61,7 +61,7 @@ class ContactPoint(NamedTuple):
     - `arm` [m]: from the pin's centre to the point.
     - `turning` [rad/s]: the spin of the plane of contact, without a part about its normal. It is given where the slip
       has the components of all three axes. `None`: the slip is along the tangents, which turn with the plane.
-    - `lever` [m]: by how much further from the pin's axis the friction around it acts, and `sweep` [m/s]: what the
+    - `lever` [m]: how much further from the pin's axis than the point friction acts, and `sweep` [m/s]: what the
       pin's spin adds there to the slip; `None`: it acts at the point.
     - `local`: what is different at this point for the laws; `share`: its part of the joint's normal force, if there are
       several points.
@@ -160,7 +160,7 @@ class JointOutline(NamedTuple):
       first sector in the direction of the sleeve's x, the others evenly around it. `None`: the wall is round.
     - `length` of a pin or a block that tilts, and `heights` along the sleeve at which it may touch; `edges`: whether
       the joint's `pattern` distinguishes edges, as that of a sleeve.
-    - `through`: whether the sleeve is as long as `length`, or the pin.
+    - `through`: whether `length` is that of the sleeve, else of the pin.
     - `axial`: the play along the sleeve, with the radius `collar` at which faces bear, at `ring` points.
     - `height` and `width` of a block between flat walls (`width=None`: the walls hold it). Its `radius` is half the
       height. `height=None`: it is round.

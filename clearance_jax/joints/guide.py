@@ -33,9 +33,9 @@ class GuideClearance(AbstractClearance):
     - `width` [m]: across it along y; `None`: the guide holds the block in this direction, as in the plane.
     - `normal`: the normal law of one corner; `friction`: the friction law, or `None`; `element`: what acts without
       touch.
-    - `guide_length` [m]: the guide extends by half of it to either side of the joint's place on the parent. Corners
-      touch walls, and edges of the guide do not touch the block: so the block must not be longer, and a solve ends with
-      an error where the block slides out. `None`: the guide is long.
+    - `guide_length` [m]: the guide extends by half of it to either side of the joint's place on the parent. The model
+      has no contact of the guide's edges with the block: so the block must not be longer, and a solve ends with an
+      error where the block slides out. `None`: the guide is long.
     - `block_material`, `guide_material`: for laws that need them.
     """
 
@@ -102,7 +102,7 @@ class GuideClearance(AbstractClearance):
     def points(self, at):
         width = 0.0 if self.width is None else self.width
         half = [jnp.asarray(size, float) / 2 for size in (self.height, width, self.length)]
-        # By corner: its sides, and the wall that it may touch, across x or across y.
+        # Row: a corner's signs in x, y, z (0: in the middle); then 1, 0 (wall across x) or 0, 1 (wall across y).
         sides = np.array([(*corner, 1, 0) for corner in itertools.product((1, -1), (0,), (1, -1))], float)
         if self.width is not None:
             corners = list(itertools.product((1, -1), repeat=3))

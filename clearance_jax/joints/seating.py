@@ -31,10 +31,10 @@ WIDE, LESS, NEAR = 0.3, 8.0, 0.1
 # Residuals in parts of the load. A search ends below ROUND_OFF, or below SOLVED if a step no longer helps. A search
 # that begins near its end stops at ALMOST: the iterations without springs do the rest.
 ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
-# Stiffnesses of the springs, as force over play. LOOSE, in parts of the whole load: along coordinates without a load.
-# PRESSED, in parts of the load along the coordinate: along the others.
+# Springs that the search adds: stiffness as force over play. LOOSE, of the whole load: along coordinates without a
+# load. PRESSED, of the load along the coordinate: along the others.
 LOOSE, PRESSED = 1e-4, 1e-6
-# A load changes with its pin up to this distance, in sizes of the play: from wall to wall. Otherwise a pin in a sleeve
+# `Turned` changes a load up to this distance only, in sizes of the play: from wall to wall. Otherwise a pin in a sleeve
 # far too soft could turn over and rest upside down.
 ACROSS = 2.0
 
@@ -144,7 +144,7 @@ class Seat(NamedTuple):
 
 
 class Near(NamedTuple):
-    """A start near the end of a search, `place` [m or rad], if it is `known`; Newton steps of all joints follow."""
+    """A guess of the `place` of rest [m or rad], used if `known`. Newton steps of all joints follow a search."""
 
     place: Values
     known: Flag
@@ -175,7 +175,7 @@ def seat(
         return carry[0] - inverse @ left, jax.lax.stop_gradient(left)
 
     x, left = jax.lax.fori_loop(0, 2, once, (x, jnp.zeros_like(x)))
-    # The edge of a tilted pin may press along a coordinate without a load: this need not be in equilibrium.
+    # A tilted pin's edge may press along a coordinate without a load: this does not count as an error.
     asked, left = (jnp.linalg.norm(jnp.where(search.counts, part, 0.0)) for part in (search.asked, left))
     left = jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
     return Seat(size * x, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
@@ -211,9 +211,7 @@ class Seating(NamedTuple):
 
     @property
     def most(self) -> Values:
-        """The larger one of `asked` and its value at the place for which a changing load was computed. (For a pin that
-        is tilted there, components of the load are zero in the middle.)
-        """
+        """Size of the load by coordinate, in the middle (a tilted pin's may be 0) or at `turned.at`: the larger."""
         if self.turned is None:
             return self.asked
         return jnp.maximum(self.asked, jnp.where(self.counts, self._along(self.load, self.turned.at), 0.0))
@@ -225,7 +223,7 @@ class Seating(NamedTuple):
 
     @property
     def springs(self) -> Values:
-        """Stiffnesses of springs that yield to contacts, but return to the start what nothing else holds."""
+        """Stiffnesses of the added springs: softer than contacts, they hold at the start what nothing else holds."""
         return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
@@ -275,8 +273,8 @@ class Seating(NamedTuple):
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
 
     def rest(self, x: Values, iterations: int) -> tuple[Values, Array, Array, Array]:
-        """The equilibrium without springs, near that with them: solved in directions that contacts hold more firmly
-        than springs, the rest at the start. Also the inverse of the slope, the projection on the rest, and the slope.
+        """The equilibrium without springs: solved along directions that contacts hold more firmly than springs, at the
+        start along the others. Also the inverse of the slope, the projection on the others, and the slope.
         """
 
         def once(_, carry):
@@ -295,7 +293,7 @@ class Seating(NamedTuple):
         return self._held(slope, stiff)[0]
 
     def _held(self, slope: Array, stiffness: Array) -> tuple[Array, Array]:
-        """The inverse of a slope along what contacts hold more firmly than springs, and the projection on the rest."""
+        """The inverse of a slope along what contacts hold more firmly than springs; the projection on the others."""
         stiff, ways = small_eigh(0.5 * (stiffness + stiffness.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]

@@ -34,7 +34,7 @@ from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Material
 from clearance_jax.parameters import Demand, describe, physical
 from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plus, scale, subtract, times
 
-# More stations gain little: a contact may begin between two of them.
+# Most stations or ring points. More gain little: contact may still begin between two stations.
 MOST = 64
 PINS = ("through", "inside")
 # Largest error of a penetration at the largest tilt, in parts of the clearance: the pin's section is taken as round.
@@ -153,12 +153,12 @@ class SleeveClearance(AbstractPin):
         # Every point is computed as a station and as a point of a face, and one of both is selected. A concatenation is
         # slower: compiled, it finds out for each number from which part it comes.
         angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
-        along = np.arange(self.count) < self.stations
+        is_station = np.arange(self.count) < self.stations
         angles = np.append(np.zeros(self.stations), angles)
         stations = self._stations(at, np.append(places, np.zeros(self.ring)))
-        meeting = with_barriers(_choose(along, stations, self._faces(at, angles)))
+        meeting = with_barriers(_choose(is_station, stations, self._faces(at, angles)))
         outward: Vector = (jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 0.0)
-        tangents = _choose(along, _around(self._radial(meeting)), (_around(outward)[0], outward))
+        tangents = _choose(is_station, _around(self._radial(meeting)), (_around(outward)[0], outward))
         return self._contact_points(at, meeting, tangents, np.append(weights, share))
 
     def _stations(self, at: Relative, places: np.ndarray) -> "Meeting":
@@ -290,7 +290,7 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _choose(here: np.ndarray, these: Any, others: Any) -> Any:
-    """Some points' numbers where a flag is set, else others'; equal constants stay constants."""
+    """By point `these` where `here` is set, else `others`; equal constants stay constants."""
 
     def choose(a, b):
         return a if isinstance(a, float) and isinstance(b, float) and a == b else jnp.where(here, a, b)
