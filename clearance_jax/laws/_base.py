@@ -9,8 +9,8 @@ Sign convention, stated here once for the whole library:
   sign. Slip, traction and the memory of friction are tuples of as many components: no law is written twice.
 
 A law exists in two forms. The user gives numbers, with units and bounds. Once a solve `prepare(geometry)` adds the
-`constants` that follow from them and from the geometry, as a type of its own; a step evaluates that type, which clips,
-gates and counts for every law alike (`PreparedNormal`, `PreparedFriction`).
+`constants` that follow from them and from the geometry, as a type of its own; a step evaluates that type: it clips and
+gates every law alike (`PreparedNormal`, `PreparedFriction`).
 
 Where a formula changes piece, a law has `event_functions`: a fixed tuple of smooth functions whose signs define the
 regime. A law owns its memory: it has a rate, or `latch` rewrites it at the instants at which contact begins or ends
@@ -289,8 +289,8 @@ class SmoothedOnset(AbstractModifiedLaw):
     """F = S F_e + S' U + S (F - F_e), with S = STEP7(d / w): the elastic energy U of the law, and its damping, grow
     over the depth w from nothing at first touch. F_e is the elastic force of the law, that is, its force at rest.
 
-    Beyond the depth w force and elastic energy are those of the law: what is lost of an impact is the damping within w,
-    and the time that is spent there. The energy is S U exactly, so that an elastic law stays elastic.
+    Beyond the depth w force and elastic energy are those of the law: an impact differs by the damping and by the time
+    within w. The energy is S U exactly, so that an elastic law stays elastic.
 
     **Arguments:** `law`; `width` w [m] > 0: much larger than the round-off of d, and small against the penetration.
     `law.smoothed()` chooses one.

@@ -146,7 +146,7 @@ def goldsmith(pin_modulus, sleeve_modulus, **options) -> LineContact:
 
 def dubowsky_freudenstein(pin_modulus, sleeve_modulus, **options) -> LineContact:
     """The line contact of Dubowsky and Freudenstein, d = F'/(pi E*) (ln(pi E* L^2 c / (F' R_i R_j)) + 1). For
-    comparison only: the length of a line has no such part in its approach.
+    comparison only: its logarithm depends on the length of the line, which is wrong.
 
     **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa] and the others of `LineContact`, without `relation`.
     """
@@ -171,7 +171,7 @@ class Winkler(AbstractImpactLaw):
     """Whether the stiffness may be computed from the radii (`InternalHertz`). That of a layer is a number."""
 
     def constants(self, geometry):
-        return LineConstants(line_of(geometry, self.stiffness, "Winkler"), self.damping_ratio)
+        return LineConstants(line_of(geometry, self.stiffness, "Winkler"), self.damping_ratio)  # `modulus`: k [Pa/m]
 
     def elastic(self, constants, penetration):
         line = constants.line

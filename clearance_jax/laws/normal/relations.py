@@ -32,7 +32,7 @@ class ContactLine(NamedTuple):
 
 class Relation(NamedTuple):
     """F'/E* [m] as `force(line, d)`, its integral `work(line, d)` [m^2], the penetration `limit(line)` [m] up to which
-    it holds; the `reason` says what ends there; `bends`: whether the formula is another one beyond;
+    it holds; the `reason` says what ends there; `bends`: whether another formula continues it beyond;
     `comparison`: whether it serves for comparison only, and holds nowhere.
     """
 
@@ -44,7 +44,7 @@ class Relation(NamedTuple):
     comparison: bool = False
 
 
-# Relations with a logarithm: d = x (C - ln x) with d over 4 c and x = F'/(4 pi E* c) ---------------------------------
+# Relations with a logarithm: d/(4 c) = x (C - ln x), x = F'/(4 pi E* c) ----------------------------------------------
 
 # They turn back where w = C - ln x falls to 1. At w = 1.5, 0.91 of that depth, they continue along their tangent.
 STEEPEST = 1.5
@@ -141,7 +141,7 @@ BAI_ZHAO = Relation(_bai_zhao, work_of(_bai_zhao), _endless, "")
 
 
 def _pereira_numbers(line):
-    """K [N/mm^n/mm/MPa] over E* and the length, and n, in mm."""
+    """K / (E* L) and n of F = K d^n, with lengths in mm."""
     c = 1e3 * line.clearance
     middle = 0.34954
     small = 1.51 * jnp.log(1e3 * jnp.clip(c, 0.005, middle)) ** -0.151
