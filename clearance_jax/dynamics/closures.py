@@ -26,7 +26,7 @@ HELD, LOOSE = 8, 5
 
 
 class StartErrors(NamedTuple):
-    """Errors of a start: openings of loops [m]; of settled pins the `unborne` parts of loads, `moved` parts of play."""
+    """Errors of a start: openings of loops [m]; by settled pin the part of its load not borne, of its play moved."""
 
     loops: Float[Array, " loops"]
     unborne: Float[Array, " joints"]

@@ -31,7 +31,7 @@ from clearance_jax.spatial import Term, plus, put, times, total
 BALANCE_TERMS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
 # Part of all energies that counts as exchanged: a million round-offs, so that one round-off is a residual of 1e-6.
 RESTING = 1e6 * float(np.finfo(np.float64).eps)
-# A step starts four round-offs past a break; the step before ended four round-offs before it.
+# Part of the time, to look back over a break: a step starts four round-offs past it, the one before ended four before.
 HAIR = 16 * float(np.finfo(np.float64).eps)
 
 

@@ -32,8 +32,8 @@ from clearance_jax.spatial import as_array
 # Rounds that seat pins, from the middle of a sleeve and from between two poses. Each reduces the error by the ratio of
 # clearance to length, with friction by its coefficient.
 SMOOTH, RUBBED = (2, 1), (6, 3)
-# Times are the rows of an array of STRIDE columns, searched column by column in this ORDER. The search in the first one
-# begins in the middle of the sleeves, in the others between the poses of two columns known by then, so far AWAY.
+# Instant STRIDE i + k is at row i, column k. Columns are searched in this ORDER: the first from the middle of the
+# sleeves, the others from between the poses of two known columns, AWAY columns to the left and right.
 STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
 # Newton steps on all joints together: until the part of a load that is not borne is below this, or this many; and those
 # of a derivative.
@@ -218,7 +218,7 @@ class NewtonStep(NamedTuple):
 
 
 def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> NewtonStep:
-    """One Newton step towards the pose. Its slope, that of the joints by their own play, has no derivative."""
+    """One Newton step towards the pose. Its Jacobian (each joint by its own play) is not differentiated."""
     now, joints = pin_loads(time, mechanism, play, y), mechanism.clearance_joints()
     asked = [
         (joint.clearance, middle(joint), load, free, at)

@@ -101,7 +101,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         y, opened = now.y, jnp.zeros(0)
         if loops:
             y, opened = correct(time, y, fixed, fixed.loops, settle=settle)
-        # Of the state before `correct`, with which they share the kinematics: the reactions are one round behind.
+        # Reactions of the state before `correct`, whose kinematics they share: they are one round behind.
         motion = balance(fixed, time, plan.split(now.y))
         reactions = held_reactions(mechanism, time, motion).values()
         # Otherwise the compiler computes the reactions anew at every use.
@@ -118,19 +118,20 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         return Seats(y, play), (contacts, StartErrors(opened, as_array([seat.left for seat in seats]), as_array(last)))
 
     def once(k, carry):
-        now, rate, _, _ = carry
+        # carry: the seats; their rates, `y` with all pins held; (rates as pins move, contacts); errors.
+        now, resting, _, _ = carry
         # The first HELD rounds close the loops, with the pins where they were; the last of them gives velocities too.
         seated, settle = k >= HELD, jnp.where(k >= HELD - 1, 1.0, 0.0)
         (y, loads, slope, opened), changes = _derivatives(
-            lambda time, now: loads_of(settle, time, now), (time, now), (jnp.ones_like(time), rate), tilts
+            lambda time, now: loads_of(settle, time, now), (time, now), (jnp.ones_like(time), resting), tilts
         )
         y_rate, loads_rate, _, opened_rate = jax.tree.map(lambda leaf: leaf[0], changes)
         slopes = _slopes(joints, changes[1], tilts)
-        # `loads_rate` has the slopes times the pins' rates in it. `Turned` takes that off: a slope counts once.
+        # `loads_rate` includes the slopes times the pins' rates. `Turned` subtracts them: they count once.
         moved, change, (contacts, errors) = jax.jvp(
             lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, slopes),
             (now, y, loads, opened),
-            (rate, y_rate, loads_rate, opened_rate),
+            (resting, y_rate, loads_rate, opened_rate),
             has_aux=True,
         )
         return moved, Seats(slope, change.play), (change, contacts), errors
@@ -138,8 +139,8 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     first = Seats(initial_values(mechanism.ideal()), begin)
     still = jax.tree.map(jnp.zeros_like, first)
     errors = StartErrors(jnp.zeros(len(loops)), jnp.zeros(len(joints)), jnp.zeros(len(joints)))
-    free = tuple(jnp.asarray(False) for _ in joints), tuple(jnp.zeros((len(size), len(size))) for size in sizes)
-    begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, (first, still, (still, free), errors))
+    apart = tuple(jnp.asarray(False) for _ in joints), tuple(jnp.zeros((len(size), len(size))) for size in sizes)
+    begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, (first, still, (still, apart), errors))
     now, resting, (rate, (pressed, firm)), errors = begun
     paces = [speed / size for speed, size in zip(rate.play, sizes, strict=True)]
     seated = _keep_pace(mechanism, time, whole_state(mechanism, now, rate, pressed), paces, firm, sizes)
@@ -165,7 +166,7 @@ def _check(mechanism: PreparedMechanism) -> None:
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:
-    """By joint (tilts, play): unit vectors along the play that turns pins. The loads hardly depend on other play."""
+    """By joint (tilts, play): unit vectors of turns of searched pins. Other play hardly changes the loads."""
     turning = [[c.slides is None and is_searched(joint) for c in joint.joint.play()] for joint in joints]
     places = np.flatnonzero([turns for joint in turning for turns in joint])
     units = np.eye(sum(map(len, sizes)))[places]

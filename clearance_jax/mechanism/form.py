@@ -33,7 +33,7 @@ class EquationForm(NamedTuple):
         return many and not self.is_plane
 
     def once(self, program: Callable) -> Callable:
-        """A program that computes each number once (in the products of arrays of a table nothing is computed twice)."""
+        """A program that computes each number once. (That of a table does so anyway, by products of arrays.)"""
         return program if self.is_table else compute_once(program)
 
     def __str__(self) -> str:

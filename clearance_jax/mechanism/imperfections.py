@@ -76,12 +76,12 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
 
 
 def with_misalignment(mechanism: Mechanism, names: Iterable[str] | None = None) -> Mechanism:
-    """The same mechanism whose joints can be off the places and the directions that they are meant to have. All that
-    they are off by is zero at first: scatter it by its names, of the joint `hip`
+    """The same mechanism whose joints can be off their intended places and directions. These errors are zero at first:
+    scatter them by name. Those of the joint `hip` are
 
     - `hip_misalignment.at_parent.x`, `.y`, `.z` [m]: the place of its frame, along the frame's own axes;
     - `hip_misalignment.orientation.roll`, `.pitch`, `.yaw` [rad]: turns of its frame about its own axes. The one about
-      the joint's axis (`yaw` for z) is the error of the coordinate's zero, which a calibration leaves.
+      the joint's axis (`yaw` for z) is the error of its zero that a calibration did not remove.
 
     In the plane these are `x`, `y` and `yaw`.
 

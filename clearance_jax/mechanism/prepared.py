@@ -70,7 +70,7 @@ class PreparedMechanism(AbstractMechanism):
         return dataclasses.replace(self, links=self.links or links_of(self.bodies, self.joints))
 
     def as_small_program(self) -> "PreparedMechanism":
-        """The same mechanism for a single evaluation: in space, unless small, a table, which compiles sooner."""
+        """The same mechanism for a single evaluation: if large and in space, as a table, which compiles sooner."""
         # A body that stays in its plane may have one moment of inertia, but a table needs six.
         whole = all(body.inertia is None or isinstance(body.inertia, Inertia) for body in self.bodies)
         return self.as_table() if whole and len(list(self.coordinates())) > ONCE else self

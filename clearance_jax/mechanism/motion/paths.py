@@ -138,7 +138,7 @@ class CartesianPath(Module):
             still = jnp.zeros_like(times)
             law = Quintic(times, jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)]), still, still).prepare()
         else:
-            begin = jnp.broadcast_to(self.begin, lengths.shape)
+            begin = jnp.broadcast_to(self.begin, lengths.shape)  # a move waits until the one before it has ended
             law = Trapezoid(begin, lengths, self.speed, self.acceleration).prepare()
         every = [stretch for stretches in made for stretch in stretches]
         stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *every)

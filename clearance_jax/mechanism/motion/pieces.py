@@ -79,9 +79,9 @@ def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Va
 
 
 def _assemble(times: Values, values: Values, known: Blocks) -> tuple[Blocks, Blocks, Blocks]:
-    """Half the integral's second derivatives, (n, 2, 2) and (n - 1, 2, 2), and its slope (n, 2) at what is `known`."""
+    """Half the integral's second derivatives, (n, 2, 2) and (n - 1, 2, 2), and half its slope (n, 2), at `known`."""
     h = jnp.diff(times)
-    unit = jnp.stack([h, h * h], axis=-1)  # a speed and an acceleration on an interval of length one
+    unit = jnp.stack([h, h * h], axis=-1)  # speed and acceleration on 0 <= x <= 1; the integral scales by h^-5
     unit = jnp.concatenate([unit, unit], axis=-1) * h[:, None] ** -2.5
     element = unit[:, :, None] * _ELEMENT[None, :4, :4] * unit[:, None, :]
     pull = unit * _ELEMENT[None, :4, 4] * (jnp.diff(values) * h**-2.5)[:, None]
