@@ -17,7 +17,7 @@ from clearance_jax.runs.identity import numbers, short, versions
 from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.settings import QUASI_STATIC
 
-# The distance of active limits to their bounds, over the tolerance of the solves: about what two solvers differ by.
+# Active limits stay inside their bounds by this times the solves' `rtol`: about what two solvers differ by.
 RESOLVED = 0.3
 
 

@@ -44,7 +44,7 @@ class AbstractManufacture(abc.ABC):
     title: ClassVar[str] = ""
     """The name of the single number that replaces the limits of all parts in a condition; empty: there is none."""
     among: ClassVar[str] = ""
-    """In words, the parts whose largest value of a limit is the one that counts; empty: each part counts by itself."""
+    """In words, the parts over which the largest value of each limit is taken; empty: each part counts by itself."""
     is_design: ClassVar[bool] = False
     """Whether the only part is the design itself."""
     scattered: ClassVar[tuple[str, ...]] = ()
@@ -134,8 +134,8 @@ class Yield(AbstractManufacture):
 
     - `scatter`: name -> relative standard deviation, of variables and of any other number, also of wear
       ("wear.coefficient"). The numbers are independent; their distribution is normal, and from 0.2 on log-normal. A
-      number that is no variable may have a distribution instead (`cj.scatter(...)`, or one of `scipy.stats`), as one
-      must whose mean is zero.
+      number that is no variable may have a distribution instead (`cj.scatter(...)`, or one of `scipy.stats`), and must
+      if its mean is zero.
     - `target`: the share.
     - `samples`: the number of points of a scrambled Sobol sequence with this `seed`, the same for all designs (common
       random numbers). As many purely random samples would say less about rare parts. `None`: the power of two that is

@@ -21,7 +21,7 @@ from clearance_jax.parameters import check_values, parameters, replace, units_of
 from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.wear import AbstractAged
 
-# The number of peaks that are limits each, so that the search sees the next one if the highest moves to it.
+# Each of so many peaks is a limit of its own: the search then sees the one that becomes the highest.
 PEAKS = 3
 # Options of the solves that a problem may have.
 KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
@@ -72,7 +72,7 @@ class Limit(Module):
 
     @property
     def reduction(self) -> str:
-        """The reduction of the signal that is bounded, in words; empty if every value is."""
+        """The reduction of the signal in words; empty if every value is bounded."""
         return self.metric.base_metric.reduction
 
     @property
@@ -109,7 +109,7 @@ class Limit(Module):
         return self.metric_solved()
 
     def metric_solved(self, accuracy: float = 1.0) -> AbstractMeasure:
-        """The same for a solve that is so many times more accurate, and so is a simulation of wear."""
+        """`simulation_metric`, for solves (and simulations of wear) that are `accuracy` times more accurate."""
         metric = self.metric.with_metric(self.metric.base_metric.several(PEAKS))
         if isinstance(metric, AbstractAged):
             return dataclasses.replace(metric, tolerance=metric.tolerance / accuracy)
@@ -167,8 +167,8 @@ class Specification:
             for scattered in self.manufacture.scattered:
                 self.worth(scattered)
                 if scattered not in self.variables:
-                    worth_here = self.worth(scattered, values)
-                    self.manufacture.check_worth(scattered, worth_here, sets(values, scattered))
+                    mean = self.worth(scattered, values)
+                    self.manufacture.check_worth(scattered, mean, sets(values, scattered))
             known = parameters(now)
             # The drives of the mechanism end before t1, but those of the condition do not.
             last, given_last = (max(np.asarray(drive_breaks(m)).tolist(), default=0.0) for m in (now, self.mechanism))
@@ -277,7 +277,7 @@ class Specification:
         return f" ({condition})" if self.label(condition) else ""
 
     def as_designed(self) -> "Specification":
-        """The same for parts exactly as designed; limits that are judged among neighbours still are."""
+        """`nominal`, but limits that are judged among neighbours still are."""
         return self if self.manufacture.among else self.nominal()
 
     def nominal(self) -> "Specification":
@@ -287,7 +287,7 @@ class Specification:
 
 class Scenario(NamedTuple):
     """One simulation of a design: its `title`, `values` of numbers by name, `factors` (n,) on the variables; for a part
-    as made, `designed` are the values as designed (`None`: it is the design itself).
+    as made, `designed` are the values without scatter (`None`: it is as designed).
     """
 
     title: str
@@ -302,9 +302,9 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
     parts = manufacture.parts(names, fresh, seed)
     for condition, values in specification.conditions.items():
         given = {name: jnp.asarray(value, float) for name, value in values.items()}
-        worth = {n: np.asarray(specification.worth(n, values)) for n in manufacture.scattered if n not in names}
+        means = {n: np.asarray(specification.worth(n, values)) for n in manufacture.scattered if n not in names}
         for part in parts:
-            moved = {n: jnp.asarray(worth[n] * factor, float) for n, factor in part.others.items()}
+            moved = {n: jnp.asarray(means[n] * factor, float) for n, factor in part.others.items()}
             moved |= {n: jnp.asarray(value, float) for n, value in part.values.items()}
             title = specification.suffix(condition) + part.title
             designed = None if part.is_design else given

@@ -100,7 +100,7 @@ def nearest_fits(
             picked = {names[i]: lists[i][k] for i, k in chosen.items()}
             made = {name: ToleranceClass(fit.name, *fit.radial_clearance, fit=fit) for name, fit in picked.items()}
             judged = _judged(design, made, samples, seed, place)
-            if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):
+            if not judged.yield_estimate.against(judged.target) or not any(chosen.values()):  # proved, or all tightest
                 return judged
             chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
 
@@ -125,7 +125,7 @@ def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Sol
         chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
     growing = True
     while growing:
-        looser = [i for i, place in chosen.items() if place + 1 < len(lists[i])]
+        looser = [i for i, k in chosen.items() if k + 1 < len(lists[i])]
         looser.sort(key=lambda i: _gain(design, i, *lists[i][chosen[i] : chosen[i] + 2]), reverse=True)
         moved = ({**chosen, i: chosen[i] + 1} for i in looser)
         growing = next((places for places in moved if worst(places) <= SLACK), None)

@@ -160,6 +160,7 @@ def moved_inside(
     tightened: dict[str, float] = {}
     for _ in range(TRIES):
         judged = fresh.at(point.x, method.gradients)
+        # By limit its largest violation, which comes last.
         over = {fresh.groups[k]: float(judged.limits[k]) for k in np.argsort(judged.limits) if judged.limits[k] > HELD}
         if judged.worst > SOLVES_DIFFER or not over:
             break
@@ -298,7 +299,7 @@ def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
 
 
 def _ends(program: Program, x: np.ndarray) -> tuple[float, float]:
-    """The least and the greatest scaling, at which the last variable comes to its bound."""
+    """The scalings beyond which no variable changes any more: all are at their bounds."""
     return float(np.min(program.lower / x)), float(np.max(program.upper / x))
 
 

@@ -262,8 +262,8 @@ def choose_classes(
 
 
 def _names(program: Program, classes: Mapping[str, tuple[ToleranceClass, ...]], x: np.ndarray):
-    worth = dict(zip(program.names, x, strict=True))
-    return {n: min(listed, key=lambda entry: abs(entry.greatest - worth[n])) for n, listed in classes.items()}
+    sizes = dict(zip(program.names, x, strict=True))
+    return {n: min(listed, key=lambda entry: abs(entry.greatest - sizes[n])) for n, listed in classes.items()}
 
 
 def _design(design: Design, result: ChosenClasses, outcome: BoundedOptimum, lists: Mapping[int, np.ndarray]) -> Design:

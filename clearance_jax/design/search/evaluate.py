@@ -103,7 +103,7 @@ class Simulations:
 
     def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
         """The most violated scaled limit of a design in each scenario (scenarios,), infinite if a motion did not reach
-        its end. `exact`: solve few scenarios with derivatives, by a program that is compiled already.
+        its end. `exact`: use the search's compiled program, which has derivatives, if scenarios are few.
         """
         exact = exact and len(x) <= FEW and not self._aged and not as_lanes(len(scenarios), self.place)
         worst = self.together(x, scenarios, exact)[0].max(axis=1)
@@ -155,7 +155,7 @@ class Simulations:
         return metric.of(self.mechanism, values, self.t1, by, **how)
 
     def _alike(self, x: np.ndarray, scenarios: list[Scenario], gradient: bool):
-        """`together` for scenarios that set the same names, without metrics of wear."""
+        """`together` for scenarios that set the same names, without metrics of wear; no slopes without `gradient`."""
         factors = np.stack([scenario.factors for scenario in scenarios])
         numbers = dict(zip(self.names, (x * factors).T, strict=True))
         for name in scenarios[0].values:

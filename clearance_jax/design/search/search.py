@@ -85,8 +85,8 @@ def _continuous(specification: Specification, how: SearchOptions) -> Design:
     program = how.formulate(specification)
     x = np.sqrt(program.lower * program.upper)
     if how.start is not None:
-        worth = np.array([float(how.start[name]) for name in specification.variables])
-        x = worth if len(specification.names) == len(worth) else worth.min(keepdims=True)
+        start = np.array([float(how.start[name]) for name in specification.variables])
+        x = start if len(specification.names) == len(start) else start.min(keepdims=True)
     if program.cheap is not None:
         return _managed(specification, program, x, how)
     if program.best is not None:
@@ -103,7 +103,7 @@ def _continuous(specification: Specification, how: SearchOptions) -> Design:
     stop_reason = _runs(program, method, x, how, **options)
     if not specification.manufacture.is_sampled:
         cost = functools.partial(objective_of, specification)
-        stop_reason = trade(program, method, cost, stop_reason, **options)
+        stop_reason = trade(program, method, cost, stop_reason, **options)  # go on from a cheaper one beside the best
     return _explained(_design(specification, program, method, stop_reason, note))
 
 
@@ -155,6 +155,7 @@ def _managed(specification: Specification, program: Program, x: np.ndarray, how:
     specification = dataclasses.replace(specification, manufacture=among)
     note += f". Of every limit it takes the largest value of {among.samples} designs within {among.scatter:.0%}"
     note += f" (one more exceeds it with a probability of {1 / (among.samples + 1):.0%})"
+    # Evaluations with gradients by the first search count towards `most`; the poses that it computed are known.
     wider = how.formulate(specification, most=how.most - program.gradients, known=program.points)
     stop_reason = _runs(wider, MATCHED_VALUES, x, how, **tolerance)
     if not wider.history:  # stopped before any design had neighbours: return the best one of the first search
@@ -164,7 +165,7 @@ def _managed(specification: Specification, program: Program, x: np.ndarray, how:
 
 @stopping
 def _first(program: Program, specification: Specification, x: np.ndarray, gradient: bool = True) -> str:
-    """Why no search is needed, or why the evaluations before it were stopped, in words; else empty."""
+    """Why no design can hold a limit, or what stopped this test, in words; empty: go on."""
     return unreachable(specification, program, x, gradient)
 
 

@@ -12,8 +12,8 @@ import scipy.optimize
 import scipy.stats
 
 CONFIDENCE = 0.95
-# Failing parts among the default number of samples, at the target: for a search, where the remaining margin costs
-# little (`worst_parts`), and for a verification, which then proves 19 of 20 designs of a search with normal scatter.
+# The default number of samples is such that so many of them fail at the target: in a search (the margin that remains
+# costs little, see `worst_parts`), and in a verification (it proves 19 of 20 designs of a search with normal scatter).
 SEARCHED, JUDGED = 5.0, 20.0
 # The number of failing parts above which the conditional value at risk needs no margin.
 ENOUGH = 8.0
@@ -50,8 +50,8 @@ def samples_to_judge(target: float | None) -> int:
 @functools.lru_cache
 def worst_parts(samples: int, target: float, confidence: float) -> float:
     """The number of worst samples whose mean a search bounds, so that the design has its yield with the `confidence`.
-    At most (1 - target) N of N samples, whose mean is the conditional value at risk; this for `confidence` 0. At least
-    1, with which `confidence` may not be reached.
+    At most (1 - target) N of N samples (the conditional value at risk), as for `confidence` 0. At least 1, even if this
+    does not reach the `confidence`.
     """
     full = max((1 - target) * samples, 1.0)
     if confidence == 0 or full > ENOUGH or confidence_of(full, samples, target) >= confidence:
@@ -67,7 +67,7 @@ def confidence_of(worst: float, samples: int, target: float) -> float:
     Let U_1 < U_2 < ... be the shares of parts that are worse than each sample, the worst first: those of N uniform
     numbers. Where the density of the limit falls beyond the target's quantile, its quantile function is convex there,
     and so the share of parts that fail is at most V = w_1 U_1 + w_2 U_2 + ..., with the weights of the mean (Jensen).
-    V is a sum of spacings of uniform numbers, a_i = w_i + w_(i+1) + ... times the i-th of N + 1. These are exponential
+    V is a sum of the N + 1 spacings of uniform numbers with weights a_i = w_i + w_(i+1) + ... Spacings are exponential
     numbers over their sum, and so with e = 1 - target
 
         P(V <= e) = 1 - sum over a_j > e of prod over l != j of (a_j - e) / (a_j - a_l)
