@@ -21,7 +21,7 @@ from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters, replace
 from clearance_jax.solve.settings import SolveOptions, settings_of
 
-# How often the search continues from a better fit that was met at the ends of the intervals.
+# How often the search continues from a better fit at an end of a confidence interval.
 ROUNDS = 4
 UNSEEN = "the motion at the ends of the intervals was not compared with what the derivatives predict"
 
@@ -101,7 +101,7 @@ def settle(task: FitTask, fit: FitResult) -> tuple[FitResult, Confidence, tuple[
     try:
         for _ in range(ROUNDS):
             if fit.ending == INTERRUPTED or any(check.exact for check in residuals_of(task, fit)):
-                return fit, known, ()
+                return fit, known, ()  # stopped, or residuals as small as the solves' errors: nothing to compare
             known, better = profile(task, fit, known)
             if better is None:
                 return fit, known, ()

@@ -6,7 +6,7 @@ differ by the error of the single ones, which decides about A.
 
 The block keeps an extrapolation of both, h + f(h) + (2 A - 1) f(h1), for n = 2 A cycles. It is exact where the wear of
 a cycle grows evenly: cycle j = 0 .. n - 1 then wears off f + j f' f, in sum n f + n (n - 1) / 2 f' f. The double jump
-has nothing of the second part, and the single jumps have A^2 of it. At A = 1 nothing is jumped over, and the
+has nothing in place of the second part, and the single jumps have A^2 f' f. At A = 1 nothing is jumped over, and the
 extrapolation is the two cycles themselves. (The midpoint rule h + 2 A f(h1) is for an integral. Depths are a sum over
 cycles, which differs from it by half of the change of a cycle's wear, however short jumps are.)
 """
@@ -82,7 +82,7 @@ class WearHistory(NamedTuple):
 class WearBlock(NamedTuple):
     """A completed block: `cycles` at its end, the next `jump`, the profile or stack `depth`, and `evaluations` so far;
     `beyond`: the criterion minus its bound; if life ended in the block, its `end` [cycles], and `ending`: the stack
-    then, with the wear of a cycle below it.
+    then, and as last row the wear of a cycle.
     """
 
     cycles: int
@@ -202,8 +202,7 @@ def _end(now: WearBlock, h: Profile, rates: tuple, jump: float | int, wanted: in
     first, then = rates
 
     def profile(n):
-        # After n cycles, which wear off first + j (then - first) / jump each, j = 0, 1, ...; of a cycle that has begun
-        # the same part of its wear.
+        # Cycle j = 0, 1, ... wears off first + j (then - first) / jump: summed over n, of an incomplete cycle its part.
         complete = np.floor(n)
         return h + n * first + complete * (n - 0.5 * (complete + 1)) / jump * (then - first)
 

@@ -21,7 +21,7 @@ from clearance_jax.laws import Geometry, Material
 from clearance_jax.parameters import Parametrised, physical
 
 # Newton's method for how deep a foundation is pressed: it makes at most so many iterations, and ends after a step below
-# NEAR times the clearance, as two more iterations then leave round-off. At worst an iteration takes away a third.
+# NEAR times the clearance, as two more iterations then leave round-off. At worst the error falls by a third each time.
 ITERATIONS, NEAR = 20, 1e-6
 # Parts of a sector on which a foundation is summed.
 PARTS = 8
@@ -260,5 +260,5 @@ def foundation(material: Material, thickness: float) -> Foundation:
 
 
 def refine(values: Float[Array, " sectors"], parts: int) -> Float[Array, " fine"]:
-    """The spline through values at the middles of sectors, at the middles of an even number of parts of each."""
+    """Values of the sectors' spline at the middles of `parts` parts of each sector; `parts` is even."""
     return jnp.roll(spline(values, (np.arange(parts) + 0.5) / parts).ravel(), parts // 2)

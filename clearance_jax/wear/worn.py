@@ -28,14 +28,14 @@ from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, Se
 
 # The part of the force that the pressures of the sectors may miss: round-off and the tolerance of a search.
 MISSED = 1e-6
-# Most parts of half a step. Steps are cut until a patch moves from node to node by at most this part of a sector and
-# its own half width.
+# Half steps are cut, into PARTS at most, until a patch moves between nodes by at most JUMPED times the sum of a sector
+# and its own half width.
 PARTS, JUMPED = 64, 0.25
 SURFACES = ("sleeve", "pin")
 # Largest half angle of a patch that counts as flat [rad].
 WIDEST = 0.5 * np.pi
-# Largest relative error of the largest depth that one cycle wears off. A given number of sectors is doubted a little
-# beyond it: with other sectors the motion has other last digits.
+# Largest relative error of the largest depth of one cycle. Given sectors raise a warning a little later: those chosen
+# by OFF must not, though with other sectors the motion has other last digits.
 OFF, DOUBTED = 0.01, 0.011
 # The least number of sectors; the step between numbers, so that similar joints have the same one; the most.
 USUAL, STEP, MOST = 360, 60, 3600
@@ -61,7 +61,7 @@ def wear_round(
     angles = np.asarray(seen.angle) - turn
     place, worn = 2 * np.pi * (np.arange(PLACES) + 0.5) / PLACES, np.zeros((loads.shape[1], PLACES))
     for section in range(loads.shape[1]):
-        # Patches are widened so that none lies between two places; they are still too narrow for any sectors.
+        # Patches are widened so that each covers a place. They still need more sectors than `MOST`.
         load, half = loads[:, section], np.maximum(halves[:, section], NARROW)
         rubs = np.flatnonzero(load > 0)
         # Padded with the last node at zero weight, so that all have one shape.
@@ -139,9 +139,9 @@ class Wear(Module):
     - `volume` [m^3]; `flat_volume` [m^3]: what the law gives if pressures add up to the normal force, as in a narrow
       patch (k F s); `None` for a law that is not linear in pressure, because its volume depends on the patch.
     - `sliding` [m]: how far the pin has slid while it was pressed; `half_angle` [rad]: that of the widest patch.
-    - `relief`: the largest share of a pressure that this wear would remove, if its sector alone wore. The profile is
-      kept constant during the motion, so this should be well below 1. It is 0 for pressures that do not depend on the
-      worn profile.
+    - `relief`: the largest share of its pressure that a sector would lose if it alone wore so. The profile is kept
+      constant during the motion, so this should be well below 1. It is 0 for pressures that do not depend on the worn
+      profile.
     """
 
     angle: Float[Array, " sectors"]
@@ -291,14 +291,14 @@ def accumulate(
             # The pin bears the same force on a little less of surface.
             means = _turn(field.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else field.means
 
-            def off(pressure):
-                return law.rate(SlidingState(pressure, speed, traction, before + time))
+            def off(mean):
+                return law.rate(SlidingState(mean, speed, traction, before + time))
 
-            rate, rises = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
+            rate, by_pressure = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
             lacks = jnp.abs(field.borne * length - force)
             lacks = jnp.where(force > 0, lacks / jnp.where(force > 0, force, 1.0), 0.0)
             # A law may have no slope at no pressure (p^0.5).
-            relief = relief + weight * jnp.where(means > 0, rises, 0.0) * pressure.rises
+            relief = relief + weight * jnp.where(means > 0, by_pressure, 0.0) * pressure.rises
             return (depth + weight * rate, relief, jnp.maximum(missed, lacks)), None
 
         nodes = seen.weight, seen.time, turn, force, angle, speed, traction, place
