@@ -49,7 +49,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
     order = np.argsort(dataset[name].values, kind="stable")
     told = display(dataset[name], name)
     x, y = told.factor * dataset[name].values[order], dataset["life"].values[order]
-    figure, axis = new_figure(6.5, 4)
+    figure, axis = new_figure(6.5, 4.0)
     draw_lives(axis, x, y, dataset.attrs["cycles"])
     if not np.isfinite(y).all():
         legend_below(axis, fontsize=8)
@@ -69,7 +69,7 @@ def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str
 @STYLED
 def failures(found: Any) -> Figure:
     """The probability of failure over the life, with its confidence band (`wear.Failures`)."""
-    figure, axis = new_figure(6.5, 4)
+    figure, axis = new_figure(6.5, 4.0)
     band = f"{100 * found.confidence:g} % confidence"
     axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
     axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
