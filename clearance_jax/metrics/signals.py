@@ -133,8 +133,8 @@ class Tabulated(Module):
 
     def __call__(self, time, y, mechanism):
         i = jnp.clip(jnp.searchsorted(self.times, time) - 1, 0, self.times.shape[0] - 2)
-        h, y, slope = self.times[i + 1] - self.times[i], self.y, self.slope
-        reference = hermite(y[i], h * slope[i], y[i + 1], h * slope[i + 1], (time - self.times[i]) / h)
+        h, ideal, slope = self.times[i + 1] - self.times[i], self.y, self.slope
+        reference = hermite(ideal[i], h * slope[i], ideal[i + 1], h * slope[i + 1], (time - self.times[i]) / h)
         return self.signal.value(time, y, mechanism, reference)
 
 

@@ -118,7 +118,7 @@ class AfterWear(AbstractAged):
         try:
             check_values(model)
         except ClearanceError as error:
-            raise WearFailure(error) from None
+            raise WearFailure(error).about(error.name, error.value, error.allowed) from None
         names, begin = tuple(by), model.begin(self._sectors(mechanism, options))
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         solve, now = settings_of(model.mechanism, t1, options), list(values_of(model, names).values())

@@ -13,6 +13,7 @@ from clearance_jax.design.asked.conditions import values_for, without_wear, wort
 from clearance_jax.design.asked.specification import PEAKS, Scenario
 from clearance_jax.design.judge.findings import known_findings
 from clearance_jax.design.search.evaluate import simulations_of
+from clearance_jax.errors import WearFailure
 from clearance_jax.report import design_figures
 from clearance_jax.report.html import render
 
@@ -99,7 +100,7 @@ def test_a_yield_over_scattering_wear_is_its_closed_form(lasting):
     made = Scenario("", {"wear.coefficient": np.asarray(-1e-12)}, np.ones(1), designed={})
     assert simulations.worst(x, [made]) == np.inf
     for wrong in (made._replace(designed=None), made._replace(designed=made.values)):
-        with refused("wear.coefficient", -1e-12):
+        with refused("wear.coefficient", -1e-12, kind=WearFailure):
             simulations.worst(x, [wrong])
 
 
