@@ -12,6 +12,7 @@ import xarray as xr
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax._compile.runtime import RUNTIME
 from clearance_jax.dynamics.quantities import observe
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.observed import FirstFall
@@ -71,6 +72,7 @@ def test_many_samples_are_observed_by_a_program_of_their_own(crank, monkeypatch)
     mechanism, trace = crank
     few = cj.to_dataset(mechanism, trace)
     monkeypatch.setattr(blocks, "SHARED", 0)
+    monkeypatch.setattr(RUNTIME, "folder", None)  # a kept program is not counted
     samples: Any = blocks.observed
     before = samples.plain.alone._cache_size()
     many = cj.to_dataset(mechanism, trace)
