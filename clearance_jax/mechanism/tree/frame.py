@@ -75,10 +75,7 @@ class Frame(NamedTuple):
 
     def move_origin(self, at: Vector) -> "Frame":
         """The frame of the same body with its origin at `at`."""
-        if absent(at):
-            return self
-        point = self.point(at)
-        return self._replace(position=point, velocity=self.velocity_at(point), acceleration=self.acceleration_at(point))
+        return self if absent(at) else self.slid(at)
 
     def rotate(self, rotation: Rotation) -> "Frame":
         """The frame of the same body with other axes."""
@@ -107,15 +104,15 @@ class Frame(NamedTuple):
             spin_rate=add(add(self.spin_rate, cross(self.spin, spin)), faster),
         )
 
-    def slid(self, axis: Vector, by: Term, rate: Term, acceleration: Term) -> "Frame":
-        """The frame after a slide along an axis of its own."""
-        along = self.rotation.apply(axis)
-        point, moved = add(self.position, scale(by, along)), scale(rate, along)
-        coriolis = cross(scale(2.0, self.spin), moved)
+    def slid(self, by: Vector, rate: Vector = ZERO, acceleration: Vector = ZERO) -> "Frame":
+        """The frame after a slide by a vector, with its rate and its acceleration, in the frame's axes."""
+        arm, moved, faster = (self.rotation.apply(vector) for vector in (by, rate, acceleration))
+        swept = cross(self.spin, arm)
+        turning = add(cross(self.spin_rate, arm), cross(self.spin, add(swept, scale(2.0, moved))))
         return self._replace(
-            position=point,
-            velocity=add(self.velocity_at(point), moved),
-            acceleration=add(add(self.acceleration_at(point), coriolis), scale(acceleration, along)),
+            position=add(self.position, arm),
+            velocity=add(self.velocity, add(swept, moved)),
+            acceleration=add(self.acceleration, add(turning, faster)),
         )
 
     def add_motion(self, column: JacobianColumn, rate: Term) -> "Frame":

@@ -46,27 +46,39 @@ def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
 
 
 class FrameStep(NamedTuple):
-    """One motion of a frame: it slides along or turns about an axis (neither: a ball), or swings by two `tilts`."""
+    """One motion of a frame: it slides along axes or turns about one (neither: a ball), or swings by two `tilts`."""
 
     by: Moved
-    slides: Vector | None = None
+    slides: tuple[Vector, ...] | None = None
     turns: Vector | None = None
-    tilts: tuple[Vector, Vector] | None = None
+    tilts: tuple[Vector, ...] | None = None
 
 
 def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> Iterator[FrameStep]:
-    """The steps of a joint."""
-    tilt = None
+    """The steps of a joint. Free slides that follow each other are one step, as are the tilts of a swing."""
+    step: FrameStep | None = None
     for coordinate in coordinates:
-        step = FrameStep(motion_of(coordinate, time, values), coordinate.slides, coordinate.turns)
-        if not coordinate.swings:
+        by, slides, turns = motion_of(coordinate, time, values), coordinate.slides, coordinate.turns
+        if step is not None and step.slides is not None and slides is not None and _follows(by, step.by):
+            step = FrameStep(_joined(step.by, by), (*step.slides, slides))
+            continue
+        if step is not None and coordinate.swings and step.tilts == ():
+            step = FrameStep(_joined(step.by, by), tilts=(step.turns or ZERO, turns or ZERO))
+            continue
+        if step is not None:
             yield step
-        elif tilt is None:
-            tilt = step
-        else:
-            first, second = tilt.by, step.by
-            by = Moved(first.index, first.q + second.q, first.v + second.v, first.a + second.a)
-            yield FrameStep(by, tilts=(tilt.turns or ZERO, step.turns or ZERO))
+        # The first tilt of a swing waits for the second.
+        step = FrameStep(by, slides and (slides,), turns, () if coordinate.swings else None)
+    if step is not None:
+        yield step
+
+
+def _follows(by: Moved, before: Moved) -> bool:
+    return before.index >= 0 and by.index == before.index + len(before.v)
+
+
+def _joined(a: Moved, b: Moved) -> Moved:
+    return Moved(a.index, a.q + b.q, a.v + b.v, a.a + b.a)
 
 
 def carry(frame: Frame, step: FrameStep) -> Frame:
@@ -79,11 +91,18 @@ def carry(frame: Frame, step: FrameStep) -> Frame:
         w, x, y, z = by.q
         (p, q, r), (a, b, c) = by.v, by.a
         return frame.swivel(of_quaternion(w, x, y, z), (p, q, r), (a, b, c))
-    (q,), (v,), (a,) = by.q, by.v, by.a
-    if turns is not None:
-        return frame.turn(turns, q, v, a)
-    assert slides is not None
-    return frame.slid(slides, q, v, a)
+    if slides is not None:
+        return frame.slid(*(_combined(numbers, slides) for numbers in (by.q, by.v, by.a)))
+    assert turns is not None
+    return frame.turn(turns, by.q[0], by.v[0], by.a[0])
+
+
+def _combined(numbers: tuple[Term, ...], axes: tuple[Vector, ...]) -> Vector:
+    """The vector with these components along axes."""
+    out = ZERO
+    for number, axis in zip(numbers, axes, strict=True):
+        out = add(out, scale(number, axis))
+    return out
 
 
 def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
@@ -105,7 +124,10 @@ def carry_with_columns(frame: Frame, step: FrameStep) -> Frame:
     else:
         after = carry(frame, step)
         if slides is not None:
-            return after.add_motion(JacobianColumn(by.index, frame.rotation.apply(slides), None), by.v[0])
+            for k, axis in enumerate(slides):
+                column = JacobianColumn(by.index + k if by.index >= 0 else -1, frame.rotation.apply(axis), None)
+                after = after.add_motion(column, by.v[k])
+            return after
         if turns is not None:
             return after.add_motion(JacobianColumn(by.index, frame.rotation.apply(turns), frame.position), by.v[0])
         axes = [after.rotation.apply(axis) for axis in UNIT]
