@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun, new_jaxpr_eqn
 
-from clearance_jax._compile.barriers import barrier
+from clearance_jax._compile.barriers import barrier, read_later
 
 # Operations that may be repeated: one or two cost less than keeping their value costs the compiler.
 REPEATED = 2
@@ -40,7 +40,8 @@ def compute_once(function: Callable) -> Callable:
 
     @functools.wraps(function)
     def once(*arguments):
-        program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
+        with read_later():
+            program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
         numbers = jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
         values = jaxpr_as_fun(_Writer().close(program))(*numbers)
         return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), values), rest)

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._basis.types import Scalar
-from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, JointOutline, PlayCoordinate
@@ -110,8 +109,8 @@ class GuideClearance(AbstractClearance):
         x, y, z, first, second = (jnp.asarray(column) for column in sides.T)
         corner: Vector = (x * half[0], y * half[1], z * half[2])
         rows = (X, Y, Z) if at.rows is None else at.rows
-        turned = (jnp.asarray(dot(row, corner), float) for row in rows)
-        arm = with_barriers(tuple(jnp.broadcast_to(term, x.shape) for term in turned))
+        turned = [jnp.broadcast_to(jnp.asarray(dot(row, corner), float), x.shape) for row in rows]
+        arm: Vector = (turned[0], turned[1], turned[2])
         normal: Vector = (first * x, second * y, jnp.zeros_like(x))
         other: Vector = (-second * y, first * x, jnp.zeros_like(x))
         along: Vector = (jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x))
