@@ -91,12 +91,8 @@ def inertia_tensor(body):
     return jnp.array([[i.xx, xy, xz], [xy, i.yy, yz], [xz, yz, i.zz]])
 
 
-def accelerations(mechanism, time, y, forces=0.0):
-    """Accelerations of the free velocities of an open mechanism without springs, under generalised forces:
-    M a = dL/dx - d(dL/dx')/dt + Q.
-    """
-    plan = layout(mechanism)
-    q, v = y[plan.q], y[plan.v]
+def lagrangian_of(mechanism, q):
+    """Kinetic less potential energy by (time, small changes of the positions q, speeds), without springs."""
     gravity = three(mechanism.gravity)
 
     def at(t, x):
@@ -116,12 +112,28 @@ def accelerations(mechanism, time, y, forces=0.0):
             total += mass * gravity @ (origin + rotation @ centre)
         return total
 
+    return lagrangian
+
+
+def mass_matrix(mechanism, time, y):
+    """The mass matrix of the free velocities, without rotors."""
+    plan = layout(mechanism)
     x, t = jnp.zeros(plan.free), jnp.asarray(time, float)
-    mass = jax.hessian(lagrangian, 2)(t, x, v)
+    return jax.hessian(lagrangian_of(mechanism, y[plan.q]), 2)(t, x, y[plan.v])
+
+
+def accelerations(mechanism, time, y, forces=0.0):
+    """Accelerations of the free velocities of an open mechanism without springs, under generalised forces:
+    M a = dL/dx - d(dL/dx')/dt + Q.
+    """
+    plan = layout(mechanism)
+    q, v = y[plan.q], y[plan.v]
+    lagrangian = lagrangian_of(mechanism, q)
+    x, t = jnp.zeros(plan.free), jnp.asarray(time, float)
     momentum = jax.grad(lagrangian, 2)
     # Of the momentum with the speeds held: what time and places change in it.
     drift = jax.jvp(lambda t, x: momentum(t, x, v), (t, x), (jnp.ones_like(t), v))[1]
-    return jnp.linalg.solve(mass, jax.grad(lagrangian, 1)(t, x, v) - drift + forces)
+    return jnp.linalg.solve(mass_matrix(mechanism, time, y), jax.grad(lagrangian, 1)(t, x, v) - drift + forces)
 
 
 def random_state(mechanism, rng):

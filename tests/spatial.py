@@ -33,6 +33,31 @@ def arm(n, seed=0):
     return cj.Mechanism(bodies, joints, points=(tip,), gravity=cj.Gravity(z=-9.81))
 
 
+def zoo():
+    """Every kind of joint of the tree, driven ones and branches among them."""
+    rng = np.random.default_rng(1)
+    names = ["lift", "ball", "cardan", "drill", "foot", "drone", "twig", "rod"]
+    bodies = tuple(body(name, rng, 1.0 + 0.3 * i) for i, name in enumerate(names))
+
+    def at():
+        return cj.Position(*(0.2 * rng.normal(size=3)))
+
+    def turned():
+        return cj.Orientation(*rng.normal(size=3))
+
+    joints = (
+        cj.Prismatic("slide", "ground", "lift", at(), orientation=turned(), axis=(1.0, 2.0, -1.0)),
+        cj.Spherical("socket", "lift", "ball", at(), at(), orientation=turned()),
+        cj.Universal("cross", "ball", "cardan", at(), at(), child_orientation=turned()),
+        cj.Cylindrical("sleeve", "cardan", "drill", at(), at(), orientation=turned(), axis="-y"),
+        cj.Planar("floor", "lift", "foot", at(), at(), orientation=turned(), axis="x"),
+        cj.Free("air", "ground", "drone", at(), at(), orientation=turned()),
+        cj.Revolute("bent", "ball", "twig", at(), motion=cj.Motion(cj.drives.Harmonic(0.7, 3.0)), axis=(0.3, 0.2, 1.0)),
+        cj.Revolute("last", "twig", "rod", at(), at(), orientation=turned(), axis="x"),
+    )
+    return cj.Mechanism(bodies, joints, gravity=cj.Gravity(0.3, -1.0, -9.81))
+
+
 def bennett():
     """Bennett's linkage: four bars, opposite ones alike, a / sin(alpha) = b / sin(beta). It moves, though Gruebler's
     count leaves it minus two freedoms.

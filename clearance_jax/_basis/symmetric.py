@@ -35,6 +35,10 @@ class Symmetric:
         x, y, z = (total(times(self.entry(i, j), a[j]) for j in range(3) if not is_zero(a[j])) for i in range(3))
         return x, y, z
 
+    def map(self, function: Callable) -> "Symmetric":
+        """The same with a function of every entry."""
+        return Symmetric(lambda i, j: function(self.entry(i, j)))
+
     def __add__(self, other: "Symmetric") -> "Symmetric":
         return Symmetric(lambda i, j: plus(self.entry(i, j), other.entry(i, j)))
 
@@ -138,9 +142,21 @@ class AbstractFactors(Module):
     def solve(self, right: list[Term]) -> list[Term]:
         """The solution for one right-hand side."""
 
-    @abc.abstractmethod
     def constraint(self, rows: Sequence[Row], choose: Choice) -> AbstractConstraint:
         """The constraint of conditions, given by the rows of their Jacobian J."""
+        spread = [self.solve(row.terms) for row in rows]
+        compliance = [
+            [total(times(p, q) for p, q in zip(row.terms, spread[j], strict=True)) for j in range(i + 1)]
+            for i, row in enumerate(rows)
+        ]
+        chosen = choose(lambda: dense(compliance))
+        if chosen is None:
+            return Constraint(spread, factor(compliance), None)
+        kept: list[Term] = [chosen[i] for i in range(len(rows))]
+        for i, row in enumerate(compliance):
+            row[:i] = [times(times(kept[i], kept[j]), row[j]) for j in range(i)]
+            row[i] = jnp.where(kept[i] > 0, row[i], 1.0)
+        return Constraint(spread, factor(compliance), kept)
 
 
 class Constraint(AbstractConstraint):
@@ -205,21 +221,6 @@ class Factored(AbstractFactors):
         for i in reversed(range(n)):
             x[i] = once(minus(x[i], total(times(lower[j][i], x[j]) for j in range(i + 1, n))))
         return x
-
-    def constraint(self, rows, choose):
-        spread = [self.solve(row.terms) for row in rows]
-        compliance = [
-            [total(times(p, q) for p, q in zip(row.terms, spread[j], strict=True)) for j in range(i + 1)]
-            for i, row in enumerate(rows)
-        ]
-        chosen = choose(lambda: dense(compliance))
-        if chosen is None:
-            return Constraint(spread, factor(compliance), None)
-        kept: list[Term] = [chosen[i] for i in range(len(rows))]
-        for i, row in enumerate(compliance):
-            row[:i] = [times(times(kept[i], kept[j]), row[j]) for j in range(i)]
-            row[i] = jnp.where(kept[i] > 0, row[i], 1.0)
-        return Constraint(spread, factor(compliance), kept)
 
 
 class Dense(AbstractFactors):

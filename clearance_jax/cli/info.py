@@ -167,7 +167,8 @@ def _operations(mechanism) -> int:
     from clearance_jax.mechanism.state import layout
 
     state = jnp.zeros(layout(mechanism).size)
-    cost: Any = jax.jit(slope).lower(jnp.zeros(()), state, mechanism.prepare()).compile().cost_analysis()
+    program = jax.jit(mechanism.form.once(slope))
+    cost: Any = program.lower(jnp.zeros(()), state, mechanism.prepare()).compile().cost_analysis()
     return int(cost.get("flops", 0))
 
 

@@ -1,9 +1,9 @@
 """The inertia of a body, and of a body with all that hangs on it."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from clearance_jax._basis.symmetric import NOTHING, Symmetric, of_point, rotate, shift
-from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.dynamics.forms.frames import SpatialForce
 from clearance_jax.mechanism.body import Body, needs_six
 from clearance_jax.mechanism.placement import Inertia
@@ -28,10 +28,10 @@ class Composite(NamedTuple):
     def __add__(self, other) -> "Composite":
         return Composite(plus(self.mass, other.mass), add(self.moment, other.moment), self.inertia + other.inertia)
 
-    def with_barriers(self) -> "Composite":
-        """The same with every number computed once."""
-        mass, moment = with_barriers((self.mass, self.moment))
-        return Composite(mass, moment, Symmetric(lambda i, j: with_barriers(self.inertia.entry(i, j))))
+    def map(self, function: Callable) -> "Composite":
+        """The same with a function of every number."""
+        mass, moment = function((self.mass, self.moment))
+        return Composite(mass, moment, self.inertia.map(function))
 
     def momentum(self, column: JacobianColumn, pivot: Vector) -> SpatialForce:
         """Momentum and angular momentum (about its pivot) per unit rate of a column that moves all of it."""

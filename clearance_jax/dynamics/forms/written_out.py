@@ -1,27 +1,37 @@
 """The dynamics of a small mechanism, written out number by number: the frames of its bodies, and the columns of the
 coordinates that move them.
 
-Kane's equations by composite bodies. What hangs on a joint moves as one body if only the joint's own coordinates move,
-so its mass, centre and inertia, summed from the leaves to the root, give a row of the mass matrix. The sum of its
-weights and inertia forces, projected on the joint's columns, gives the load.
+Kane's equations. The sum of the weights and inertia forces of what hangs on a joint, projected on the joint's columns,
+gives the load. What hangs on a joint moves as one body if only the joint's own coordinates move, so its mass, centre
+and inertia, summed from the leaves to the root, give a row of the mass matrix (composite bodies). Where that takes more
+operations, the matrix is factored joint by joint and never written down (`articulated`).
 
 Moments of what hangs on a joint are about the joint's own place, which keeps the digits of a mechanism far from the
 world's origin. Only free coordinates have rows; `drive_forces` projects the same balance on the columns of prescribed
 ones.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._basis.module import Module
-from clearance_jax._basis.symmetric import factor
+from clearance_jax._basis.symmetric import AbstractFactors, factor
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.barriers import with_barriers
+from clearance_jax.dynamics.forms.articulated import (
+    ArticulatedFactors,
+    Inertial,
+    MovedBody,
+    Weightless,
+    chain_barriers,
+    eliminate,
+    sum_of,
+)
 from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
-from clearance_jax.dynamics.forms.inertia import Composite, composite_of, inertia_of
+from clearance_jax.dynamics.forms.inertia import composite_of, inertia_of
 from clearance_jax.dynamics.relative_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND, Body
@@ -76,28 +86,25 @@ class WrittenOut(Module, Frames):
         return Moves(moves)
 
     def extra(self, acceleration):
-        # A body's sum over its columns is its parent's sum and its own columns.
-        known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {(): (ZERO, ZERO, ZERO)}
-
-        def turn(columns: tuple[JacobianColumn, ...]) -> tuple[Vector, Vector, Vector]:
-            """The spin rate by the columns, a place on the axis of the last one that turns, the acceleration there."""
-            key = tuple(column.index for column in columns)
-            if key not in known:
-                last = columns[-1]
-                by, (spin_rate, place, there) = acceleration[last.index], turn(columns[:-1])
-                if last.pivot is None:
-                    there = add(there, scale(by, last.axis))
+        # By body: the spin rate by the free coordinates, a place, and the acceleration there.
+        moved: dict[str, tuple[Vector, Vector, Vector]] = {GROUND: (ZERO, ZERO, ZERO)}
+        own = self.own_columns()
+        for joint in self.mechanism.joints:
+            spin_rate, place, there = moved[joint.parent]
+            for column in own[joint.child]:
+                by = acceleration[column.index]
+                if column.pivot is None:
+                    there = add(there, scale(by, column.axis))
                 else:
-                    there = add(there, cross(spin_rate, subtract(last.pivot, place)))
-                    spin_rate, place = add(spin_rate, scale(by, last.axis)), last.pivot
-                known[key] = spin_rate, place, there
-            return known[key]
+                    there = add(there, cross(spin_rate, subtract(column.pivot, place)))
+                    spin_rate, place = add(spin_rate, scale(by, column.axis)), column.pivot
+            moved[joint.child] = spin_rate, place, there
 
         def at(body: str, point: Vector) -> Vector:
-            spin_rate, place, there = turn(self[body].free)
+            spin_rate, place, there = moved[body]
             return add(there, cross(spin_rate, subtract(point, place)))
 
-        return Extra(at, lambda body: turn(self[body].free)[0])
+        return Extra(at, lambda body: moved[body][0])
 
     def own_columns(self) -> dict[str, tuple[JacobianColumn, ...]]:
         """By body: the free columns of the joint that carries it."""
@@ -122,9 +129,33 @@ class WrittenOut(Module, Frames):
         return out
 
     def mass_matrix(self, firm=None):
+        return self._articulated() if firm is None and self.mechanism.form.by_blocks else self._factored(firm)
+
+    def _articulated(self) -> ArticulatedFactors:
+        mechanism, numbers = self.mechanism, rotors(self.mechanism)
+        bodies, columns = {body.name: body for body in mechanism.bodies}, self.own_columns()
+        moved = [joint for joint in mechanism.joints if self[joint.child].free]
+        places = {joint.child: i for i, joint in enumerate(moved)}
+        hanging: list[list[Inertial]] = [[] for _ in moved]
+        once, links = chain_barriers(self.count, mechanism.is_plane), []
+        for i, joint in reversed([*enumerate(moved)]):
+            frame, parent = self[joint.child], places.get(joint.parent, -1)
+            whole = sum_of([composite_of(bodies[joint.child], frame), *hanging[i]])
+            own = columns[joint.child]
+            try:
+                factors, left = eliminate(whole, own, frame.pivot, numbers, mechanism.is_plane)
+            except Weightless as unmoved:
+                raise _nothing_moves(mechanism, unmoved.index) from None
+            by = ZERO if parent < 0 else subtract(frame.pivot, self[joint.parent].pivot)
+            if parent >= 0 and left is not None:
+                hanging[parent].append(left.map(once).move(by))
+            links.append(MovedBody(parent, by, once(factors)))
+        return ArticulatedFactors(links[::-1], self.count, once)
+
+    def _factored(self, firm: Mapping[int, Term] | None) -> AbstractFactors:
         mechanism = self.mechanism
         matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
-        whole = self._sums(lambda body: composite_of(body, self[body.name]), Composite.with_barriers)
+        whole = self._sums(lambda body: composite_of(body, self[body.name]), lambda whole: whole.map(with_barriers))
         columns = self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
         # In a chain in space each momentum is computed from the one before it, and would otherwise be computed again.
@@ -147,10 +178,7 @@ class WrittenOut(Module, Frames):
             matrix[i][i] = plus(matrix[i][i], inertia)
         for i, row in enumerate(matrix):
             if is_zero(row[i]):
-                raise ClearanceError(
-                    f"Nothing with inertia moves with the free coordinate `{layout(mechanism).velocities[i]}`: give a "
-                    "body beyond it a mass (where it turns, an inertia), or prescribe it with a drive."
-                )
+                raise _nothing_moves(mechanism, i)
         for i, times_as_much in (firm or {}).items():
             matrix[i][i] = times(times_as_much, matrix[i][i])
         return factor(matrix)
@@ -242,8 +270,8 @@ class WrittenOut(Module, Frames):
         return kinetic, potential
 
     def kinetic_exchange(self, acceleration):
-        bodies = self.mechanism.bodies
-        powers = [power for body in bodies for power in self._inertial_powers(body, self.extra(acceleration))]
+        extra = self.extra(acceleration)
+        powers = [power for body in self.mechanism.bodies for power in self._inertial_powers(body, extra)]
         if self.mechanism.is_plane:
             return jnp.abs(jnp.asarray(total(total(by_axis) for by_axis in powers)))
         every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
@@ -268,8 +296,22 @@ def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> Writt
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
         frame = place(joint, out[joint.parent], time, values)
-        out[joint.child] = frame if mechanism.is_plane else with_barriers(frame)
+        out[joint.child] = frame if mechanism.is_plane else _once(frame, out[joint.parent])
     return WrittenOut(mechanism, out, len(state.v))
+
+
+def _once(frame: Frame, parent: Frame) -> Frame:
+    """The frame with every number of its own computed once; its parent's columns are so already."""
+    free, prescribed = frame.free[len(parent.free) :], frame.prescribed[len(parent.prescribed) :]
+    frame, free, prescribed = with_barriers((frame._replace(free=(), prescribed=()), free, prescribed))
+    return frame._replace(free=(*parent.free, *free), prescribed=(*parent.prescribed, *prescribed))
+
+
+def _nothing_moves(mechanism: PreparedMechanism, index: int) -> ClearanceError:
+    return ClearanceError(
+        f"Nothing with inertia moves with the free coordinate `{layout(mechanism).velocities[index]}`: give a "
+        "body beyond it a mass (where it turns, an inertia), or prescribe it with a drive."
+    )
 
 
 def pair_work(pair: Pair, column: JacobianColumn) -> Term:

@@ -1,0 +1,149 @@
+"""The mass matrix factored joint by joint: against the Hessian of an independent kinetic energy; its growth; its
+choice.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from lagrangian import mass_matrix, random_state
+from places import refused
+from sleeves import FRICTION, HERTZ, sleeve
+from spatial import body, zoo
+
+import clearance_jax as cj
+from clearance_jax.dynamics.forms.articulated import Loose, Stepwise
+from clearance_jax.dynamics.forms.written_out import write_out
+from clearance_jax.mechanism.form import columns_of, is_less_by_blocks
+from clearance_jax.mechanism.state import layout
+from clearance_jax.spatial import as_array
+
+
+def turned(rng):
+    return cj.Orientation(*rng.normal(size=3))
+
+
+def played():
+    """Play of every kind in a branching tree: it takes up all forces, or not all; driven, free and fixed beside it."""
+    rng = np.random.default_rng(3)
+    names = ["base", "upper", "lower", "hand", "load", "knob", "block", "wheel", "finger"]
+    bodies = tuple(body(name, rng, 1.0 + 0.3 * i) for i, name in enumerate(names))
+
+    def at():
+        return cj.Position(*(0.2 * rng.normal(size=3)))
+
+    driven = cj.Motion(cj.drives.Harmonic(0.7, 3.0))
+    ball = cj.SphericalClearance(1e-4, 0.01, HERTZ, FRICTION)
+    guide = cj.GuideClearance(1e-4, 0.05, 0.02, HERTZ, FRICTION, width=0.02)
+    joints = (
+        cj.Free("air", "ground", "base", at(), at(), orientation=turned(rng)),
+        cj.Revolute("shoulder", "base", "upper", at(), at(), motion=driven, clearance=sleeve(), axis="y"),
+        cj.Revolute("elbow", "upper", "lower", at(), at(), motion=driven, clearance=sleeve(axial=None)),
+        cj.Revolute("wrist", "lower", "hand", at(), at(), clearance=sleeve(), orientation=turned(rng)),
+        cj.Fixed("grip", "hand", "load", at(), at(), orientation=turned(rng)),
+        cj.Spherical("socket", "upper", "knob", at(), at(), clearance=ball),
+        cj.Prismatic("rail", "base", "block", at(), at(), clearance=guide, axis="y"),
+        cj.Revolute("hinge", "hand", "wheel", at(), at(), axis=(0.3, 0.2, 1.0)),
+        cj.Revolute("knuckle", "upper", "finger", at(), at(), motion=driven, clearance=sleeve(), axis="x"),
+    )
+    return cj.Mechanism(bodies, joints, gravity=cj.Gravity(0.3, -1.0, -9.81))
+
+
+def pins(count):
+    """A chain of bars in the plane, each on a pin with play."""
+    rng = np.random.default_rng(4)
+    play = cj.RevoluteClearance(1e-4, 0.01, HERTZ, FRICTION)
+    bars = [
+        cj.Body(f"bar{i}", 1.0 + i, 0.01 + 0.01 * i, cj.Position(*(0.1 * rng.normal(size=2)))) for i in range(count)
+    ]
+    joints = [
+        cj.Revolute(
+            f"pin{i}", f"bar{i - 1}" if i else "ground", f"bar{i}", cj.Position(0.3 if i else 0.0), clearance=play
+        )
+        for i in range(count)
+    ]
+    return cj.Mechanism(tuple(bars), tuple(joints), gravity=cj.Gravity(y=-9.81))
+
+
+def motion(mechanism, time, y):
+    ready, time = mechanism.prepare(), jnp.asarray(time, float)
+    return write_out(ready.at(time), time, layout(ready).split(y))
+
+
+def factors(mechanism, time, y):
+    return motion(mechanism, time, y)._articulated()
+
+
+@pytest.mark.parametrize("make", [zoo, played, lambda: pins(5)], ids=["zoo", "played", "pins"])
+def test_factors_solve_the_mass_matrix(make):
+    mechanism = make()
+    plan, rng = layout(mechanism), np.random.default_rng(5)
+    states = jnp.asarray([random_state(mechanism, rng) for _ in range(20)])[:, : plan.v.stop]
+    states = jnp.concatenate([states, jnp.zeros((20, plan.remembered))], axis=1)
+    right = jnp.asarray(rng.normal(size=(20, plan.free)))
+
+    def solve(y, right):
+        return as_array(factors(mechanism, 0.3, y).solve([right[i] for i in range(plan.free)]))
+
+    ours = jax.jit(jax.vmap(solve))(states, right)
+    matrices = jax.jit(jax.vmap(lambda y: mass_matrix(mechanism, 0.3, y)))(states)
+    theirs = np.linalg.solve(matrices, np.asarray(right)[..., None])[..., 0]
+    error = np.max(np.abs(np.asarray(ours) - theirs), axis=1) / np.max(np.abs(theirs), axis=1)
+    assert np.max(error / np.linalg.cond(matrices)) < 20 * np.finfo(float).eps
+
+
+def test_a_joint_that_slides_along_all_axes_passes_on_no_force():
+    mechanism = played()
+    y = jnp.asarray(random_state(mechanism, np.random.default_rng(6)))
+    kinds = [type(link.joint) for link in factors(mechanism, 0.3, y).links]
+    # An ideal pin and a sleeve without axial play pass a force on, and then what carries them does too.
+    assert kinds == [Stepwise, Stepwise, Stepwise, Stepwise, type(None), Loose, Loose, Stepwise, Loose]
+
+
+def test_factors_know_rotors():
+    """An arm's joint with a rotor, and one that is elastic: the motor turns the link through a spring."""
+    rng = np.random.default_rng(7)
+    geared = cj.Revolute("geared", "ground", "a", motion=cj.Motion(rotor_inertia=0.3), axis="y")
+    plain = cj.Revolute("plain", "a", "b", cj.Position(0.3), orientation=turned(rng))
+    mechanism = cj.Mechanism((body("a", rng), body("b", rng)), (geared, plain))
+    y = jnp.asarray([0.3, -0.2, 0.5, 0.7])
+    right = jnp.asarray([1.0, -2.0])
+    matrix = np.asarray(mass_matrix(mechanism, 0.0, y)) + np.diag([0.3, 0.0])
+    ours = as_array(jax.jit(lambda y: factors(mechanism, 0.0, y).solve([*right]))(y))
+    np.testing.assert_allclose(ours, np.linalg.solve(matrix, right), rtol=1e-12)
+
+
+def test_work_grows_with_the_number_of_bodies():
+    def operations(count):
+        mechanism = pins(count)
+        plan = layout(mechanism)
+        solve = lambda y: factors(mechanism, 0.0, y).solve([y[i] for i in range(plan.free)])  # noqa: E731
+        kinematics = lambda y: motion(mechanism, 0.0, y)  # noqa: E731
+        return sum(
+            sign * len(jax.make_jaxpr(f)(jnp.zeros(plan.size)).eqns) for sign, f in ((1, solve), (-1, kinematics))
+        )
+
+    ten, twenty = operations(10), operations(20)
+    assert twenty < 2.2 * ten
+
+
+def test_the_smaller_of_two_ways_is_chosen():
+    sleeves, arm = played(), zoo()
+    assert sleeves.form.by_blocks
+    assert "joint by joint" in str(sleeves.form)
+    assert not is_less_by_blocks(columns_of(arm.joints[:3], False), False)
+    assert pins(2).form.by_blocks
+    assert pins(12).form.loose == 36
+
+
+def test_a_joint_that_moves_no_inertia_is_refused():
+    play = cj.RevoluteClearance(1e-4, 0.01, HERTZ, FRICTION)
+    bodies = cj.Body("rim", None, 0.01), cj.Body("bar", 1.0, 0.01)
+    joints = (
+        cj.Revolute("loose", "ground", "rim", clearance=play),
+        cj.Revolute("pin", "rim", "bar", cj.Position(0.1), clearance=play),
+    )
+    mechanism = cj.Mechanism(bodies, joints)
+    assert mechanism.form.by_blocks
+    with refused("loose.play_x"):
+        cj.simulate(mechanism, 1e-3)
