@@ -106,7 +106,7 @@ def dynamics(robot: cj.Mechanism, without: cj.Mechanism, q: Any, v: Any) -> dict
     weight = numbers(frames(undamped, time, still).load([]))
     return {
         "acceleration": slope(time, y, mechanism)[len(q) :],
-        "mass": whole(motion.mass_matrix()),
+        "mass": whole(motion.mass_matrix({})),
         "gravity": -weight,
         "coriolis": weight - load,
         "poses": jnp.stack([pose(point, motion[point.body]) for point in mechanism.points]),
@@ -119,7 +119,7 @@ def numbers(terms) -> Any:
 
 
 def whole(factored: Any) -> Any:
-    """A matrix from its factors, L D L^T or L L^T."""
+    """A matrix from its factors, L D L^T or L L^T (those of a mass matrix that is written down)."""
     if isinstance(factored, Dense):
         return factored.lower @ factored.lower.T
     n = len(factored.inverse_diagonal)

@@ -21,7 +21,6 @@ from jax.interpreters import ad, batching, mlir
 BARRIER = "shared"
 
 _sharing: ContextVar[bool] = ContextVar("sharing", default=False)
-_read: ContextVar[bool] = ContextVar("read", default=False)
 
 
 @contextlib.contextmanager
@@ -34,27 +33,15 @@ def sharing() -> Iterator[None]:
         _sharing.reset(token)
 
 
-@contextlib.contextmanager
-def read_later() -> Iterator[None]:
-    """A context for a program that `once` will read: barriers by hand have no effect in it."""
-    token = _read.set(True)
-    try:
-        yield
-    finally:
-        _read.reset(token)
-
-
 def share(tree: Any) -> Any:
     """The same numbers and flags; a compiled program over lanes computes them once."""
     return jax.tree.map(_once, tree) if _sharing.get() else tree
 
 
 def with_barriers(tree: Any) -> Any:
-    """As `share`, in any program that is not read (`once`): for chains of values, each used by the next, where repeated
-    work would double with every link. A value in several places stays one value.
+    """As `share`, in any program: for chains of values, each used by the next, where repeated work would double with
+    every link. A value in several places stays one value. A program that is read (`once`) loses them and gets its own.
     """
-    if _read.get() and not _sharing.get():
-        return tree
     known: dict[int, Any] = {}
 
     def once(x):

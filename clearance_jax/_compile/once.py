@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun, new_jaxpr_eqn
 
-from clearance_jax._compile.barriers import barrier, read_later
+from clearance_jax._compile.barriers import barrier
 
 # Operations that may be repeated: one or two cost less than keeping their value costs the compiler.
 REPEATED = 2
@@ -40,8 +40,7 @@ def compute_once(function: Callable) -> Callable:
 
     @functools.wraps(function)
     def once(*arguments):
-        with read_later():
-            program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
+        program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
         numbers = jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
         values = jaxpr_as_fun(_Writer().close(program))(*numbers)
         return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), values), rest)
@@ -67,6 +66,7 @@ class _Writer:
         return self._known[id(program)][1]
 
     def _anew(self, program: Jaxpr) -> Jaxpr:
+        program = _without_barriers(program)
         uses, prices = self._count_uses(program), Counter()
         renamed: dict[Var, Var] = {}
         equations: list[JaxprEqn] = []
@@ -119,9 +119,25 @@ class _Writer:
     def _inputs(self, program: ClosedJaxpr) -> list[int]:
         """How often a called program uses each of its arguments."""
         if id(program) not in self._uses:
-            uses = self._count_uses(program.jaxpr)
+            uses = self._count_uses(_without_barriers(program.jaxpr))
             self._uses[id(program)] = program, [uses[v] for v in program.jaxpr.invars]
         return self._uses[id(program)][1]
+
+
+def _without_barriers(program: Jaxpr) -> Jaxpr:
+    """The program without the barriers that were set by hand."""
+    behind: dict[Var, Any] = {}
+
+    def before(v: Any) -> Any:
+        return v if isinstance(v, Literal) else behind.get(v, v)
+
+    equations = []
+    for old in program.eqns:
+        if old.primitive is barrier:
+            behind[old.outvars[0]] = before(old.invars[0])
+        else:
+            equations.append(old.replace(invars=[*map(before, old.invars)]))
+    return program.replace(eqns=equations, outvars=[*map(before, program.outvars)]) if behind else program
 
 
 def _callee(equation: JaxprEqn) -> ClosedJaxpr | None:

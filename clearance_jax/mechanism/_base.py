@@ -14,7 +14,7 @@ from clearance_jax.errors import unknown_name
 from clearance_jax.mechanism.actuators import instants
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController, Reference
-from clearance_jax.mechanism.form import EquationForm, columns_of, is_less_by_blocks
+from clearance_jax.mechanism.form import Columns, EquationForm, columns_of, is_less_by_blocks
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
@@ -148,13 +148,18 @@ class AbstractMechanism(Parametrised):
         return (*self.joints, *self.loops)
 
     @property
+    def columns(self) -> dict[str, Columns]:
+        """The free coordinates of the tree's joints, by joint."""
+        return columns_of(self.joints, self.is_plane)
+
+    @property
     def form(self) -> EquationForm:
         """The form of its equations of motion."""
         free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
         conditions = sum(loop.joint_constraint().count for loop in self.closures())
         every = len(list(self.coordinates()))
-        columns = columns_of(self.joints, self.is_plane)
-        loose = sum(each.own for each in columns if each.is_loose)
+        columns = self.columns.values()
+        loose = sum(each.count for each in columns if each.is_loose)
         played, by_blocks = bool(self.clearance_joints()), is_less_by_blocks(columns, self.is_plane)
         return EquationForm(free, conditions, every, played, self.is_plane, loose, by_blocks)
 

@@ -2,7 +2,7 @@
 joint by joint, or a loop over a table.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from clearance_jax._compile.once import compute_once
@@ -10,15 +10,15 @@ from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.tree.tree import AbstractJoint
 
 # A mechanism in space becomes a table if its free velocities and conditions of ideal closures are more than UNROLLED
-# (with play: PLAYED, and those of joints that take up all forces do not count), or if it has no play and more than
-# FRAMED coordinates. Written out it runs many times faster, as a table it compiles sooner. Play makes so many steps
+# (with play: PLAYED), or if its coordinates are more than FRAMED; with play, free velocities of joints that take up all
+# forces do not count. Written out it runs many times faster, as a table it compiles sooner. Play makes so many steps
 # that the time of an attempt decides; without play the time of compiling does.
 UNROLLED, PLAYED, FRAMED = 16, 40, 40
 
 
 class EquationForm(NamedTuple):
-    """What decides the form: free velocities (`loose` ones of joints that slide freely along all axes), conditions in
-    space, all coordinates, play, whether it is plane, and whether factors `by_blocks` cost fewer operations.
+    """What decides the form: free velocities (`loose` ones of joints that take up all forces), conditions in space, all
+    coordinates, play, whether it is plane, and whether factors `by_blocks` cost fewer operations.
     """
 
     free: int
@@ -35,14 +35,19 @@ class EquationForm(NamedTuple):
         return PLAYED if self.has_play else UNROLLED
 
     @property
+    def spared(self) -> int:
+        """The number of free velocities that does not count."""
+        return self.loose if self.has_play else 0
+
+    @property
     def size(self) -> int:
         """The number of free velocities and conditions that counts."""
-        return self.free + self.conditions - (self.loose if self.has_play else 0)
+        return self.free + self.conditions - self.spared
 
     @property
     def is_table(self) -> bool:
         """Whether it is a loop over a table of links."""
-        many = self.size > self.most or (self.coordinates > FRAMED and not self.has_play)
+        many = self.size > self.most or self.coordinates - self.spared > FRAMED
         return many and not self.is_plane
 
     def once(self, program: Callable) -> Callable:
@@ -62,27 +67,44 @@ class EquationForm(NamedTuple):
                 else f"{self.coordinates} coordinates in all, more than {FRAMED}"
             )
             return f"a loop over a table of its links ({size}: {why}; it compiles sooner and runs slower)"
-        rest = f", {self.loose} of them in joints that take up all forces" if self.has_play and self.loose else ""
+        rest = f", {self.spared} of them in joints that take up all forces" if self.spared else ""
         return f"written out number by number{how} ({size}{rest}; a table from {self.most + 1} on)"
 
 
 class Columns(NamedTuple):
     """The free coordinates of a joint: how many, how many before them, and whether they take up all forces."""
 
-    own: int
+    count: int
     before: int
     is_loose: bool
 
 
-def columns_of(joints: Sequence[AbstractJoint], is_plane: bool) -> list[Columns]:
-    """The free coordinates of a tree's joints, parents first."""
-    before, out = {GROUND: 0}, []
-    for joint in joints:
+def columns_of(joints: Sequence[AbstractJoint], is_plane: bool) -> dict[str, Columns]:
+    """The free coordinates of a tree's joints, by joint, parents first.
+
+    A joint takes up all forces if it slides freely along all axes before it turns, has no rotor, and carries nothing
+    that passes a force on.
+    """
+    pushed, loose = set(), set()
+    for joint in reversed(joints):
         free = [c for c in joint.own_coordinates() if c.motion.is_free]
-        own, slides = sum(len(c.velocities) for c in free), sum(c.slides is not None for c in free)
-        before[joint.child] = before[joint.parent] + own
-        if own:
-            out.append(Columns(own, before[joint.parent], slides == (2 if is_plane else 3)))
+        axes = [c.slides for c in free if c.slides is not None]
+        first = all(c.slides is not None for c in free[: len(axes)])
+        all_ways = len(set(axes)) == len(axes) == (2 if is_plane else 3)
+        if (
+            joint.child not in pushed
+            and all_ways
+            and first
+            and not any(c.motion.rotor_inertia is not None for c in free)
+        ):
+            loose.add(joint.name)
+        elif free or joint.child in pushed:
+            pushed.add(joint.parent)
+    before, out = {GROUND: 0}, {}
+    for joint in joints:
+        count = sum(len(c.velocities) for c in joint.own_coordinates() if c.motion.is_free)
+        before[joint.child] = before[joint.parent] + count
+        out[joint.name] = Columns(count, before[joint.parent], joint.name in loose)
     return out
 
 
@@ -91,10 +113,11 @@ def columns_of(joints: Sequence[AbstractJoint], is_plane: bool) -> list[Columns]
 _SPACE, _PLANE = (75, 14, 414, 160), (10, 2, 24, 37)
 
 
-def is_less_by_blocks(every: Sequence[Columns], is_plane: bool) -> bool:
+def is_less_by_blocks(every: Iterable[Columns], is_plane: bool) -> bool:
     """Whether factors joint by joint cost fewer operations than those of the whole matrix."""
     alone, pair, loose, other = _PLANE if is_plane else _SPACE
-    depths = [k for columns in every for k in range(columns.before + 1, columns.before + columns.own + 1)]
-    whole = sum(alone + pair * depth + depth**2 for depth in depths)
-    blocks = sum(loose if columns.is_loose else other * columns.own for columns in every)
+    whole = blocks = 0
+    for count, before, is_loose in every:
+        whole += sum(alone + pair * depth + depth**2 for depth in range(before + 1, before + count + 1))
+        blocks += loose if is_loose else other * count
     return blocks < whole

@@ -47,7 +47,7 @@ def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) 
     y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
     errors = StartErrors.nothing()
     if mechanism.loops and mechanism.assemble:
-        y, opened = assemble(t0, y, mechanism)
+        y, opened = assemble(t0, y, mechanism.as_small_program())
         errors = errors._replace(loops=opened)
     return measure_first(t0, y, mechanism), errors
 

@@ -101,16 +101,38 @@ def test_a_joint_that_slides_along_all_axes_passes_on_no_force():
 
 
 def test_factors_know_rotors():
-    """An arm's joint with a rotor, and one that is elastic: the motor turns the link through a spring."""
+    """A joint with a rotor, then one that is elastic in a sleeve: its motor turns the link through a spring."""
     rng = np.random.default_rng(7)
     geared = cj.Revolute("geared", "ground", "a", motion=cj.Motion(rotor_inertia=0.3), axis="y")
-    plain = cj.Revolute("plain", "a", "b", cj.Position(0.3), orientation=turned(rng))
-    mechanism = cj.Mechanism((body("a", rng), body("b", rng)), (geared, plain))
-    y = jnp.asarray([0.3, -0.2, 0.5, 0.7])
-    right = jnp.asarray([1.0, -2.0])
-    matrix = np.asarray(mass_matrix(mechanism, 0.0, y)) + np.diag([0.3, 0.0])
-    ours = as_array(jax.jit(lambda y: factors(mechanism, 0.0, y).solve([*right]))(y))
-    np.testing.assert_allclose(ours, np.linalg.solve(matrix, right), rtol=1e-12)
+    effort = cj.actuators.ConstantEffort(1.0)
+    elastic = cj.Revolute(
+        "elastic", "a", "b", cj.Position(0.3), motion=cj.Motion(actuators=(effort,)), clearance=sleeve()
+    )
+    mechanism = cj.Mechanism((body("a", rng), body("b", rng)), (geared, elastic))
+    mechanism = cj.with_compliance(mechanism, "elastic", cj.Compliance(1e3, 1.0, 0.2))
+    plan = layout(mechanism)
+    y = jnp.asarray(random_state(mechanism, rng))
+    right = jnp.asarray(rng.normal(size=plan.free))
+    rotors = [{"geared": 0.3, "elastic_motor": 0.2}.get(name, 0.0) for name in plan.velocities]
+    assert np.count_nonzero(rotors) == 2
+    matrix = np.asarray(mass_matrix(mechanism, 0.0, y)) + np.diag(rotors)
+    ours = as_array(jax.jit(lambda y: factors(mechanism, 0.0, y).solve([right[i] for i in range(plan.free)]))(y))
+    np.testing.assert_allclose(ours, np.linalg.solve(matrix, right), rtol=1e-9)
+
+
+def test_a_free_motor_without_inertia_is_refused():
+    motor = cj.Motion(cj.drives.Harmonic(0.1, 3.0))
+    slide = cj.Prismatic("slide", "ground", "a", motion=motor)
+    mechanism = cj.with_compliance(cj.Mechanism((cj.Body("a", 1.0, 0.1),), (slide,)), "slide", cj.Compliance(1e3, 1.0))
+    with refused("slide_motor"):
+        mechanism.without_drives(["slide_motor"])
+
+
+def test_forces_pass_through_driven_and_fixed_joints():
+    """A sleeve takes up all forces only if nothing beyond it passes one on."""
+    columns = played().columns
+    loose = {name for name, joint in columns.items() if joint.is_loose}
+    assert loose == {"socket", "rail", "knuckle"}
 
 
 def test_work_grows_with_the_number_of_bodies():
@@ -131,7 +153,7 @@ def test_the_smaller_of_two_ways_is_chosen():
     sleeves, arm = played(), zoo()
     assert sleeves.form.by_blocks
     assert "joint by joint" in str(sleeves.form)
-    assert not is_less_by_blocks(columns_of(arm.joints[:3], False), False)
+    assert not is_less_by_blocks(columns_of(arm.joints[:3], False).values(), False)
     assert pins(2).form.by_blocks
     assert pins(12).form.loose == 36
 

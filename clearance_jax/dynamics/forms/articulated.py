@@ -2,11 +2,10 @@
 zeros of the structure: articulated bodies (Featherstone 2008, chapter 7).
 
 A joint passes on to its parent the inertia that its free coordinates do not take up. A pin, ball or block that slides
-freely along all axes takes up every force, so only a couple is passed on. That of a sleeve, which turns its pin about
-one axis as prescribed, has rank one. The parent's mass then stays one number.
+freely along all axes takes up every force, so only a couple is passed on, if what it carries passes on no force either.
+The couple of a sleeve that turns its pin about one axis as prescribed has rank one. The parent's mass stays one number.
 """
 
-import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -154,12 +153,15 @@ class Stepwise(Module):
 
 
 class Loose(Module):
-    """A joint that slides freely along all axes: `slides` as twists, the `mass` and its `moment` about the pivot; its
-    `turns`, with the moment that each takes about the centre, factored, and what the parent's spin rate adds.
+    """A joint whose coordinates take up all forces: three `slides` (in the plane two), then `turns`.
+
+    `inverse`: of the mass; `moment`: the mass times the arm of the centre, from the pivot. `moments`: of a unit
+    acceleration of each turn, about the centre; `factored`: the inertia of the turns; `spread`: by turn, the part of
+    its acceleration that a spin rate of the parent takes away.
     """
 
     slides: list[Twist]
-    mass: Term
+    inverse: Term
     moment: Vector
     turns: list[Twist]
     moments: list[Vector]
@@ -172,7 +174,7 @@ class Loose(Module):
         for slide in self.slides:
             force = add(force, scale(right[slide.index], slide.velocity))
         pull = subtract(force, bias.force)
-        swing = scale(1.0 / self.mass, cross(self.moment, pull))
+        swing = scale(self.inverse, cross(self.moment, pull))
         left = add(bias.moment, swing)
         by: list[Term] = []
         if self.factored is not None:
@@ -186,9 +188,9 @@ class Loose(Module):
         pull, by = kept
         turned = spin
         for turn, acceleration, row in zip(self.turns, by, self.spread, strict=True):
-            out[turn.index] = own = minus(acceleration, dot(row, spin))
-            turned = add(turned, scale(own, turn.spin))
-        moved = scale(1.0 / self.mass, subtract(pull, cross(turned, self.moment)))
+            out[turn.index] = rate = minus(acceleration, dot(row, spin))
+            turned = add(turned, scale(rate, turn.spin))
+        moved = scale(self.inverse, subtract(pull, cross(turned, self.moment)))
         apart = subtract(moved, velocity)
         for slide in self.slides:
             out[slide.index] = dot(slide.velocity, apart)
@@ -196,7 +198,7 @@ class Loose(Module):
 
     def inverses(self) -> dict[int, Term]:
         """The inverse of the pivots, by index."""
-        out: dict[int, Term] = {slide.index: 1.0 / self.mass for slide in self.slides}
+        out: dict[int, Term] = {slide.index: self.inverse for slide in self.slides}
         if self.factored is not None:
             pivots = self.factored.inverse_diagonal
             out |= {turn.index: pivots[k] for k, turn in enumerate(self.turns)}
@@ -204,8 +206,8 @@ class Loose(Module):
 
 
 class MovedBody(NamedTuple):
-    """A moved body: the number of its parent (-1: one that stays), the way from the parent's pivot to its own, and its
-    joint's coordinates (`None`: it moves with its parent).
+    """A moved body: the number of its parent (-1: one that no free coordinate moves), the way from the parent's pivot
+    to its own, and its joint's coordinates (`None`: it moves with its parent).
     """
 
     parent: int
@@ -239,44 +241,45 @@ class ArticulatedFactors(AbstractFactors):
                 bias[parent] = bias[parent] + wrench.move(by)
         out: list[Term] = [0.0] * self.count
         motions: list[tuple[Vector, Vector]] = []
-        for (parent, by, joint), own in zip(self.links, kept, strict=True):
+        for (parent, by, joint), answer in zip(self.links, kept, strict=True):
             velocity, spin = motions[parent] if parent >= 0 else (ZERO, ZERO)
             velocity = add(velocity, cross(spin, by))
-            motions.append((velocity, spin) if joint is None else self.once(joint.outward(own, velocity, spin, out)))
+            motions.append((velocity, spin) if joint is None else self.once(joint.outward(answer, velocity, spin, out)))
         return out
 
 
 def chain_barriers(count: int, is_plane: bool) -> Callable:
     """The barriers between the links of a chain of so many free velocities: without them each would be computed again
-    for every link beyond. (A program that is read, `Form.once`, has its own.)
+    for every link beyond. (A program that is read, `EquationForm.once`, has its own.)
     """
     return with_barriers if not is_plane else share if count >= DEEP else lambda tree: tree
 
 
 def eliminate(
-    inertia: Inertial, columns: Sequence[JacobianColumn], pivot: Vector, rotors: dict[int, Term], is_plane: bool
+    inertia: Inertial,
+    columns: Sequence[JacobianColumn],
+    pivot: Vector,
+    rotors: dict[int, Term],
+    is_loose: bool,
+    is_plane: bool,
 ) -> tuple[Stepwise | Loose | None, Inertial | None]:
     """A joint's coordinates with the inertia that they move, and the inertia that they leave to the parent (`None`:
-    nothing). `rotors`: added inertia by index.
+    nothing). `rotors`: added inertia by index; `is_loose`: whether the coordinates take up all forces.
 
     **Raises:** `Weightless` for a coordinate that moves no inertia.
     """
     if not columns:
         return None, inertia
-    slides = [_twist(column, pivot) for column in columns if column.pivot is None]
-    turns = [_twist(column, pivot) for column in columns if column.pivot is not None]
-    turn_about_it = all(absent(turn.velocity) for turn in turns)
-    with_rotors = any(column.index in rotors for column in columns)
-    if isinstance(inertia, Composite) and len(slides) == (2 if is_plane else 3) and turn_about_it and not with_rotors:
-        return _loosen(inertia, slides, turns, is_plane)
+    if is_loose and isinstance(inertia, Composite):
+        return _loosen(inertia, [_twist(column, pivot) for column in columns], is_plane)
     left, out = Articulated.of(inertia), []
     for column in reversed(columns):
         twist = _twist(column, pivot)
         wrench = left.along(twist)
-        own = plus(twist.power(wrench), rotors.get(column.index, 0.0))
-        if is_zero(own):
+        resisting = plus(twist.power(wrench), rotors.get(column.index, 0.0))
+        if is_zero(resisting):
             raise Weightless(column.index)
-        out.append((twist, wrench, 1.0 / own))
+        out.append((twist, wrench, 1.0 / resisting))
         left = left.without(wrench, out[-1][2])
     return Stepwise(out[::-1]), left
 
@@ -290,11 +293,12 @@ class Weightless(ClearanceError):
 
 
 def _twist(column: JacobianColumn, pivot: Vector) -> Twist:
-    here = column.pivot is not None and all(map(operator.is_, column.pivot, pivot))
-    return Twist(column.index, ZERO if here else column.velocity_at(pivot), column.spin)
+    return Twist(column.index, column.velocity_at(pivot), column.spin)
 
 
-def _loosen(body: Composite, slides: list[Twist], turns: list[Twist], is_plane: bool) -> tuple[Loose, Composite | None]:
+def _loosen(body: Composite, twists: list[Twist], is_plane: bool) -> tuple[Loose, Composite | None]:
+    count = 2 if is_plane else 3
+    slides, turns = twists[:count], twists[count:]
     if is_zero(body.mass):
         raise Weightless(slides[0].index)
     inverse, h = 1.0 / body.mass, body.moment
@@ -316,7 +320,7 @@ def _loosen(body: Composite, slides: list[Twist], turns: list[Twist], is_plane: 
         factored = factor(couples)
         columns = [factored.solve([moment[k] for moment in moments]) for k in range(3)]
         spread = [(columns[0][i], columns[1][i], columns[2][i]) for i in range(len(turns))]
-    joint = Loose(slides, body.mass, h, turns, moments, factored, spread)
+    joint = Loose(slides, inverse, h, turns, moments, factored, spread)
     if len(turns) == (1 if is_plane else 3):
         return joint, None
     if len(turns) == 2:

@@ -88,10 +88,10 @@ class WrittenOut(Module, Frames):
     def extra(self, acceleration):
         # By body: the spin rate by the free coordinates, a place, and the acceleration there.
         moved: dict[str, tuple[Vector, Vector, Vector]] = {GROUND: (ZERO, ZERO, ZERO)}
-        own = self.own_columns()
+        columns = self.own_columns()
         for joint in self.mechanism.joints:
             spin_rate, place, there = moved[joint.parent]
-            for column in own[joint.child]:
+            for column in columns[joint.child]:
                 by = acceleration[column.index]
                 if column.pivot is None:
                     there = add(there, scale(by, column.axis))
@@ -137,15 +137,19 @@ class WrittenOut(Module, Frames):
         moved = [joint for joint in mechanism.joints if self[joint.child].free]
         places = {joint.child: i for i, joint in enumerate(moved)}
         hanging: list[list[Inertial]] = [[] for _ in moved]
-        once, links = chain_barriers(self.count, mechanism.is_plane), []
+        once, links, columns_by = chain_barriers(self.count, mechanism.is_plane), [], mechanism.columns
         for i, joint in reversed([*enumerate(moved)]):
             frame, parent = self[joint.child], places.get(joint.parent, -1)
             whole = sum_of([composite_of(bodies[joint.child], frame), *hanging[i]])
-            own = columns[joint.child]
             try:
-                factors, left = eliminate(whole, own, frame.pivot, numbers, mechanism.is_plane)
+                loose = columns_by[joint.name].is_loose
+                factors, left = eliminate(whole, columns[joint.child], frame.pivot, numbers, loose, mechanism.is_plane)
             except Weightless as unmoved:
-                raise _nothing_moves(mechanism, unmoved.index) from None
+                name = layout(mechanism).velocities[unmoved.index]
+                raise ClearanceError(
+                    f"No inertia resists the free coordinate `{name}`: what hangs on body `{joint.child}` gives way. "
+                    "Give this body a mass (where it turns, an inertia)."
+                ) from None
             by = ZERO if parent < 0 else subtract(frame.pivot, self[joint.parent].pivot)
             if parent >= 0 and left is not None:
                 hanging[parent].append(left.map(once).move(by))
@@ -178,7 +182,10 @@ class WrittenOut(Module, Frames):
             matrix[i][i] = plus(matrix[i][i], inertia)
         for i, row in enumerate(matrix):
             if is_zero(row[i]):
-                raise _nothing_moves(mechanism, i)
+                raise ClearanceError(
+                    f"Nothing with inertia moves with the free coordinate `{layout(mechanism).velocities[i]}`: give a "
+                    "body beyond it a mass (where it turns, an inertia), or prescribe it with a drive."
+                )
         for i, times_as_much in (firm or {}).items():
             matrix[i][i] = times(times_as_much, matrix[i][i])
         return factor(matrix)
@@ -305,13 +312,6 @@ def _once(frame: Frame, parent: Frame) -> Frame:
     free, prescribed = frame.free[len(parent.free) :], frame.prescribed[len(parent.prescribed) :]
     frame, free, prescribed = with_barriers((frame._replace(free=(), prescribed=()), free, prescribed))
     return frame._replace(free=(*parent.free, *free), prescribed=(*parent.prescribed, *prescribed))
-
-
-def _nothing_moves(mechanism: PreparedMechanism, index: int) -> ClearanceError:
-    return ClearanceError(
-        f"Nothing with inertia moves with the free coordinate `{layout(mechanism).velocities[index]}`: give a "
-        "body beyond it a mass (where it turns, an inertia), or prescribe it with a drive."
-    )
 
 
 def pair_work(pair: Pair, column: JacobianColumn) -> Term:
