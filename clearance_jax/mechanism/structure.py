@@ -27,7 +27,6 @@ def check_structure(mechanism: AbstractMechanism) -> None:
     _check_tree(bodies, joints, loops)
     _check_attached(bodies, mechanism.springs, (*mechanism.points, *mechanism.wrenches))
     _check_payloads(bodies, joints)
-    _check_motors(joints)
     _check_control(mechanism.controllers, tuple(mechanism.coordinates()))
     if not mechanism.is_plane:
         _check_tilting(bodies, joints)
@@ -138,15 +137,6 @@ def _check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> 
             continue
         if not np.all(end > begin):
             raise ClearanceError(f"`{body.name}.put_down` must be later than `{body.name}.picked_up`.")
-
-
-def _check_motors(joints: Sequence[AbstractJoint]) -> None:
-    """Raise for a motor that moves freely and has no inertia: nothing says how it moves."""
-    for joint in joints:
-        motor = joint.motor if isinstance(joint, Revolute | Prismatic) else None
-        if motor is not None and motor.is_free and motor.rotor_inertia is None:
-            text = f"The motor `{motor.name}` moves freely and has no inertia: give its `rotor_inertia`, or a drive."
-            raise ClearanceError(text).about(motor.name)
 
 
 def _check_control(controllers: Sequence[AbstractController], coordinates: Sequence[Coordinate]) -> None:

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.symmetric import AbstractFactors, Row
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.body import Motor
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import parts
 from clearance_jax.mechanism.tree.frame import Frame, JacobianColumn
@@ -170,6 +172,18 @@ class Frames(abc.ABC):
 
 
 def rotors(mechanism: PreparedMechanism) -> dict[int, Term]:
-    """The inertia of motors' rotors, by the index of their free velocity."""
-    inertias = {part.v.start: part.coordinate.motion.rotor_inertia for part in parts(mechanism)}
-    return {i: inertia for i, inertia in inertias.items() if inertia is not None}
+    """The inertia of motors' rotors, by the index of their free velocity.
+
+    **Raises:** `ClearanceError` for a free motor of an elastic drive that has none: nothing would say how it moves.
+    """
+    out = {}
+    for coordinate, _, v in parts(mechanism):
+        inertia = coordinate.motion.rotor_inertia
+        if inertia is not None:
+            out[v.start] = inertia
+        elif isinstance(coordinate.motion, Motor):
+            text = (
+                f"The motor `{coordinate.name}` moves freely and has no inertia: give its `rotor_inertia`, or a drive."
+            )
+            raise ClearanceError(text).about(coordinate.name)
+    return out
