@@ -326,11 +326,8 @@ def _loosen(body: Composite, twists: list[Twist], is_plane: bool) -> tuple[Loose
     if len(turns) == 2:
         left = _held_about(inertia, cross(turns[0].spin, turns[1].spin))
     else:
-        left = Symmetric(
-            lambda i, j: minus(
-                inertia.entry(i, j), total(times(m[i], s[j]) for m, s in zip(moments, spread, strict=True))
-            )
-        )
+        taken = [*zip(moments, spread, strict=True)]
+        left = Symmetric(lambda i, j: minus(inertia.entry(i, j), total(times(m[i], s[j]) for m, s in taken)))
     return joint, Composite(0.0, ZERO, left)
 
 
