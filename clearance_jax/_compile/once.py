@@ -3,10 +3,12 @@
 XLA on the CPU fuses elementwise work into one kernel for each result, and computes shared values anew in each. In a
 chain of bodies this work doubles with every link. So a program is read before it is compiled: a value that several
 others use, and that costs more than a load from memory, gets a barrier (`barriers`) across which XLA does not fuse.
-Derivatives are part of the program by then, and are read as well.
+Derivatives are part of the program by then, and are read as well. A program that is called over and over, each time on
+its own result, becomes a loop: diffrax finds the time 100 round-offs before the end so, a third of a small program.
 """
 
 import functools
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -19,8 +21,9 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as
 
 from clearance_jax._compile.barriers import barrier
 
-# Operations that may be repeated: one or two cost less than keeping their value costs the compiler.
-REPEATED = 2
+# Operations that may be repeated: LLVM finds most of them again in a program that is one function, and a barrier costs
+# the compiler some ten. (An arm with six sleeves compiles in 35 s with 2, in 29 s with 16 or more, and runs faster.)
+REPEATED = 16
 # Operations that cost almost nothing in a kernel.
 _FREE = {"broadcast_in_dim", "reshape", "squeeze", "slice", "convert_element_type", "copy", "stop_gradient", "iota"}
 # Operations that XLA itself does not compute twice: it takes them for expensive, or they have their own kernels.
@@ -30,6 +33,8 @@ _ONCE.add(barrier.name)
 # Programs that are called, and become a part of their caller.
 _CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 _CALLS |= {"custom_vjp_call": "call_jaxpr"}
+# Calls in a row, each on the result of the one before, that become a loop.
+ROLLED = 8
 _LOOPS = {"while": ("cond_jaxpr", "body_jaxpr"), "scan": ("jaxpr",), "cond": ("branches",)}
 
 
@@ -66,22 +71,60 @@ class _Writer:
         return self._known[id(program)][1]
 
     def _anew(self, program: Jaxpr) -> Jaxpr:
-        program = _without_barriers(program)
-        uses, prices = self._count_uses(program), Counter()
+        program = _rolled(_without_barriers(program))
+        shared = self._shared(program)
         renamed: dict[Var, Var] = {}
         equations: list[JaxprEqn] = []
         for old in program.eqns:
-            price = 0 if _apart(old) else self._own(old) + sum(prices[v] for v in {*_variables(old.invars)})
             invars = [v if isinstance(v, Literal) else renamed.get(v, v) for v in old.invars]
             equations.append(old.replace(invars=invars, params=self._params(old)))
-            for v in old.outvars:
-                if price * (uses[v] - 1) > REPEATED and _is_number(v):
-                    renamed[v] = Var(v.aval)
-                    equations.append(new_jaxpr_eqn([v], [renamed[v]], barrier, {}, set(), old.source_info, old.ctx))
-                else:
-                    prices[v] = price
+            for v in shared.intersection(old.outvars):
+                renamed[v] = Var(v.aval)
+                equations.append(new_jaxpr_eqn([v], [renamed[v]], barrier, {}, set(), old.source_info, old.ctx))
         outvars = [v if isinstance(v, Literal) else renamed.get(v, v) for v in program.outvars]
         return program.replace(eqns=equations, outvars=outvars)
+
+    def _shared(self, program: Jaxpr) -> set[Var]:
+        """The values that get a barrier: several kernels would compute them, of many operations.
+
+        The program is read backwards, because the barriers behind a value say how many kernels use it. What it costs in
+        each follows forwards (`_costs`), as if all that is used twice had barriers.
+        """
+        uses = self._count_uses(program)
+        costs, kernels, shared = self._costs(program, uses), Counter(), set()
+        # By value, the kernels that compute it, each a bit.
+        new = (1 << place for place in itertools.count())
+        for v in _variables(program.outvars):
+            kernels[v] |= next(new)
+        for equation in reversed(program.eqns):
+            inside = 0
+            for v in equation.outvars:
+                if costs[v] * (kernels[v].bit_count() - 1) > REPEATED and _is_number(v):
+                    shared.add(v)
+                    inside |= next(new)
+                else:
+                    inside |= next(new) if _apart(equation) and uses[v] > 1 else kernels[v]
+            called = _callee(equation)
+            if called is None and equation.primitive.name not in _LOOPS:
+                for v in _variables(equation.invars):
+                    kernels[v] |= inside
+                continue
+            times = [1] * len(equation.invars) if called is None else self._inputs(called)
+            for v, often in zip(equation.invars, times, strict=True):
+                for _ in range(0 if isinstance(v, Literal) else often):
+                    kernels[v] |= next(new)
+        return shared
+
+    def _costs(self, program: Jaxpr, uses: Counter) -> Counter:
+        """The operations that a kernel makes for each value, from what needs no barrier or has one."""
+        costs, within = Counter(), Counter()
+        for equation in program.eqns:
+            apart = _apart(equation)
+            cost = 0 if apart else self._own(equation) + sum(within[v] for v in {*_variables(equation.invars)})
+            for v in equation.outvars:
+                costs[v] = cost
+                within[v] = 0 if cost * (uses[v] - 1) > REPEATED and _is_number(v) else cost
+        return costs
 
     def _params(self, equation: JaxprEqn) -> dict[str, Any]:
         """The parameters of an equation, with the programs inside rewritten."""
@@ -138,6 +181,38 @@ def _without_barriers(program: Jaxpr) -> Jaxpr:
         else:
             equations.append(old.replace(invars=[*map(before, old.invars)]))
     return program.replace(eqns=equations, outvars=[*map(before, program.outvars)]) if behind else program
+
+
+def _rolled(program: Jaxpr) -> Jaxpr:
+    """The program with calls in a row, each of the same on the result of the one before, as loops."""
+    uses = Counter([*_variables(program.outvars), *(v for e in program.eqns for v in _variables(e.invars))])
+    equations: list[JaxprEqn] = []
+    row: list[JaxprEqn] = []
+
+    def end_row() -> None:
+        equations.extend(row if len(row) < ROLLED else [_loop(program, row)])
+        row.clear()
+
+    for equation in program.eqns:
+        goes_on = row and equation.invars == row[-1].outvars and uses[row[-1].outvars[0]] == 1
+        if not (goes_on and str(_callee(equation)) == str(_callee(row[-1]))):
+            end_row()
+        if _callee(equation) is not None and len(equation.invars) == len(equation.outvars) == 1:
+            row.append(equation)
+        else:
+            equations.append(equation)
+    end_row()
+    return program.replace(eqns=equations)
+
+
+def _loop(program: Jaxpr, row: list[JaxprEqn]) -> JaxprEqn:
+    """One call that does what calls in a row do."""
+    first, last = row[0], row[-1]
+    alone = program.replace(constvars=[], invars=first.invars, outvars=first.outvars, eqns=[first])
+    step = jaxpr_as_fun(ClosedJaxpr(alone, []))
+    whole = jax.jit(lambda x: jax.lax.fori_loop(0, len(row), lambda _, x: step(x)[0], x))
+    (call,) = jax.make_jaxpr(whole)(first.invars[0].aval).jaxpr.eqns
+    return call.replace(invars=first.invars, outvars=last.outvars)
 
 
 def _callee(equation: JaxprEqn) -> ClosedJaxpr | None:

@@ -163,11 +163,12 @@ def _operations(mechanism) -> int:
     import jax
     import jax.numpy as jnp
 
+    from clearance_jax._compile.once import compute_once
     from clearance_jax.dynamics.field import slope
     from clearance_jax.mechanism.state import layout
 
     state = jnp.zeros(layout(mechanism).size)
-    program = jax.jit(mechanism.form.once(slope))
+    program = jax.jit(compute_once(slope))
     cost: Any = program.lower(jnp.zeros(()), state, mechanism.prepare()).compile().cost_analysis()
     return int(cost.get("flops", 0))
 

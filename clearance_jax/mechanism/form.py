@@ -1,11 +1,10 @@
 """The form of a mechanism's equations of motion: written out number by number, with the mass matrix factored whole or
-joint by joint, or a loop over a table.
+joint by joint, or in loops over a table.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from clearance_jax._compile.once import compute_once
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.tree.tree import AbstractJoint
 
@@ -49,10 +48,6 @@ class EquationForm(NamedTuple):
         """Whether it is a loop over a table of links."""
         many = self.size > self.most or self.coordinates - self.spared > FRAMED
         return many and not self.is_plane
-
-    def once(self, program: Callable) -> Callable:
-        """A program that computes each number once. (That of a table does so anyway, by products of arrays.)"""
-        return program if self.is_table else compute_once(program)
 
     def __str__(self) -> str:
         how = ", joint by joint" if self.by_blocks else ""

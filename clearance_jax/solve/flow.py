@@ -15,6 +15,7 @@ from jaxtyping import Array
 
 from clearance_jax._compile.kept import kept_jit
 from clearance_jax._compile.lane_axis import from_lanes, to_lanes
+from clearance_jax._compile.once import compute_once
 from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors, project
@@ -256,7 +257,7 @@ def _compiled_solve(inputs: Inputs, options: Settings, which: Which = None) -> S
         inputs, options = eqx.combine(batch, rest)
         return solve_lanes(inputs, options, which)
 
-    return batch_by(inputs.mechanism.form.once(single), together)(numbers)
+    return batch_by(compute_once(single), together)(numbers)
 
 
 # JAX differentiates this one, so it has no rule of batching.

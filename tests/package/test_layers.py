@@ -43,7 +43,7 @@ LEAVES = {"_basis", "_compile", "_version", "configure", "errors", "parameters",
 COMPILER = f"{PACKAGE}._compile"
 PHYSICS = {"laws", "joints", "mechanism", "metrics", "wear", "design"}
 KNOW_THE_COMPILER = {
-    *("laws._friction", "joints._base", "joints.bore", "joints.sleeve", "mechanism.form"),
+    *("laws._friction", "joints._base", "joints.bore", "joints.sleeve"),
     *("mechanism.motion.motion_laws", "mechanism.motion.paths", "mechanism.motion.pieces", "mechanism.motion.drives"),
     "metrics.signals",
 }

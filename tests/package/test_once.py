@@ -69,8 +69,18 @@ def test_what_is_no_array_goes_through():
 
 
 def test_work_does_not_double_with_every_link():
+    """Of links that cost more than the few operations that may be repeated."""
+
+    def heavy(a, b):
+        for _ in range(12):
+            x = a * b
+            for k in range(10):
+                x = 0.1 * k + 0.5 * x * a
+            a, b = x + 0.1 * b, x - 0.5 * b
+        return a, b
+
     def apart(x):
-        return jax.lax.fori_loop(0, 3, lambda _, state: links(*state), (x[0], x[1]))
+        return jax.lax.fori_loop(0, 3, lambda _, state: heavy(*state), (x[0], x[1]))
 
     def operations(function):
         return busiest_loop(jax.jit(function).lower(jnp.ones(2)).compile().as_text())
@@ -78,6 +88,39 @@ def test_work_does_not_double_with_every_link():
     written = busiest_loop(jax.jit(apart).lower(jnp.ones(2)).as_text(dialect="hlo", debug_info=True))
     assert operations(compute_once(apart)) <= 1.25 * written
     assert operations(apart) > 1.5 * written  # or the test above shows nothing
+
+
+@jax.custom_jvp
+def below(x):
+    return jnp.nextafter(x, -jnp.inf)
+
+
+below.defjvp(lambda primals, tangents: (below(*primals), 3.0 * tangents[0]))
+
+
+def test_calls_in_a_row_become_a_loop():
+    """Each on the result of the one before. A result that is used elsewhere too ends a row."""
+
+    def down(x):
+        for _ in range(10):
+            x = below(x)
+        return x
+
+    def twice(x):
+        return down(down(x))
+
+    def apart(x):
+        half = down(x)
+        return down(half) + 0.0 * half
+
+    x = 0.3
+    for _ in range(20):
+        x = np.nextafter(x, -np.inf)
+    for function, calls in ((twice, 1), (apart, 2)):
+        read = compute_once(function)
+        assert str(jax.make_jaxpr(read)(0.3)).count("nextafter") == calls
+        assert float(jax.jit(read)(0.3)) == x
+        assert float(jax.jit(jax.jacfwd(read))(0.3)) == float(jax.jit(jax.grad(read))(0.3)) == 3.0**20
 
 
 def test_numbers_that_are_not_real_are_left_as_they_are():

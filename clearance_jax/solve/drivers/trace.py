@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._compile.kept import kept_jit
+from clearance_jax._compile.once import compute_once
 from clearance_jax._compile.one_function import one_function
 from clearance_jax.dynamics.field import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -68,7 +69,7 @@ class Steps(NamedTuple):
 @kept_jit
 def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Settings):
     """A block of steps, see `_step`."""
-    return problem.mechanism.form.once(_step)(problem, allowed, carry, last, grid, options)
+    return compute_once(_step)(problem, allowed, carry, last, grid, options)
 
 
 def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Settings):
