@@ -24,6 +24,13 @@ def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
     return out
 
 
+def results_together(function: Callable, several: Sequence[tuple]) -> Any:
+    """`function(*arguments)` for each of several arguments, as one tree along a new first axis."""
+    if len(alike(several)) > 1:
+        return stack_trees(side_by_side(function, several))
+    return eqx.filter_vmap(function, in_axes=eqx.if_array(0))(*stack_trees(several))
+
+
 def alike(several: Sequence[Any]) -> list[list[int]]:
     """Indices of alike trees, in groups: one structure, arrays of the same shapes, the same constants."""
     groups: list[tuple[Any, list[int]]] = []

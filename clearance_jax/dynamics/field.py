@@ -17,7 +17,7 @@ from clearance_jax._compile.solo import whole
 from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.forms.frames import Frames, rotors
-from clearance_jax.dynamics.kinematics import frames, plays, spring_state
+from clearance_jax.dynamics.kinematics import frames, relative_motions, spring_state
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -105,21 +105,20 @@ def energies(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Energies:
     springs: Term = 0.0
     for spring in mechanism.springs:
         springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)
-    contacts = contact_energy(mechanism, time, motion, state)
+    contacts = contact_energy(mechanism, time, y, motion)
     return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, contacts)))
 
 
-def contact_energy(mechanism: PreparedMechanism, time: Scalar, motion: Frames, state: State) -> Term:
-    """Elastic energy of the contacts [J]."""
-    pins, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
-    stored = [(joint.clearance, pins[joint.name].relative) for joint in joints]
+def contact_energy(mechanism: PreparedMechanism, time: Scalar, y: Array, motion: Frames | None = None) -> Term:
+    """Elastic energy of the contacts [J]; `motion`: the frames of all bodies, if they are known."""
+    joints, motions = mechanism.clearance_joints(), relative_motions(time, y, mechanism, motion)
+    stored = [(joint.clearance, at) for joint, at in zip(joints, motions, strict=True)]
     return total(each_joint(PreparedClearance.elastic_energy, stored))
 
 
 def balance_at_start(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " terms"]:
     """The energy balance of a state in which a solve starts."""
-    state = layout(mechanism).split(y)
-    stored = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
+    stored = jnp.asarray(contact_energy(mechanism, time, y), float)
     return jnp.stack([stored if name == "absorbed_work" else jnp.zeros(()) for name in BALANCE_TERMS])
 
 
@@ -151,12 +150,14 @@ def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -
     """
     y = jnp.stack(states)
 
-    def at(time, y):
+    def at(end):
+        time, y = end
         # A payload that comes or goes just then is handed over by the step that begins there, not by one that ends.
         now = energies(time, y, just_before(mechanism, time))
         return now.total, now.contacts, sum(jnp.abs(part) for part in now)
 
-    whole, contacts, present = jax.vmap(at)(jnp.stack(times), y)
+    # A loop: the program has one copy for both ends, of single numbers.
+    whole, contacts, present = jax.lax.map(at, (jnp.stack(times), y))
     size = layout(mechanism).size
     energy_balance = slice(size, size + len(BALANCE_TERMS))
     moved = read_balance(y[1, energy_balance] - y[0, energy_balance], contacts[1] - contacts[0])

@@ -1,17 +1,25 @@
 """Kinematics: frames of the bodies, relative motion in the joints, springs."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._basis.numerics import safe_sqrt, safe_unit
 from clearance_jax._basis.types import Rows, Scalar
+from clearance_jax._compile.alike import stack_trees
 from clearance_jax._compile.barriers import share, with_barriers
 from clearance_jax.dynamics.forms.frames import Extra, Frames
 from clearance_jax.dynamics.forms.table import TabledFrames
 from clearance_jax.dynamics.forms.written_out import write_out
-from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
+from clearance_jax.dynamics.relative_motion import (
+    as_numbers,
+    coordinate_values,
+    motions_together,
+    rate_of,
+    tree_relative_motions,
+)
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Spring
@@ -40,6 +48,11 @@ def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
     return form(mechanism, time, state)
 
 
+Groups: TypeAlias = Sequence[int | Sequence[int]]
+"""Clearance joints by number: one by itself, or alike ones (all in the tree, or none) together, with an axis of joints.
+"""
+
+
 class PinMotion(NamedTuple):
     """Relative motion of a clearance joint; `rotation` from the sleeve's axes to the world's; the pin's centre [m]."""
 
@@ -50,7 +63,7 @@ class PinMotion(NamedTuple):
 
 def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, PinMotion]:
     """Kinematics of every clearance joint: in the tree from its own coordinates, which keep a small play's digits."""
-    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state), mechanism.clearance_joints())
     out = {}
     for joint in mechanism.clearance_joints():
         pin, rotation = pin_and_axes(joint, motion)
@@ -93,21 +106,25 @@ def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
     return motion[joint.parent].rotate(joint.turned).rotation
 
 
-def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism) -> list[Relative]:
-    """The relative motion in every clearance joint."""
+def relative_motions(
+    time: Scalar, y: Array | Rows, mechanism: PreparedMechanism, motion: Frames | None = None
+) -> list[Relative]:
+    """The relative motion in every clearance joint; `motion`: the frames of all bodies, if they are known."""
     state = layout(mechanism).split(y)
-    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
-    loops = loop_plays(mechanism, time, state)
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state), mechanism.clearance_joints())
+    loops = loop_plays(mechanism, time, state, motion)
     motions = {name: at.now for name, at in in_tree.items()} | {name: at.relative for name, (at, _) in loops.items()}
     return [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
 
 
-def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[PinMotion, Frames]]:
+def loop_plays(
+    mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames | None = None
+) -> dict[str, tuple[PinMotion, Frames]]:
     """Kinematics of the clearance joints that close loops, with the frames of all bodies."""
     loops, out = [joint for joint in mechanism.clearance_joints() if not joint.in_tree], {}
     if not loops:
         return out
-    motion = frames(mechanism, time, state)
+    motion = frames(mechanism, time, state) if motion is None else motion
     for joint in loops:
         pin, rotation = pin_and_axes(joint, motion)
         out[joint.name] = PinMotion(across_loop(joint, pin, rotation, motion), rotation, pin), motion
@@ -115,21 +132,32 @@ def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict
 
 
 def relative_accelerations(
-    time: Scalar, y: Array, slope: Array, mechanism: PreparedMechanism
+    time: Scalar, y: Array, slope: Array, mechanism: PreparedMechanism, groups: Groups | None = None
 ) -> list[tuple[Relative, Relative]]:
-    """The relative motion in every clearance joint and its rate, from a state and its slope."""
-    plan = layout(mechanism)
+    """The relative motion in every clearance joint and its rate, from a state and its slope; or of groups of them."""
+    plan, joints = layout(mechanism), mechanism.clearance_joints()
     state, speeds = plan.split(y), tuple(slope[i] for i in range(plan.v.start, plan.v.stop))
-    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
-    loops = loop_plays(mechanism, time, state)
-    out = []
-    for joint in mechanism.clearance_joints():
+    values, loops = coordinate_values(mechanism, state, speeds), loop_plays(mechanism, time, state)
+    groups = range(len(joints)) if groups is None else groups
+    in_tree = tree_relative_motions(mechanism, time, values, [joints[i] for i in groups if isinstance(i, int)])
+
+    def alone(joint: ClearanceJoint) -> tuple[Relative, Relative]:
         if joint.in_tree:
             now, rate = in_tree[joint.name]
         else:
             at, motion = loops[joint.name]
             now, rate = at.relative, loop_rate(joint, at, motion, motion.extra(list(speeds)))
-        out.append((as_numbers(now), share(as_numbers(rate))))
+        return as_numbers(now), share(as_numbers(rate))
+
+    out = []
+    for group in groups:
+        if isinstance(group, int):
+            out.append(alone(joints[group]))
+        elif joints[group[0]].in_tree:
+            now, rate = motions_together([joints[i] for i in group], time, values)
+            out.append((now, share(rate)))
+        else:
+            out.append(stack_trees([alone(joints[i]) for i in group]))
     return out
 
 

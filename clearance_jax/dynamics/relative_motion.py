@@ -1,14 +1,16 @@
 """The relative motion in clearance joints of the tree, from their own coordinates, so that it keeps its digits."""
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from clearance_jax._basis.types import Rows, Scalar
-from clearance_jax._compile.alike import side_by_side
+from clearance_jax._compile.alike import results_together, side_by_side
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints import Relative
+from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.mechanism.tree.frame import Frame
@@ -32,19 +34,34 @@ def coordinate_values(mechanism: PreparedMechanism, state: State, accelerations:
     return out
 
 
-def tree_relative_motions(mechanism: PreparedMechanism, time: Scalar, values: Values) -> dict[str, RelativeMotion]:
-    """The relative motion in every clearance joint of the tree, by name."""
-    joints = [joint for joint in mechanism.clearance_joints() if joint.in_tree]
-    several = []
-    for joint in joints:
-        # Only the coordinates' motion: joints are alike whatever the names and drives of their coordinates.
-        coordinates = joint.joint.own_coordinates()
-        moved = steps(coordinates, time, values)
-        several.append(tuple(step._replace(by=step.by._replace(index=-1)) for step in moved))
+def tree_relative_motions(
+    mechanism: PreparedMechanism, time: Scalar, values: Values, joints: Iterable[ClearanceJoint]
+) -> dict[str, RelativeMotion]:
+    """The relative motion in those clearance joints that are in the tree, by name."""
+    joints = [joint for joint in joints if joint.in_tree]
+    several = [joint_steps(joint, time, values) for joint in joints]
     motions = (
         [_relative_motion(*args) for args in several] if mechanism.is_plane else side_by_side(_relative_motion, several)
     )
     return {joint.name: at for joint, at in zip(joints, motions, strict=True)}
+
+
+def motions_together(joints: Sequence[ClearanceJoint], time: Scalar, values: Values) -> RelativeMotion:
+    """The relative motions in clearance joints of a tree, along a first axis."""
+
+    def one(*moved):
+        now, rate = _relative_motion(*moved)
+        return RelativeMotion(as_numbers(now), as_numbers(rate))
+
+    return results_together(one, [joint_steps(joint, time, values) for joint in joints])
+
+
+def joint_steps(joint: ClearanceJoint, time: Scalar, values: Values) -> tuple[FrameStep, ...]:
+    """The steps of a joint's own coordinates. Only their motion: joints are alike whatever the names of their
+    coordinates.
+    """
+    moved = steps(joint.joint.own_coordinates(), time, values)
+    return tuple(step._replace(by=step.by._replace(index=-1)) for step in moved)
 
 
 def _relative_motion(*moved: FrameStep) -> RelativeMotion:

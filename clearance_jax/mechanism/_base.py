@@ -53,6 +53,11 @@ class ClearanceJoint(NamedTuple):
         return self.clearance.laws
 
     @property
+    def has_points(self) -> bool:
+        """Whether it can touch at several points."""
+        return self.clearance.joint.count > 1
+
+    @property
     def size(self) -> Array:
         """Its largest clearance [m]."""
         return jnp.max(jnp.stack([play.scale for play in self.joint.play() if play.slides is not None]))

@@ -20,7 +20,7 @@ from clearance_jax._basis.types import Each, EachFlag, Rows
 from clearance_jax._compile.alike import alike, stack_trees
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import each_lane, together
-from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
+from clearance_jax.dynamics.kinematics import Groups, relative_accelerations, relative_motions
 from clearance_jax.dynamics.relative_motion import turning_rows
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -84,41 +84,61 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
     return (*at.velocity, *itertools.chain(*rate.rows)), (*rate.velocity, *bent)
 
 
+def event_groups(mechanism: PreparedMechanism) -> Groups:
+    """The clearance joints whose events are located together: each by itself, or alike ones of several points."""
+    joints = mechanism.clearance_joints()
+    several = [i for i, joint in enumerate(joints) if joint.has_points]
+    groups: list[int | list[int]] = [i for i, joint in enumerate(joints) if not joint.has_points]
+    of_kind = alike([(joints[i].clearance, joints[i].in_tree) for i in several])
+    return groups + [[several[k] for k in members] for members in of_kind]
+
+
 def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], Each]:
-    """The relative motion of every clearance joint along a step, and the largest misfit of the curves inside the step,
-    over the clearance. `ends` (y0, y1, slope0, slope1).
+    """The relative motion of every group of clearance joints along a step, and the largest misfit of the curves inside
+    the step, over the clearance. `ends` (y0, y1, slope0, slope1).
 
     The error estimate sees only the state. A drive, or a body that turns freely, moves the surfaces of a loop without
     any error in the state, so a step could swing past a contact. (In the tree, play is a coordinate: the curve is the
     state's own.)
     """
     t0, h = times[0], times[1] - times[0]
-    plan, joints = layout(mechanism), mechanism.clearance_joints()
+    plan, joints, groups = layout(mechanism), mechanism.clearance_joints(), event_groups(mechanism)
     y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
 
-    begin, finish = at_both_ends(times, y0, y1, slope0, slope1, mechanism)
-    joint_curves = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
-    loops = [i for i, joint in enumerate(joints) if not joint.in_tree]
-    if not loops:
-        return joint_curves, jnp.zeros_like(h)
+    begin, finish = at_both_ends(times, y0, y1, slope0, slope1, mechanism, groups)
+    group_curves = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
+    if all(joint.in_tree for joint in joints):
+        return group_curves, jnp.zeros_like(h)
     sizes = each_lane(lambda mechanism: [joint.size for joint in mechanism.clearance_joints()], h)(mechanism)
 
     inside = between((y0, y1, slope0, slope1), h, CHECKED, plan)
     true = each_lane(relative_motions, h)(t0 + CHECKED * h, inside, mechanism)
     worst = jnp.zeros_like(h)
-    for i in loops:
-        off = subtract(joint_curves[i].at(CHECKED).place, true[i].place)
-        worst = jnp.maximum(worst, jnp.asarray(dot(off, off)) / sizes[i] ** 2)
-    return joint_curves, jnp.sqrt(worst)
+    for group, curve in zip(groups, group_curves, strict=True):
+        place = curve.at(CHECKED).place
+        places = (
+            [(group, place)]
+            if isinstance(group, int)
+            else [(i, jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, place)) for k, i in enumerate(group)]
+        )
+        for i, here in places:
+            off = subtract(here, true[i].place)
+            miss = jnp.asarray(dot(off, off)) / sizes[i] ** 2
+            worst = worst if joints[i].in_tree else jnp.maximum(worst, miss)
+    return group_curves, jnp.sqrt(worst)
 
 
-def at_both_ends(times, y0, y1, slope0, slope1, mechanism: PreparedMechanism) -> tuple[list, list]:
-    """The relative motions and their rates at the start and at the end of a step."""
+def at_both_ends(times, y0, y1, slope0, slope1, mechanism: PreparedMechanism, groups: Groups) -> tuple[list, list]:
+    """The relative motions of groups of joints, and their rates, at the start and at the end of a step."""
+
+    def motions(time, y, slope, mechanism):
+        return relative_accelerations(time, y, slope, mechanism, groups)
+
     if mechanism.is_plane:
-        motions = each_lane(relative_accelerations, times[0])
-        return motions(times[0], y0, slope0, mechanism), motions(times[1], y1, slope1, mechanism)
+        of = each_lane(motions, times[0])
+        return of(times[0], y0, slope0, mechanism), of(times[1], y1, slope1, mechanism)
     # In space they are a large part of a program: one copy serves both ends.
-    both = each_lane(jax.vmap(relative_accelerations, (0, 0, 0, None)), times[0])
+    both = each_lane(jax.vmap(motions, (0, 0, 0, None)), times[0])
     both_ends = both(jnp.stack(times), jnp.stack([y0, y1]), jnp.stack([slope0, slope1]), mechanism)
     begin, finish = (jax.tree.map(lambda x, k=k: x[k], both_ends) for k in (0, 1))
     return begin, finish
@@ -146,32 +166,21 @@ class EventJoints(NamedTuple):
         return self.clearance.joint.count > 1
 
 
-def event_joints(curve_of: list[StepCurve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[EventJoints]:
-    """The joints in groups whose events are located together."""
-    joints = mechanism.clearance_joints()
-    each = [EventJoints(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
-    alone = [member for member in each if not member.is_several]
-    several = [member for member in each if member.is_several]
-    for members in alike(several):
-        group = [several[i] for i in members]
-        poses, twists = stack_trees([(member.curve.pose, member.curve.twist) for member in group], 1)
-        clearances, memories = stack_trees([(member.clearance, member.memory) for member in group])
-        alone.append(EventJoints(clearances, StepCurve(poses, twists, group[0].curve.h), memories))
-    return alone
-
-
 def first_event(
     curve_of: list[StepCurve], y: Array, mechanism: PreparedMechanism, begin: Each
 ) -> tuple[EachFlag, Each]:
     """Whether any law changes regime inside a step, and the fraction of the step just past the first change.
 
-    **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start. There the
-    starting regime is read (the start itself is the last event); it is also the precision of the place.
+    **Arguments:** `curve_of`: by group (`event_groups`); `y`: the state that has the laws' memory; `begin`: the part of
+    the step just after its start. There the starting regime is read (the start itself is the last event). It is also
+    the precision of the place.
     """
-    memory = layout(mechanism).split(y).memory
+    joints, memory = mechanism.clearance_joints(), layout(mechanism).split(y).memory
     first = jnp.full_like(begin, jnp.inf)
-    for joints in event_joints(curve_of, memory, mechanism):
-        first = jnp.minimum(first, first_of(joints, begin))
+    every = [(joint.clearance, memory[joint.name]) for joint in joints]
+    for group, curve in zip(event_groups(mechanism), curve_of, strict=True):
+        clearance, remembered = every[group] if isinstance(group, int) else stack_trees([every[i] for i in group])
+        first = jnp.minimum(first, first_of(EventJoints(clearance, curve, remembered), begin))
     return first <= 1, jnp.where(first <= 1, first, 1.0)
 
 
