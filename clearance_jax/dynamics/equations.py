@@ -40,7 +40,7 @@ class Balance(NamedTuple):
 def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance:
     """The equations of motion of a state, solved."""
     mechanism = mechanism.at(time)
-    motion = frames(mechanism, time, state)
+    motion = frames(mechanism, time, state).with_motions()
     pins, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
     acting = [(joint.clearance, pins[joint.name].relative, state.memory[joint.name]) for joint in joints]
     actions = dict(zip([joint.name for joint in joints], each_joint(PreparedClearance.act, acting), strict=True))

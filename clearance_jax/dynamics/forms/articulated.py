@@ -302,14 +302,7 @@ def _loosen(body: Composite, twists: list[Twist], is_plane: bool) -> tuple[Loose
     if is_zero(body.mass):
         raise Weightless(slides[0].index)
     inverse, h = 1.0 / body.mass, body.moment
-    arm = scale(inverse, h)
-
-    def about_centre(i: int, j: int) -> Term:
-        if i == j:
-            return minus(body.inertia.entry(i, i), total(times(h[k], arm[k]) for k in range(3) if k != i))
-        return plus(body.inertia.entry(i, j), times(h[i], arm[j]))
-
-    inertia = Symmetric(about_centre)
+    inertia = body.about_centre(inverse)
     moments = [inertia.apply(turn.spin) for turn in turns]
     couples = [[dot(turns[i].spin, moments[j]) for j in range(i + 1)] for i in range(len(turns))]
     for i, turn in enumerate(turns):

@@ -1,6 +1,6 @@
 """Pose and motion of all bodies in one state, and their inertia, loads and energies: one interface to two forms.
 
-A small mechanism is written out number by number (`write_out`); a large one is a loop over a table of its links
+A small mechanism is written out number by number (`write_out`); a large one is a few loops over a table of its links
 (`table`). `kinematics.frames` takes the form of the mechanism, and its callers need not know which it is.
 """
 
@@ -119,6 +119,10 @@ class Frames(abc.ABC):
     @abc.abstractmethod
     def __getitem__(self, body: str) -> Frame:
         """The frame of a body."""
+
+    def with_motions(self) -> "Frames":
+        """The same, with what several quantities need of the bodies' motions computed once."""
+        return self
 
     @abc.abstractmethod
     def velocities(self, body: str, point: Vector, base: str | None = None, beside: Vector = ZERO) -> Moves:

@@ -11,7 +11,7 @@ world's origin. Only free coordinates have rows; `drive_forces` projects the sam
 ones.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.symmetric import AbstractFactors, factor
 from clearance_jax._basis.types import Scalar
-from clearance_jax._compile.barriers import with_barriers
+from clearance_jax._compile.barriers import share, with_barriers
 from clearance_jax.dynamics.forms.articulated import (
     ArticulatedFactors,
     Inertial,
@@ -31,7 +31,7 @@ from clearance_jax.dynamics.forms.articulated import (
     sum_of,
 )
 from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
-from clearance_jax.dynamics.forms.inertia import composite_of, inertia_of
+from clearance_jax.dynamics.forms.inertia import BodyMotion, motion_of_body
 from clearance_jax.dynamics.relative_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND, Body
@@ -43,7 +43,6 @@ from clearance_jax.spatial import (
     ZERO,
     Term,
     Vector,
-    absent,
     add,
     cross,
     dot,
@@ -58,16 +57,31 @@ from clearance_jax.spatial import (
 
 
 class WrittenOut(Module, Frames):
-    """The frames of all bodies by name; `count`: the number of free velocities."""
+    """The frames of all bodies by name; `count`: the number of free velocities; `motions`: of the bodies, where they
+    are computed once for all (`with_motions`).
+    """
 
     mechanism: PreparedMechanism
     bodies: dict[str, Frame]
     count: int = eqx.field(static=True)
+    motions: dict[str, BodyMotion] | None = None
 
     is_solved_implicitly: ClassVar[bool] = True
 
     def __getitem__(self, body):
         return self.bodies[body]
+
+    def with_motions(self):
+        motions = {body.name: share(self._motion(body)) for body in self.mechanism.bodies}
+        return WrittenOut(self.mechanism, self.bodies, self.count, motions)
+
+    def _motion(self, body: Body) -> BodyMotion:
+        return motion_of_body(body, self[body.name]) if self.motions is None else self.motions[body.name]
+
+    def _extra_of(self, body: Body, motion: BodyMotion, extra: Extra) -> tuple[Vector, Vector]:
+        """What free accelerations add to a body's acceleration of its centre, and inertia times spin rate."""
+        centre = add(self[body.name].pivot, motion.arm)
+        return extra.at(body.name, centre), motion.about_centre.apply(extra.spin_rate(body.name))
 
     # Columns --------------------------------------------------------------------------------------------------------
 
@@ -140,7 +154,7 @@ class WrittenOut(Module, Frames):
         once, links, columns_by = chain_barriers(self.count, mechanism.is_plane), [], mechanism.columns
         for i, joint in reversed([*enumerate(moved)]):
             frame, parent = self[joint.child], places.get(joint.parent, -1)
-            whole = sum_of([composite_of(bodies[joint.child], frame), *hanging[i]])
+            whole = sum_of([self._motion(bodies[joint.child]).composite, *hanging[i]])
             try:
                 loose = columns_by[joint.name].is_loose
                 factors, left = eliminate(whole, columns[joint.child], frame.pivot, numbers, loose, mechanism.is_plane)
@@ -159,7 +173,7 @@ class WrittenOut(Module, Frames):
     def _factored(self, firm: Mapping[int, Term] | None) -> AbstractFactors:
         mechanism = self.mechanism
         matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
-        whole = self._sums(lambda body: composite_of(body, self[body.name]), lambda whole: whole.map(with_barriers))
+        whole = self._sums(lambda body: self._motion(body).composite, lambda whole: whole.map(with_barriers))
         columns = self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
         # In a chain in space each momentum is computed from the one before it, and would otherwise be computed again.
@@ -201,26 +215,8 @@ class WrittenOut(Module, Frames):
 
     def _deficit(self, body: Body, extra: Extra | None) -> SpatialForce:
         """Weight minus inertia forces of a body, about its pivot."""
-        frame = self[body.name]
-        centre = frame.point(body.center_of_mass.vector)
-        force = moment = ZERO
-        if body.mass is not None:
-            acceleration = frame.acceleration_at(centre)
-            if extra is not None:
-                acceleration = add(acceleration, extra.at(body.name, centre))
-            # M (g - a); without gravity one change of sign serves all components.
-            gravity = self.mechanism.gravity.vector
-            if absent(gravity):
-                force = scale(minus(0.0, body.mass), acceleration)
-            else:
-                force = scale(body.mass, subtract(gravity, acceleration))
-            moment = cross(subtract(centre, frame.pivot), force)
-        if body.inertia is not None:
-            inertia = inertia_of(body, frame)
-            spin_rate = frame.spin_rate if extra is None else add(frame.spin_rate, extra.spin_rate(body.name))
-            gyroscopic = cross(frame.spin, inertia.apply(frame.spin))
-            moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
-        return SpatialForce(force, moment)
+        motion = self._motion(body)
+        return motion.deficit(self.mechanism.gravity.vector, extra and self._extra_of(body, motion, extra))
 
     def load_without_rotors(self, pairs, acceleration):
         load: list[Term] = [0.0] * self.count
@@ -266,35 +262,21 @@ class WrittenOut(Module, Frames):
         kinetic: Term = 0.0
         potential: Term = 0.0
         for body in self.mechanism.bodies:
-            frame = self[body.name]
-            centre = frame.point(body.center_of_mass.vector)
-            if body.mass is not None:
-                velocity = frame.velocity_at(centre)
-                kinetic = plus(kinetic, times(0.5 * body.mass, dot(velocity, velocity)))
-                potential = minus(potential, times(body.mass, dot(self.mechanism.gravity.vector, centre)))
-            if body.inertia is not None:
-                kinetic = plus(kinetic, times(0.5, dot(inertia_of(body, frame).apply(frame.spin), frame.spin)))
+            motion, frame = self._motion(body), self[body.name]
+            kinetic = plus(kinetic, motion.kinetic_energy(frame.spin))
+            height = dot(self.mechanism.gravity.vector, add(frame.pivot, motion.arm))
+            potential = minus(potential, times(motion.mass, height))
         return kinetic, potential
 
     def kinetic_exchange(self, acceleration):
-        extra = self.extra(acceleration)
-        powers = [power for body in self.mechanism.bodies for power in self._inertial_powers(body, extra)]
+        extra, powers = self.extra(acceleration), []
+        for body in self.mechanism.bodies:
+            motion = self._motion(body)
+            powers.append(motion.powers(self[body.name].spin, self._extra_of(body, motion, extra)))
         if self.mechanism.is_plane:
             return jnp.abs(jnp.asarray(total(total(by_axis) for by_axis in powers)))
         every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
         return sum(every, jnp.zeros(()))
-
-    def _inertial_powers(self, body: Body, extra: Extra) -> Iterator[tuple[Term, ...]]:
-        """Rates of a body's kinetic energy along and about each axis of the world [W]."""
-        frame = self[body.name]
-        centre = frame.point(body.center_of_mass.vector)
-        if body.mass is not None:
-            acceleration = add(frame.acceleration_at(centre), extra.at(body.name, centre))
-            velocity = frame.velocity_at(centre)
-            yield tuple(times(body.mass, times(a, v)) for a, v in zip(acceleration, velocity, strict=True))
-        if body.inertia is not None:
-            turning = inertia_of(body, frame).apply(add(frame.spin_rate, extra.spin_rate(body.name)))
-            yield tuple(times(t, w) for t, w in zip(turning, frame.spin, strict=True))
 
 
 def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> WrittenOut:
