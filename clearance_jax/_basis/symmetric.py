@@ -238,12 +238,16 @@ class Dense(AbstractFactors):
 
     def constraint(self, rows, choose):
         jacobian = jnp.stack([row.array for row in rows])
-        spread = cho_solve((self.lower, True), jacobian.T)
-        compliance = jacobian @ spread
-        asked = choose(lambda: compliance)
-        if asked is not None:
-            compliance = compliance * asked[:, None] * asked[None, :] + jnp.diag(1 - asked)
-        return DenseConstraint(spread, jnp.linalg.cholesky(compliance), asked)
+        return dense_constraint(jacobian, cho_solve((self.lower, True), jacobian.T), choose)
+
+
+def dense_constraint(jacobian: Array, spread: Array, choose: Choice) -> DenseConstraint:
+    """The constraint of a Jacobian J, `spread` being M^-1 J^T."""
+    compliance = jacobian @ spread
+    asked = choose(lambda: compliance)
+    if asked is not None:
+        compliance = compliance * asked[:, None] * asked[None, :] + jnp.diag(1 - asked)
+    return DenseConstraint(spread, jnp.linalg.cholesky(compliance), asked)
 
 
 # From this many rows on a symmetric system is an array.

@@ -1,5 +1,5 @@
-"""The mass matrix factored joint by joint: against the Hessian of an independent kinetic energy; its growth; its
-choice.
+"""The mass matrix factored joint by joint, written out and in loops: against the Hessian of an independent kinetic
+energy; its growth; its choice.
 """
 
 import jax
@@ -12,7 +12,9 @@ from sleeves import FRICTION, HERTZ, sleeve
 from spatial import body, zoo
 
 import clearance_jax as cj
+from clearance_jax.dynamics.field import rate
 from clearance_jax.dynamics.forms.articulated import Loose, Stepwise
+from clearance_jax.dynamics.forms.table import TabledFrames
 from clearance_jax.dynamics.forms.written_out import write_out
 from clearance_jax.mechanism.form import columns_of, is_less_by_blocks
 from clearance_jax.mechanism.state import layout
@@ -74,8 +76,17 @@ def factors(mechanism, time, y):
     return motion(mechanism, time, y)._articulated()
 
 
-@pytest.mark.parametrize("make", [zoo, played, lambda: pins(5)], ids=["zoo", "played", "pins"])
-def test_factors_solve_the_mass_matrix(make):
+def loops(mechanism, time, y, firm=None):
+    ready, time = mechanism.prepare().as_table(), jnp.asarray(time, float)
+    return TabledFrames(ready.at(time), time, layout(ready).split(y)).mass_matrix(firm)
+
+
+@pytest.mark.parametrize(
+    ("make", "factors"),
+    [(zoo, factors), (played, factors), (lambda: pins(5), factors), (zoo, loops), (played, loops)],
+    ids=["zoo", "played", "pins", "zoo in loops", "played in loops"],
+)
+def test_factors_solve_the_mass_matrix(make, factors):
     mechanism = make()
     plan, rng = layout(mechanism), np.random.default_rng(5)
     states = jnp.asarray([random_state(mechanism, rng) for _ in range(20)])[:, : plan.v.stop]
@@ -90,6 +101,38 @@ def test_factors_solve_the_mass_matrix(make):
     theirs = np.linalg.solve(matrices, np.asarray(right)[..., None])[..., 0]
     error = np.max(np.abs(np.asarray(ours) - theirs), axis=1) / np.max(np.abs(theirs), axis=1)
     assert np.max(error / np.linalg.cond(matrices)) < 20 * np.finfo(float).eps
+
+
+def test_loops_with_firm_coordinates():
+    """What is firm has so many times its inertia."""
+    mechanism, firm = played(), {0: 1e3, 7: 20.0}
+    y = jnp.asarray(random_state(mechanism, np.random.default_rng(8)))
+    matrix = np.array(mass_matrix(mechanism, 0.3, y))
+    right = np.random.default_rng(9).normal(size=len(matrix))
+    ours = as_array(jax.jit(lambda y: loops(mechanism, 0.3, y, firm).solve([*jnp.asarray(right)]))(y))
+    for i, times in firm.items():
+        matrix[i, i] *= times
+    np.testing.assert_allclose(ours, np.linalg.solve(matrix, right), rtol=1e-9)
+
+
+@pytest.mark.parametrize("make", [zoo, played])
+def test_both_forms_give_the_same_rates(make):
+    """Accelerations, driving work, losses and exchanged energy, written out and in loops."""
+    mechanism = make()
+    plan = layout(mechanism)
+
+    def rates(ready):
+        def of(y):
+            return jnp.stack([jnp.asarray(x) for x in rate(jnp.asarray(0.3), (*y,), ready, energy_balance=True)])
+
+        return jax.jit(of)
+
+    written, looped = rates(mechanism.prepare()), rates(mechanism.prepare().as_table())
+    rng = np.random.default_rng(10)
+    for _ in range(5):
+        y = jnp.concatenate([random_state(mechanism, rng)[: plan.v.stop], jnp.zeros(plan.remembered)])
+        first, second = np.asarray(written(y)), np.asarray(looped(y))
+        np.testing.assert_allclose(second, first, rtol=1e-10, atol=1e-12 * np.max(np.abs(first)))
 
 
 def test_a_joint_that_slides_along_all_axes_passes_on_no_force():

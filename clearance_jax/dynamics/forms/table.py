@@ -1,5 +1,5 @@
-"""The dynamics of a large mechanism as products of arrays: a loop over its links gives the frames; sums over bodies use
-masks that say which column moves which body.
+"""The dynamics of a large mechanism by loops: over its links for the frames, over its columns for inertia and loads
+(`recursion`).
 
 Moments are about the centre of mass of the whole.
 """
@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.symmetric import Dense
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, SpatialForce, rotors
+from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
 from clearance_jax.dynamics.forms.link_motion import sweep
+from clearance_jax.dynamics.forms.recursion import Tree, factor_tree
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State
@@ -43,6 +43,18 @@ class ColumnArrays(NamedTuple):
         return jnp.asarray(self.moves)[:, None] * self.spins
 
 
+def columns_in_tree(plan: Order, masks: Masks, free: int) -> tuple[Tree, dict[int, int]]:
+    """The columns in the order of the tree, and the last one of every link (-1, the ground: the row behind all)."""
+    places = sorted(range(len(masks.links)), key=lambda column: masks.links[column])
+    links = [masks.links[column] for column in places]
+    last = {-1: len(places)} | {link: k for k, link in enumerate(links)}
+    firsts = [k == 0 or links[k - 1] != link for k, link in enumerate(links)]
+    parents = [
+        last[plan.parents[link]] if first else k - 1 for k, (link, first) in enumerate(zip(links, firsts, strict=True))
+    ]
+    return Tree(tuple(parents), tuple(places), free), last
+
+
 class TabledFrames(Frames):
     """Frames and dynamics of a large mechanism."""
 
@@ -51,7 +63,7 @@ class TabledFrames(Frames):
     def __init__(self, mechanism: PreparedMechanism, time: Scalar, state: State):
         self.mechanism = mechanism
         self.plan: Order = order(mechanism.joints)
-        self.masks: Masks = masks(self.plan, mechanism.bodies)
+        self.masks: Masks = masks(self.plan)
         links = mechanism.links or links_of(mechanism.bodies, mechanism.joints)
         self.links = links
         self.rates, local, self.motions = sweep(mechanism, self.plan, links, time, state)
@@ -77,6 +89,10 @@ class TabledFrames(Frames):
         self.column_spins = turns * axes
         self.column_slides = turns * jnp.cross(axes, self.origin[None] - m.place[where]) + (1 - turns) * axes
         self.count = len(where) - sum(not c.motion.is_free for c in self.plan.coordinates)
+        self.tree, last = columns_in_tree(self.plan, self.masks, self.count)
+        # By body, the column in the order of the tree that carries it.
+        self.holders = [last[self.plan.carriers[body.name]] for body in mechanism.bodies]
+        self.axes = self.tree.in_tree(jnp.concatenate([self.column_spins, self.column_slides], 1))
 
     # Frames and what moves them -------------------------------------------------------------------------------------
 
@@ -142,31 +158,32 @@ class TabledFrames(Frames):
     # Inertia and loads ----------------------------------------------------------------------------------------------
 
     def mass_matrix(self, firm=None):
-        whole = self.inertia_matrix()
-        for i, inertia in rotors(self.mechanism).items():
-            whole = whole.at[i, i].add(inertia)
-        for i, times_as_much in (firm or {}).items():
-            whole = whole.at[i, i].multiply(times_as_much)
-        return Dense(jnp.linalg.cholesky(whole))
+        turning, inertias = rotors(self.mechanism), self.inertias_of_columns()
+        added = as_array([turning.get(i, 0.0) for i in range(self.tree.count)])
+        if firm:
+            whole = self.tree.inward(inertias)[:-1]
+            diagonal = added + self.tree.of_mechanism(jnp.einsum("ci,cij,cj->c", self.axes, whole, self.axes))
+            added = added + diagonal * as_array([firm.get(i, 1.0) - 1.0 for i in range(self.tree.count)])
+        return factor_tree(self.tree, self.axes, inertias, self.tree.in_tree(added))
 
-    def inertia_matrix(self) -> Array:
-        """The mass matrix of the free velocities, without rotors."""
-        n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
-        spins, slides = self.column_spins[:n], self.column_slides[:n]
+    def inertias_of_columns(self) -> Float[Array, "rows 6 6"]:
+        """By column in the order of the tree, the inertia of the bodies that it carries itself, about the origin."""
         mass, arms = self.links.mass, self.centres - self.origin[None]
-        moments = mass[:, None] * arms
+        moments, unit = mass[:, None] * arms, jnp.eye(3)
         square = jnp.einsum("bi,bi->b", moments, arms)
-        inertia = self.inertias + square[:, None, None] * jnp.eye(3)[None] - moments[:, :, None] * arms[:, None, :]
-        masses = carried @ mass
-        first = carried @ moments
-        second = jnp.einsum("cb,bij->cij", carried, inertia)
-        force = masses[:, None] * slides + jnp.cross(spins, first)
-        moment = jnp.einsum("cij,cj->ci", second, spins) + jnp.cross(first, slides)
-        lower = jnp.asarray(self.masks.columns[:n, :n]) * (force @ slides.T + moment @ spins.T)
-        # `lower` has the entries of each outer column with itself and with those nearer to the ground: the momentum is
-        # that of what the outer one moves. The columns of one ball have both entries already.
-        both = self.masks.columns[:n, :n] * self.masks.columns[:n, :n].T
-        return lower + jnp.where(both > 0, 0.0, lower.T)
+        about = self.inertias + square[:, None, None] * unit[None] - moments[:, :, None] * arms[:, None, :]
+        # hat @ v is moments x v.
+        hat = jnp.cross(moments[:, None, :], unit[None]).swapaxes(1, 2)
+        upper = jnp.concatenate([about, hat], 2)
+        lower = jnp.concatenate([-hat, mass[:, None, None] * unit[None]], 2)
+        return self.by_holder(jnp.concatenate([upper, lower], 1))
+
+    def by_holder(self, of_bodies: Array) -> Array:
+        """By column in the order of the tree (the ground's row behind): the sum over the bodies that it carries."""
+        rows = [[i for i, holder in enumerate(self.holders) if holder == k] for k in range(self.tree.count + 1)]
+        most, none = max(map(len, rows)), len(self.holders)
+        filled = np.array([row + [none] * (most - len(row)) for row in rows])
+        return jnp.sum(jnp.concatenate([of_bodies, jnp.zeros((1, *of_bodies.shape[1:]))])[filled], axis=1)
 
     def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
         """Weight minus inertia forces of the bodies and their moments about the origin, (bodies, 3) each."""
@@ -181,9 +198,10 @@ class TabledFrames(Frames):
 
     def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
         """What free accelerations add to accelerations of the centres of mass and to spin rates, (bodies, 3)."""
-        n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
-        spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
-        slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_slides[:n])
+        driven = jnp.zeros(self.tree.count - self.count)
+        rates = self.tree.in_tree(jnp.concatenate([acceleration, driven]))
+        moved = self.tree.outward(self.axes * rates[:, None])[np.array(self.holders)]
+        spin, slide = moved[:, :3], moved[:, 3:]
         return slide + jnp.cross(spin, self.centres - self.origin[None]), spin
 
     def wrenches(self, acceleration):
@@ -197,30 +215,25 @@ class TabledFrames(Frames):
         return out
 
     def load_without_rotors(self, pairs, acceleration):
-        load = self.project(*self.deficits(acceleration))[: self.count]
-        for pair in pairs:
-            load = load + self.pair(*pair)[: self.count]
+        load = self.project(pairs, acceleration)
         return [load[i] for i in range(self.count)]
 
     def drive_forces(self, pairs, acceleration):
-        exerted = -self.project(*self.deficits(acceleration))
-        for pair in pairs:
-            exerted = exerted - self.pair(*pair)
-        links = self.masks.links
+        exerted, links = -self.project(pairs, acceleration), self.masks.links
         return [(exerted[i], self.rates[links[i]]) for i in range(self.count, len(links))]
 
-    def project(self, force: Array, moment: Array) -> Array:
-        """The bodies' wrenches projected on the columns, free ones first."""
-        carried = self.masks.bodies
-        return jnp.sum(self.column_slides * (carried @ force) + self.column_spins * (carried @ moment), axis=1)
-
-    def pair(self, parent: str, child: str, force: Vector, torque: Vector, at: Vector) -> Array:
-        """A wrench pair projected on the columns."""
-        links = (self.plan.carriers[name] for name in (child, parent))
-        moves = np.subtract(*(self._movers(link) for link in links))
-        push, arm = as_array(force), as_array(at) - self.origin
-        turning = as_array(torque) + jnp.cross(arm, push)
-        return jnp.asarray(moves) * (self.column_slides @ push + self.column_spins @ turning)
+    def project(self, pairs: list[Pair], acceleration: list[Term] | None) -> Array:
+        """The bodies' wrenches and those of pairs projected on the columns, free ones first."""
+        force, moment = self.deficits(acceleration)
+        names = [body.name for body in self.mechanism.bodies]
+        for pair in pairs:
+            push, arm = as_array(pair.force), as_array(pair.at) - self.origin
+            turning = as_array(pair.torque) + jnp.cross(arm, push)
+            for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
+                on = sign * np.array([float(name == other) for other in names])
+                force, moment = force + on[:, None] * push[None], moment + on[:, None] * turning[None]
+        whole = self.tree.inward(self.by_holder(jnp.concatenate([moment, force], 1)))[:-1]
+        return self.tree.of_mechanism(jnp.sum(self.axes * whole, axis=1))
 
     # Energies -------------------------------------------------------------------------------------------------------
 

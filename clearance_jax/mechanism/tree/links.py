@@ -129,19 +129,16 @@ class Masks(NamedTuple):
 
     - `links`: the link of each column; `local` (columns, 3): for a ball the axis of the column in the link, else zero;
       `turns`: whether the column turns (else it slides).
-    - `beyond` (columns, links), `bodies` (columns, bodies): whether a column moves a link, a body; `columns` (columns,
-      columns): whether the second one lies between the first one and the ground, or at the same link.
+    - `beyond` (columns, links): whether a column moves a link.
     """
 
     links: tuple[int, ...]
     local: np.ndarray
     turns: np.ndarray
     beyond: np.ndarray
-    bodies: np.ndarray
-    columns: np.ndarray
 
 
-def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
+def masks(plan: Order) -> Masks:
     """The masks of the free columns in the order of the velocities, then of the prescribed ones."""
     count = len(plan.coordinates)
     beyond = np.zeros((count, count))  # beyond[i, j]: link j is link i or hangs on it
@@ -158,10 +155,7 @@ def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
             links.append(i)
             local.append(unit)
             turns.append(plan.coordinates[i].slides is None)
-    carriers = [plan.carriers[body.name] for body in bodies]
-    carried = np.array([[0.0 if at < 0 else beyond[i, at] for at in carriers] for i in links])
-    related = np.array([[beyond[j, i] for j in links] for i in links])
-    return Masks(tuple(links), np.array(local), np.array(turns, float), beyond[list(links)], carried, related)
+    return Masks(tuple(links), np.array(local), np.array(turns, float), beyond[list(links)])
 
 
 def rodrigues(axis: Float[Array, "links 3"], sine: Float[Array, " links"], cosine: Float[Array, " links"]) -> Array:
