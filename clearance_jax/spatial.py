@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array
 
 from clearance_jax._basis.numerics import safe_norm, safe_sqrt, sincos
@@ -42,18 +43,33 @@ def absent(a: tuple[Term, ...]) -> bool:
     return all(is_zero(term) for term in a)
 
 
+def _alike(a: Term, b: Term) -> bool:
+    """Whether two terms are arrays of one kind, which `lax` can join. (The operators of arrays promote kinds first, by
+    programs of their own, and take longer to trace.)
+    """
+    return isinstance(a, Array) and isinstance(b, Array) and a.shape == b.shape and a.dtype == b.dtype
+
+
 def plus(a: Term, b: Term) -> Term:
     """The sum a + b."""
+    if _alike(a, b):
+        return lax.add(a, b)
     return b if is_zero(a) else a if is_zero(b) else a + b
 
 
 def minus(a: Term, b: Term) -> Term:
     """The difference a - b; that of a term with itself is absent."""
-    return 0.0 if a is b else a if is_zero(b) else -b if is_zero(a) else a - b
+    if a is b:
+        return 0.0
+    if _alike(a, b):
+        return lax.sub(a, b)
+    return a if is_zero(b) else -b if is_zero(a) else a - b
 
 
 def times(a: Term, b: Term) -> Term:
     """The product a b."""
+    if _alike(a, b):
+        return lax.mul(a, b)
     if is_zero(a) or is_zero(b):
         return 0.0
     for factor, other in ((a, b), (b, a)):
