@@ -24,9 +24,15 @@ _MARKS = "mhlo.frontend_attributes"
 # What XLA cannot compile so (`small_while_loop_hoisting_pass.cc` of XLA lists it): work of other kernels and devices.
 _APART = {"custom_call", "scatter", "sort", "fft", "infeed", "outfeed", "replica_id", "partition_id", "top_k"}
 _APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter"}
-# XLA leaves long sums and products of matrices to a library (`ynn_support.cc` of XLA): from so many numbers (measured),
-# and from so many rows, columns or terms.
-LONG, _WIDE = 4096, 8
+# XLA leaves long reductions and products of matrices to a library (`ynn_support.cc` of XLA): from so many numbers
+# (measured), and from so many rows, columns or terms.
+_LONG, _WIDE = 4096, 8
+# The reductions of which it has kernels, each as XLA does not recognise it, with the same bits.
+_DISGUISED = {
+    "stablehlo.add": lambda a, b: hlo.subtract(a, hlo.negate(b)),
+    "stablehlo.maximum": lambda a, b: hlo.negate(hlo.minimum(hlo.negate(a), hlo.negate(b))),
+    "stablehlo.minimum": lambda a, b: hlo.negate(hlo.maximum(hlo.negate(a), hlo.negate(b))),
+}
 
 
 def one_function(function: Callable) -> Callable:
@@ -108,6 +114,9 @@ def _can_be_one(call: Any, functions: Any, known: dict[str, bool]) -> bool:
     name = ir.FlatSymbolRefAttr(call.attributes["callee"]).value
     if name not in known:
         inside = _operations(functions[name].operation)
+        for operation in inside:
+            if _is_long(operation):
+                _disguise(operation)
         known[name] = not any(_is_apart(operation) for operation in inside)
         known[name] = known[name] and all(_can_be_one(each, functions, known) for each in inside if _is_call(each))
     return known[name]
@@ -116,12 +125,9 @@ def _can_be_one(call: Any, functions: Any, known: dict[str, bool]) -> bool:
 def _is_apart(operation: Any) -> bool:
     """Whether XLA gives an operation to another kernel."""
     name = operation.name.split(".")[-1]
-    if name not in ("reduce", "dot_general"):
+    if name != "dot_general":
         return name in _APART
     value = ir.RankedTensorType(operation.operands[0].type)
-    if name == "reduce":
-        floats = isinstance(value.element_type, ir.FloatType)
-        return floats and len(operation.results) == 1 and math.prod(value.shape) >= LONG
     numbers = hlo.DotDimensionNumbers(operation.attributes["dot_dimension_numbers"])
     others = ir.RankedTensorType(operation.operands[1].type).shape
     terms = math.prod(value.shape[i] for i in numbers.lhs_contracting_dimensions)
@@ -129,7 +135,24 @@ def _is_apart(operation: Any) -> bool:
     rows, columns = math.prod(value.shape) // each, math.prod(others) // each
     # XLA writes outer products, and products with a vector, as sums of products.
     matrices = min(rows, columns, terms) > 1 and max(rows, columns, terms) >= _WIDE
-    return matrices or each * rows * columns >= LONG
+    return matrices or each * rows * columns >= _LONG
+
+
+def _is_long(operation: Any) -> bool:
+    """Whether it is a reduction that XLA would give to a library."""
+    if operation.name != "stablehlo.reduce" or len(operation.results) > 1:
+        return False
+    value = ir.RankedTensorType(operation.operands[0].type)
+    return isinstance(value.element_type, ir.FloatType) and math.prod(value.shape) >= _LONG
+
+
+def _disguise(reduction: Any) -> None:
+    """Write what a reduction does with two numbers so that XLA does not recognise it."""
+    *_, combine, end = reduction.regions[0].blocks[0].operations
+    if combine.operation.name in _DISGUISED and end.operands[0].owner == combine.operation:
+        with ir.InsertionPoint(end), end.location:
+            end.operands[0] = _DISGUISED[combine.operation.name](*combine.operands)
+        combine.operation.erase()
 
 
 def _operations(whole: Any) -> list[Any]:

@@ -13,7 +13,6 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Each, EachFlag, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import component_axis, components, each_lane, sharing_lanes
-from clearance_jax._compile.one_function import LONG
 from clearance_jax.dynamics.applied import renew
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.conditions import choice
@@ -159,9 +158,8 @@ def _in_every_row(function: Callable, time: Each, y: Array, problem: Problem) ->
 
 def _weighted_sum(weights: Array, slopes: Array, time: Each) -> Array:
     """The weighted sum of the stages' slopes (first axis)."""
-    if not jnp.ndim(time) and slopes.size < LONG:
+    if not jnp.ndim(time):
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
-    # Many numbers term by term: XLA gives a reduction of large arrays to a library, whose call ends a compiled loop.
     with sharing_lanes(time):
         return share(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
 
