@@ -111,7 +111,8 @@ class _Writer:
                 continue
             times = [1] * len(equation.invars) if called is None else self._inputs(called)
             for v, often in zip(equation.invars, times, strict=True):
-                for _ in range(0 if isinstance(v, Literal) else often):
+                # More kernels than decide need not be counted: in calls within calls their number doubles.
+                for _ in range(0 if isinstance(v, Literal) else min(often, REPEATED + 2)):
                     kernels[v] |= next(new)
         return shared
 
@@ -195,9 +196,10 @@ def _rolled(program: Jaxpr) -> Jaxpr:
 
     for equation in program.eqns:
         goes_on = row and equation.invars == row[-1].outvars and uses[row[-1].outvars[0]] == 1
-        if not (goes_on and str(_callee(equation)) == str(_callee(row[-1]))):
+        if not (goes_on and _same(equation, row[-1])):
             end_row()
-        if _callee(equation) is not None and len(equation.invars) == len(equation.outvars) == 1:
+        called, given = _callee(equation), [*_variables(equation.invars)]
+        if called is not None and len(equation.invars) == len(given) == len(equation.outvars) == 1:
             row.append(equation)
         else:
             equations.append(equation)
@@ -205,14 +207,40 @@ def _rolled(program: Jaxpr) -> Jaxpr:
     return program.replace(eqns=equations)
 
 
+def _same(a: JaxprEqn, b: JaxprEqn) -> bool:
+    """Whether calls compute the same (their rules of derivatives may differ). A text does not show everything."""
+    one, other = _callee(a), _callee(b)
+    if one is None or other is None or a.primitive is not b.primitive:
+        return False
+    return one is other or (str(one) == str(other) and not a.effects and _is_plain(one) and _is_plain(other))
+
+
+def _is_plain(program: ClosedJaxpr) -> bool:
+    """Whether the text of a program shows all that it does: it has no constant arrays, and calls no Python."""
+    params = [value for equation in program.eqns for key, value in equation.params.items() if key != "ctx_mesh"]
+    inner = jax.tree.leaves(params)
+    functions = any(callable(x) and not isinstance(x, ClosedJaxpr) for x in inner)
+    within = all(_is_plain(x) for x in inner if isinstance(x, ClosedJaxpr))
+    return not program.consts and not functions and within
+
+
 def _loop(program: Jaxpr, row: list[JaxprEqn]) -> JaxprEqn:
-    """One call that does what calls in a row do."""
+    """One call that does what calls in a row do. Calls of several programs may have several rules of derivatives: the
+    loop has none then.
+    """
     first, last = row[0], row[-1]
     alone = program.replace(constvars=[], invars=first.invars, outvars=first.outvars, eqns=[first])
     step = jaxpr_as_fun(ClosedJaxpr(alone, []))
     whole = jax.jit(lambda x: jax.lax.fori_loop(0, len(row), lambda _, x: step(x)[0], x))
+    if any(_callee(call) is not _callee(first) for call in row):
+        whole = jax.custom_jvp(whole)
+        whole.defjvp(_refuse)
     (call,) = jax.make_jaxpr(whole)(first.invars[0].aval).jaxpr.eqns
     return call.replace(invars=first.invars, outvars=last.outvars)
+
+
+def _refuse(*_: Any) -> Any:
+    raise TypeError("A program that has been read for its calls in a row has no derivatives; take them within it.")
 
 
 def _callee(equation: JaxprEqn) -> ClosedJaxpr | None:
