@@ -19,6 +19,7 @@ from clearance_jax.parameters import physical
 from clearance_jax.report import figures
 from clearance_jax.report.magnified import CrossSection
 from clearance_jax.results.play import station_paths
+from clearance_jax.solve.steps.events import event_groups
 
 GAP, FAR, RADIUS = 1e-4, 3e-4, 0.01
 HEIGHTS = (-0.02, 0.0, 0.02)
@@ -120,3 +121,18 @@ def test_an_error_budget_closes_its_gap():
     assert set(budget.shares) == {"wrist"}
     assert budget.peaks["play"] == pytest.approx(GAP, rel=0.2)
     assert budget.peaks["elasticity"] < 0.2 * budget.peaks["play"]
+
+
+@pytest.mark.parametrize("kind", [cj.Revolute, cj.Cylindrical, cj.Prismatic])
+def test_it_goes_beside_one_on_another_joint(kind):
+    """One plays in a plane, the other may slide out of it: their events are not located together."""
+    sleeves = [GroovedSleeve(gap, RADIUS, laws.HuntCrossley(1e9, 0.5)) for gap in (GAP, FAR)]
+    bodies = tuple(cj.Body(name, 1.0, (0.01, 0.02, 0.015), cj.Position(0.1, 0.01, 0.02)) for name in "ab")
+    joints = (
+        cj.Revolute("first", "ground", "a", clearance=sleeves[0]),
+        kind("second", "a", "b", cj.Position(0.3), clearance=sleeves[1]),
+    )
+    mechanism = cj.Mechanism(bodies, joints, gravity=cj.Gravity(y=-9.81))
+    together = kind is cj.Revolute
+    assert event_groups(mechanism.prepare()) == ([[0, 1]] if together else [[0], [1]])
+    jax.eval_shape(lambda end: cj.simulate(mechanism, end).final, 1e-3)

@@ -5,7 +5,6 @@ The relative motion is interpolated, not the gap, so that each joint's own geome
 curve. Bisection finds the place of a change.
 """
 
-import functools
 import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -19,7 +18,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Each, EachFlag, Rows
 from clearance_jax._compile.alike import alike, stack_trees
 from clearance_jax._compile.barriers import share
-from clearance_jax._compile.lane_axis import each_lane, together
+from clearance_jax._compile.lane_axis import each_lane, least, together
 from clearance_jax.dynamics.kinematics import Groups, relative_accelerations, relative_motions
 from clearance_jax.dynamics.relative_motion import turning_rows
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
@@ -89,7 +88,8 @@ def event_groups(mechanism: PreparedMechanism) -> Groups:
     joints = mechanism.clearance_joints()
     several = [i for i, joint in enumerate(joints) if joint.has_points]
     groups: list[int | list[int]] = [i for i, joint in enumerate(joints) if not joint.has_points]
-    of_kind = alike([(joints[i].clearance, joints[i].in_tree) for i in several])
+    ways = [[(c.slides, c.turns) for c in joints[i].joint.own_coordinates()] for i in several]
+    of_kind = alike([(joints[i].clearance, joints[i].in_tree, way) for i, way in zip(several, ways, strict=True)])
     return groups + [[several[k] for k in members] for members in of_kind]
 
 
@@ -272,12 +272,7 @@ def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Ea
     return at(places, best) + at(x * widths, best), at(height, best)
 
 
-# With lanes entry by entry: a reduction, a gather or an argmax over the first axis would be a loop for every lane.
-def least(values: Array) -> Each:
-    """The smallest along the first axis."""
-    return jnp.min(values) if values.ndim == 1 else functools.reduce(jnp.minimum, share(values))
-
-
+# With lanes entry by entry, as `least`.
 def first_highest(values: Array) -> Array:
     """The index of the first largest value along the first axis, by lane."""
     if values.ndim == 1:
