@@ -73,6 +73,22 @@ def sum_components(y: Array, time: Each) -> Array:
     return functools.reduce(jnp.add, [jnp.take(y, i, axis) for i in range(y.shape[axis])])
 
 
+# Rows that `least` compares one by one in the program; more are a loop.
+_WRITTEN = 32
+
+
+def least(values: Array) -> Each:
+    """The smallest along the first axis, of one motion or by lane."""
+    if values.ndim == 1:
+        return jnp.min(values)
+    # With lanes row by row: a reduction over the first axis would be a loop for every lane, and XLA gives a large one
+    # to a library, whose call ends a compiled loop.
+    rows = share(values)
+    if len(rows) <= _WRITTEN:
+        return functools.reduce(jnp.minimum, rows)
+    return jax.lax.fori_loop(1, len(rows), lambda i, smallest: jnp.minimum(smallest, rows[i]), rows[0])
+
+
 def to_lanes(tree: Any) -> Any:
     """A batch, along the first axis of every array, as lanes."""
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if eqx.is_array(x) else x, tree)

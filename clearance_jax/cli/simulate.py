@@ -142,13 +142,14 @@ def _warn(mechanism: Any, solution: Any, dataset: Any) -> None:
 
 def _report(mechanism, result, solution, dataset) -> None:
     from clearance_jax.results.first_fall import loads, peak_words
+    from clearance_jax.solve.solution import attempts
 
     headline = f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s"
     if solution.validity is not None:
         headline += f"\nquasi-static: {escape(str(solution.validity))}"
         common.console.print(headline, soft_wrap=True, highlight=False)
     else:
-        headline += f", {int(solution.steps)} steps ({int(solution.rejected)} rejected)"
+        headline += f", {attempts(solution)}"
         common.console.print(f"{headline}, energy residual {float(solution.energy_residual):.1e}")
     if result.rests:
         common.console.print(f"start: {escape(result.rests)}", soft_wrap=True, highlight=False)

@@ -129,7 +129,8 @@ def to_dataset(
         coords["after"] = ("after", after, {"units": "s"})
     attrs: dict[str, Any] = {"software": f"clearance_jax {__version__}", "mechanism": mechanism.name}
     attrs |= {"result": solution.message or "successful", "accepted_steps": int(solved.steps)}
-    attrs |= {"rejected_steps": int(solved.rejected), "energy_residual": float(solved.energy_residual)}
+    attrs |= {"rejected_steps": int(solved.rejected), "cut_steps": int(solved.cuts)}
+    attrs |= {"energy_residual": float(solved.energy_residual)}
     attrs |= _numbers(mechanism)
     validity = "" if solved.validity is None else str(solved.validity)
     more = {"notes": "; ".join(mechanism.notes), "start": solved.rests, "validity": validity}

@@ -199,7 +199,7 @@ def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Settings) -> 
     )
     code = why_stopped(out.code, problem.mechanism, out.end_time, motion(problem, final))
     code = jnp.where(task.refused > 0, task.refused, code)
-    ended = code, out.accepted, out.rejected, residual, out.end_time
+    ended = code, out.accepted, out.rejected, out.cuts, residual, out.end_time
     asked = {"sampled": out.samples is not None, "energy_balance": options.energy_balance}
     return Solution(time, y, start, final, *ended, records, picked, task.seated, **asked)
 

@@ -224,6 +224,7 @@ def _solution(asked: PoseTask, posed: Poses, read: Read) -> Solution:
         code=_code(asked, posed),
         steps=jnp.asarray(INTERVALS),
         rejected=jnp.asarray(0),
+        cuts=jnp.asarray(0),
         energy_residual=jnp.asarray(jnp.nan),
         end_time=asked.t1,
         records=tuple(None for _ in posed.picked),

@@ -43,7 +43,8 @@ class Solution(Module):
     - `initial`: the state at the start, shape (n,); `final`: the state at the end, which was reached at `end_time` [s].
     - `code`: how the solve ended (`codes.Result`); `succeeded`: whether it reached t1; `message`: why not, in words.
       Inside jit, vmap or a derivative every other number of one that did not, but `end_time`, is NaN.
-    - `steps`, `rejected`: how many steps were made, and how many attempts were rejected.
+    - `steps`, `rejected`, `cuts`: how many steps were made, how many attempts were rejected, and how many of these
+      because they crossed a switch of a law (a touch, a separation, a change of formula); the others for their error.
     - `energy_balance`: whether the states have the energy balance's integrals.
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged: a measure of the error.
     - `records`, `picked`: what the observers of metrics recorded, and the states that they picked, one entry for each.
@@ -61,6 +62,7 @@ class Solution(Module):
     code: Int[Array, ""]
     steps: Int[Array, ""]
     rejected: Int[Array, ""]
+    cuts: Int[Array, ""]
     energy_residual: Float[Array, ""]
     end_time: Float[Array, ""]
     records: tuple = ()
@@ -209,11 +211,14 @@ def _ending(solution: Solution) -> str:
     ended = f"stopped ({solution.message})" if solution.message else "reached t1"
     if solution.validity is not None:
         return f"{solution.mechanism.name}: quasi-static, {ended} at t = {float(solution.end_time):.6g} s"
-    line = (
-        f"{solution.mechanism.name}: {ended} at t = {float(solution.end_time):.6g} s, {int(solution.steps)} steps "
-        f"({int(solution.rejected)} rejected)"
-    )
+    line = f"{solution.mechanism.name}: {ended} at t = {float(solution.end_time):.6g} s, {attempts(solution)}"
     return line + (f", energy residual {float(solution.energy_residual):.1e}" if solution.energy_balance else "")
+
+
+def attempts(solution: Solution) -> str:
+    """The steps of one solve, and its rejected attempts by reason."""
+    steps, rejected, cuts = (int(count) for count in (solution.steps, solution.rejected, solution.cuts))
+    return f"{steps} steps ({rejected} attempts rejected: {cuts} across a switch, {rejected - cuts} for their error)"
 
 
 def summary_of_batch(solution: Solution) -> str:

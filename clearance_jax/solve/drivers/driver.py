@@ -151,7 +151,7 @@ def integrate(task: SolveTask, options: Settings, moving_breaks: bool = False, m
     assert out.ys is not None
     state: Any = out.controller_state
     record = state.record if options.observers else ()
-    counts = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
+    counts = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"], state.control.cuts
     sampled = (out.ts[1], out.ys[1]) if by_diffrax else None
     if at is not None and not by_diffrax:
         sampled = jnp.where(jnp.arange(at.size) < state.samples.count, at, jnp.inf), state.samples.y
@@ -170,7 +170,6 @@ def _by_diffrax(task: SolveTask, options: Settings, moving_breaks: bool, subs: l
     at = task.save_at if samples else None
     # To pyright the abstract rtol, atol and norm are fields, not properties.
     controller = Controller(options, means_of(options, task.allowed), at)  # pyright: ignore[reportCallIssue]
-    asked = bool(options.observers) or at is not None
     return diffrax.diffeqsolve(
         diffrax.ODETerm(_own_field),
         Stepper(options, moving_breaks),
@@ -179,7 +178,7 @@ def _by_diffrax(task: SolveTask, options: Settings, moving_breaks: bool, subs: l
         None,
         task.start,
         args=task.problem,
-        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), *subs], controller_state=asked),
+        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), *subs], controller_state=True),
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
         max_steps=options.max_steps,

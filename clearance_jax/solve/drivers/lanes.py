@@ -75,7 +75,8 @@ def _integrate(task: SolveTask, options: Settings) -> Outcome:
     code = jnp.where(carry.collapsed, int(Result.STEP_COLLAPSED), int(Result.MAX_STEPS))
     code = jnp.where((carry.time < last) | carry.collapsed, code, int(Result.REACHED_END))
     sampled = None if task.save_at is None else (times[:-1], samples[:-1])
-    return Outcome(carry.y, carry.time, sampled, carry.record, code, carry.accepted, carry.rejected)
+    counts = carry.accepted, carry.rejected, carry.control.cuts
+    return Outcome(carry.y, carry.time, sampled, carry.record, code, *counts)
 
 
 def _sample(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):

@@ -167,7 +167,7 @@ def trace(
     done = np.isfinite(sampled[:, 0])
     residual = _residual(problem.mechanism, (start, time[-1]), (first, y[-1]))
     at, known, last, end, number = jax.device_put((grid[done], sampled[done], y[-1], time[-1], np.asarray(int(code))))
-    counts = carry.accepted, carry.rejected
+    counts = carry.accepted, carry.rejected, carry.control.cuts
     asked = {"seated": errors.seated, "sampled": settings.save_at is not None}
     solution = Solution(at, known, first, last, number, *counts, residual, end, **asked)
     warn_of_energy(solution)

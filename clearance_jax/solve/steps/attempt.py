@@ -40,7 +40,9 @@ class SolveTask(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The last state and its time; samples; the observers' records; a `codes.Result`; steps kept and rejected."""
+    """The last state and its time; samples; the observers' records; a `codes.Result`; steps kept and rejected,
+    and how many of the latter because they crossed an event.
+    """
 
     final: Array
     end_time: Each
@@ -49,6 +51,7 @@ class Outcome(NamedTuple):
     code: Array
     accepted: Array
     rejected: Array
+    cuts: Array
 
 
 def means_of(options: Settings, allowed) -> Means:
@@ -134,7 +137,7 @@ def attempt(
 
 def start_carry(problem: Problem, options: Settings, means: Means, t0: Each, t1: Each, y0: Array) -> Carry:
     """The carry before the first attempt."""
-    end = jnp.minimum(each_lane(first_end, t0)(problem, t0, t1, y0, means), t1)
+    end = jnp.minimum(first_end(problem, t0, t1, y0, means), t1)
     yes, no, none = (jnp.full(jnp.shape(t0), value) for value in (True, False, 0))
     record = each_lane(start_records, t0)(options, t0, y0, problem)
     return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(t0), record, none, none, no)

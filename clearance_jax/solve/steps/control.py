@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._basis.types import Each, EachFlag, Scalar
+from clearance_jax._basis.types import Each, EachFlag
 from clearance_jax._compile.barriers import share
-from clearance_jax._compile.lane_axis import component_axis, each_lane, sum_components
+from clearance_jax._compile.lane_axis import component_axis, each_lane, least, sum_components
 from clearance_jax.mechanism._base import breaks_near
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.steps.events import curves, first_event
@@ -38,19 +38,20 @@ NEAR = 0.1
 
 class Control(NamedTuple):
     """Memory from try to try: the step size without the cut (`natural`; 0: not cut), a factor on how far past an event
-    a cut step ends (`reach`), because shorter cuts have not left the event behind, and whether the last kept step had
-    been cut.
+    a cut step ends (`reach`), because shorter cuts have not left the event behind, whether the last kept step had been
+    cut, and how many tries were rejected because they crossed an event (`cuts`).
     """
 
     natural: Array
     reach: Array
     after_cut: EachFlag
+    cuts: Array
 
     @staticmethod
     def begin(time: Each) -> "Control":
         """Before the first try."""
         shape = jnp.shape(time)
-        return Control(jnp.zeros(shape), jnp.ones(shape), jnp.zeros(shape, bool))
+        return Control(jnp.zeros(shape), jnp.ones(shape), jnp.zeros(shape, bool), jnp.zeros(shape, int))
 
 
 class Verdict(NamedTuple):
@@ -168,7 +169,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
         clipped = jnp.minimum(clipped, start + means.longest)
     natural = jnp.where(clipped < end, jnp.maximum(natural, end - start), natural)
     collapsed = ~accurate & (h <= 8 * _EPS * jnp.abs(t1))
-    return Decision(keep, start, clipped, past, Control(natural, reach, after_cut), collapsed)
+    return Decision(keep, start, clipped, past, Control(natural, reach, after_cut, control.cuts + cut), collapsed)
 
 
 def factor(error: Each, accurate: EachFlag, order: float) -> Each:
@@ -177,16 +178,21 @@ def factor(error: Each, accurate: EachFlag, order: float) -> Each:
     return jnp.clip(wanted, jnp.where(accurate, 1.0, SHRINK), GROW)
 
 
-def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means) -> Scalar:
+def first_end(problem: Problem, t0: Each, t1: Each, y0: Array, means: Means) -> Each:
     """End of the first try, a ten thousandth of the state's own time: a small start costs little, misses no impact."""
-    first, unit = motion(problem, y0), means.allowed.unit
-    places = first[problem.places]
-    moved = problem.place_rates(first)
-    pace = jnp.max(jnp.abs(moved) / (unit[problem.places] + jnp.abs(places)), initial=0.0)
-    rate = jnp.maximum(pace, means.allowed.rate)
-    # `fmin`: of a state that is no number too a try has an end, and so its step size can collapse.
-    step = jnp.fmin(1e-4 / jnp.maximum(rate, 1e-300), 1e-3 * (t1 - t0))
-    return before_break(breaks_near(problem.mechanism, t0), t0, t0 + on_grid(step))
+
+    def first_step(problem, t0, t1, y0, means):
+        first, unit = motion(problem, y0), means.allowed.unit
+        places = first[problem.places]
+        moved = problem.place_rates(first)
+        pace = jnp.max(jnp.abs(moved) / (unit[problem.places] + jnp.abs(places)), initial=0.0)
+        rate = jnp.maximum(pace, means.allowed.rate)
+        # `fmin`: of a state that is no number too a try has an end, and so its step size can collapse.
+        return jnp.fmin(1e-4 / jnp.maximum(rate, 1e-300), 1e-3 * (t1 - t0))
+
+    step = each_lane(first_step, t0)(problem, t0, t1, y0, means)
+    breaks = each_lane(breaks_near, t0)(problem.mechanism, t0)
+    return before_break(breaks, t0, t0 + on_grid(step))
 
 
 def before_break(breaks: Array, t0: Each, t1: Each) -> Each:
@@ -194,8 +200,7 @@ def before_break(breaks: Array, t0: Each, t1: Each) -> Each:
     if breaks.shape[0] == 0:
         return t1
     margin = 4 * _EPS * jnp.abs(breaks)
-    ahead = jnp.where(breaks - 2 * margin > t0, breaks - margin, jnp.inf)
-    return jnp.minimum(t1, jnp.min(ahead, axis=0))
+    return jnp.minimum(t1, least(jnp.where(breaks - 2 * margin > t0, breaks - margin, jnp.inf)))
 
 
 def past_break(breaks: Array, keep: EachFlag, t0: Each) -> tuple[Each, EachFlag]:
@@ -204,8 +209,9 @@ def past_break(breaks: Array, keep: EachFlag, t0: Each) -> tuple[Each, EachFlag]
         return t0, jnp.zeros(jnp.shape(t0), bool)
     margin = 4 * _EPS * jnp.abs(breaks)
     here = keep & (jnp.abs(breaks - t0) <= 2 * margin) & (breaks > t0)
-    at_break = jnp.any(here, axis=0)
-    return jnp.where(at_break, jnp.max(jnp.where(here, breaks + margin, -jnp.inf), axis=0), t0), at_break
+    past = -least(jnp.where(here, -breaks - margin, jnp.inf))
+    at_break = past > -jnp.inf
+    return jnp.where(at_break, past, t0), at_break
 
 
 def on_grid(step: Each) -> Each:
