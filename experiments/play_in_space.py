@@ -260,7 +260,8 @@ def lanes(end: float) -> None:
             )
             return found.final, found.steps + found.rejected
 
-        alone, batch, given = jax.jit(solve), jax.jit(jax.vmap(solve)), jnp.linspace(0.5, 1.5, BATCH) * BARREL["radial"]
+        alone, batch = jax.jit(solve), jax.jit(jax.vmap(solve))
+        given = jnp.linspace(0.5, 1.5, BATCH) * BARREL["radial_clearance"]
         middle = given[BATCH // 2]
         clock = time.process_time()
         attempts = batch(given)[1]
@@ -287,8 +288,8 @@ def to_zero(axes: str, halvings: int) -> None:
     for k in range(halvings + 1):
         scale, numbers = 0.5**k, {}
         for name in names:
-            numbers[f"{name}.radial_clearance"] = scale * SLEEVE["radial"]
-            numbers[f"{name}.axial_clearance"] = scale * SLEEVE["axial"]
+            numbers[f"{name}.radial_clearance"] = scale * SLEEVE["radial_clearance"]
+            numbers[f"{name}.axial_clearance"] = scale * SLEEVE["axial_clearance"]
             for part in ("pin", "sleeve"):
                 modulus = f"{name}.normal.stiffness.{part}_modulus"
                 numbers[modulus] = STIFFER * scale**-1.5 * given[modulus].value

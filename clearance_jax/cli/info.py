@@ -53,7 +53,9 @@ def info(
     _print_terms(mechanism)
     for line in _modes_words(mechanism):
         common.console.print(line, highlight=False)
-    common.console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
+    loops = ", the body of each loop once" if mechanism.form.is_table else ""
+    counted = f"{_operations(mechanism)} operations (compiler's count{loops})"
+    common.console.print(f"one evaluation of the vector field: {counted}")
     for table in (_limits(mechanism), _parameters(mechanism)):
         if table.row_count:
             common.console.print(table)

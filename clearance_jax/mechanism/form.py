@@ -9,10 +9,11 @@ from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.tree.tree import AbstractJoint
 
 # A mechanism in space becomes a table if its free velocities and conditions of ideal closures are more than UNROLLED
-# (with play: PLAYED), or if its coordinates are more than FRAMED; with play, free velocities of joints that take up all
-# forces do not count. Written out it runs many times faster, as a table it compiles sooner. Play makes so many steps
-# that the time of an attempt decides; without play the time of compiling does.
-UNROLLED, PLAYED, FRAMED = 16, 40, 40
+# (with play: PLAYED), or if its coordinates are more than FRAMED. With play, free velocities of joints that take up all
+# forces do not count, up to WHOLE coordinates (ten sleeves in a chain have 60). Written out it runs several times
+# faster, as a table it compiles sooner. Play makes so many steps that the time of an attempt decides; without play the
+# time of compiling does.
+UNROLLED, PLAYED, FRAMED, WHOLE = 16, 40, 40, 64
 
 
 class EquationForm(NamedTuple):
@@ -36,7 +37,7 @@ class EquationForm(NamedTuple):
     @property
     def spared(self) -> int:
         """The number of free velocities that does not count."""
-        return self.loose if self.has_play else 0
+        return self.loose if self.has_play and self.coordinates <= WHOLE else 0
 
     @property
     def size(self) -> int:
@@ -45,7 +46,7 @@ class EquationForm(NamedTuple):
 
     @property
     def is_table(self) -> bool:
-        """Whether it is a loop over a table of links."""
+        """Whether it is loops over a table of links."""
         many = self.size > self.most or self.coordinates - self.spared > FRAMED
         return many and not self.is_plane
 
@@ -61,7 +62,7 @@ class EquationForm(NamedTuple):
                 if self.size > self.most
                 else f"{self.coordinates} coordinates in all, more than {FRAMED}"
             )
-            return f"a loop over a table of its links ({size}: {why}; it compiles sooner and runs slower)"
+            return f"loops over a table of its links ({size}: {why}; it compiles sooner and runs slower)"
         rest = f", {self.spared} of them in joints that take up all forces" if self.spared else ""
         return f"written out number by number{how} ({size}{rest}; a table from {self.most + 1} on)"
 

@@ -40,7 +40,7 @@ class PreparedMechanism(AbstractMechanism):
 
     @property
     def is_tabled(self) -> bool:
-        """Whether its dynamics is a loop over a table of its links."""
+        """Whether its dynamics is loops over a table of its links."""
         return self.links is not None or self.form.is_table
 
     def _with_joints(self, change):

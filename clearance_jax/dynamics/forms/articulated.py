@@ -250,7 +250,7 @@ class ArticulatedFactors(AbstractFactors):
 
 def chain_barriers(count: int, is_plane: bool) -> Callable:
     """The barriers between the links of a chain of so many free velocities: without them each would be computed again
-    for every link beyond. (A program that is read, `EquationForm.once`, has its own.)
+    for every link beyond. (A program that is read, `_compile.once`, has its own.)
     """
     return with_barriers if not is_plane else share if count >= DEEP else lambda tree: tree
 

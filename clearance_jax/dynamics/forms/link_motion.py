@@ -95,7 +95,8 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
     given = (
         np.array([parent if parent >= 0 else count for parent in plan.parents]),
         np.arange(count),
-        links.turned @ inner,
+        links.turned,
+        inner,
         links.offset,
         (sliding * q)[:, None] * links.axis,
         (sliding * v)[:, None] * links.axis,
@@ -107,9 +108,9 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
     begin = Motions(jnp.broadcast_to(jnp.eye(3), (count + 1, 3, 3)), *[still] * 5)
 
     def once(motions: Motions, link):
-        parent, i, rows, offset, slide, slide_rate, slide_acceleration, own_spin, own_spin_rate = link
+        parent, i, before, within, offset, slide, slide_rate, slide_acceleration, own_spin, own_spin_rate = link
         at = jax.tree.map(lambda x: x[parent], motions)
-        rotation = at.rotation @ rows
+        rotation = at.rotation @ before @ within
         moved, step = rotation @ slide_rate, rotation @ slide
         arm = at.rotation @ offset + step
         spin = rotation @ own_spin

@@ -4,6 +4,8 @@
 Moments are about the centre of mass of the whole.
 """
 
+import functools
+from collections.abc import Iterable, Sequence
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
@@ -55,6 +57,28 @@ def columns_in_tree(plan: Order, masks: Masks, free: int) -> tuple[Tree, dict[in
     return Tree(tuple(parents), tuple(places), free), last
 
 
+# Term by term: XLA gives reductions and products of large arrays to a library, whose call ends a compiled loop.
+
+
+def add_up(terms: Iterable[Array]) -> Array:
+    """The sum of arrays of one shape."""
+    return functools.reduce(jnp.add, terms)
+
+
+def apply_each(matrices: Float[Array, "n i k"], vectors: Float[Array, "n k"]) -> Float[Array, "n i"]:
+    """The products of matrices with vectors."""
+    return add_up(matrices[:, :, k] * vectors[:, k, None] for k in range(vectors.shape[1]))
+
+
+def turn_each(rotations: Float[Array, "n 3 3"], tensors: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
+    """Tensors, given in turned axes, in the axes of the world."""
+
+    def products(a, b):
+        return add_up(a[:, :, k, None] * b[:, k, None, :] for k in range(3))
+
+    return products(products(rotations, tensors), jnp.swapaxes(rotations, 1, 2))
+
+
 class TabledFrames(Frames):
     """Frames and dynamics of a large mechanism."""
 
@@ -73,18 +97,18 @@ class TabledFrames(Frames):
         self.carriers = np.where(carriers < 0, len(self.plan.coordinates), carriers)
         m = self.motions
         self.turned = m.rotation[self.carriers]
-        arms = jnp.einsum("bij,bj->bi", self.turned, links.centre)
+        arms = apply_each(self.turned, links.centre)
         spin, spin_rate = m.spin[self.carriers], m.spin_rate[self.carriers]
         self.spin, self.spin_rate = spin, spin_rate
         self.centres = m.place[self.carriers] + arms
         self.speeds = m.velocity[self.carriers] + jnp.cross(spin, arms)
         swing = jnp.cross(spin_rate, arms) + jnp.cross(spin, jnp.cross(spin, arms))
         self.accelerations = m.acceleration[self.carriers] + swing
-        self.inertias = self.turned @ links.inertia @ jnp.swapaxes(self.turned, 1, 2)
+        self.inertias = turn_each(self.turned, links.inertia)
         whole = jnp.sum(links.mass)
         self.origin = links.mass @ self.centres / jnp.where(whole > 0, whole, 1.0)
         where = np.array(self.masks.links)
-        axes = jnp.einsum("cij,cj->ci", m.rotation[where], local[where] + self.masks.local)
+        axes = apply_each(m.rotation[where], local[where] + self.masks.local)
         turns = self.masks.turns[:, None]
         self.column_spins = turns * axes
         self.column_slides = turns * jnp.cross(axes, self.origin[None] - m.place[where]) + (1 - turns) * axes
@@ -162,7 +186,7 @@ class TabledFrames(Frames):
         added = as_array([turning.get(i, 0.0) for i in range(self.tree.count)])
         if firm:
             whole = self.tree.inward(inertias)[:-1]
-            diagonal = added + self.tree.of_mechanism(jnp.einsum("ci,cij,cj->c", self.axes, whole, self.axes))
+            diagonal = added + self.tree.of_mechanism(jnp.sum(self.axes * apply_each(whole, self.axes), 1))
             added = added + diagonal * as_array([firm.get(i, 1.0) - 1.0 for i in range(self.tree.count)])
         return factor_tree(self.tree, self.axes, inertias, self.tree.in_tree(added))
 
@@ -170,20 +194,21 @@ class TabledFrames(Frames):
         """By column in the order of the tree, the inertia of the bodies that it carries itself, about the origin."""
         mass, arms = self.links.mass, self.centres - self.origin[None]
         moments, unit = mass[:, None] * arms, jnp.eye(3)
-        square = jnp.einsum("bi,bi->b", moments, arms)
+        square = jnp.sum(moments * arms, 1)
         about = self.inertias + square[:, None, None] * unit[None] - moments[:, :, None] * arms[:, None, :]
         # hat @ v is moments x v.
         hat = jnp.cross(moments[:, None, :], unit[None]).swapaxes(1, 2)
         upper = jnp.concatenate([about, hat], 2)
         lower = jnp.concatenate([-hat, mass[:, None, None] * unit[None]], 2)
-        return self.by_holder(jnp.concatenate([upper, lower], 1))
+        return self.by_holder(jnp.concatenate([upper, lower], 1), self.holders)
 
-    def by_holder(self, of_bodies: Array) -> Array:
-        """By column in the order of the tree (the ground's row behind): the sum over the bodies that it carries."""
-        rows = [[i for i, holder in enumerate(self.holders) if holder == k] for k in range(self.tree.count + 1)]
-        most, none = max(map(len, rows)), len(self.holders)
+    def by_holder(self, values: Array, holders: Sequence[int]) -> Array:
+        """By column in the order of the tree (the ground's row behind): the sum of the values that it carries."""
+        rows = [[i for i, holder in enumerate(holders) if holder == k] for k in range(self.tree.count + 1)]
+        most, none = max(map(len, rows)), len(holders)
         filled = np.array([row + [none] * (most - len(row)) for row in rows])
-        return jnp.sum(jnp.concatenate([of_bodies, jnp.zeros((1, *of_bodies.shape[1:]))])[filled], axis=1)
+        padded = jnp.concatenate([values, jnp.zeros((1, *values.shape[1:]))])
+        return add_up(padded[places] for places in filled.T)
 
     def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
         """Weight minus inertia forces of the bodies and their moments about the origin, (bodies, 3) each."""
@@ -192,8 +217,8 @@ class TabledFrames(Frames):
             more, more_spin = self.add_accelerations(as_array(acceleration))
             at, spin_rate = at + more, spin_rate + more_spin
         force = self.links.mass[:, None] * (as_array(self.mechanism.gravity.vector)[None] - at)
-        momentum = jnp.einsum("bij,bj->bi", self.inertias, self.spin)
-        turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate) + jnp.cross(self.spin, momentum)
+        momentum = apply_each(self.inertias, self.spin)
+        turning = apply_each(self.inertias, spin_rate) + jnp.cross(self.spin, momentum)
         return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
     def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
@@ -225,26 +250,29 @@ class TabledFrames(Frames):
     def project(self, pairs: list[Pair], acceleration: list[Term] | None) -> Array:
         """The bodies' wrenches and those of pairs projected on the columns, free ones first."""
         force, moment = self.deficits(acceleration)
-        names = [body.name for body in self.mechanism.bodies]
-        for pair in pairs:
-            push, arm = as_array(pair.force), as_array(pair.at) - self.origin
-            turning = as_array(pair.torque) + jnp.cross(arm, push)
-            for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
-                on = sign * np.array([float(name == other) for other in names])
-                force, moment = force + on[:, None] * push[None], moment + on[:, None] * turning[None]
-        whole = self.tree.inward(self.by_holder(jnp.concatenate([moment, force], 1)))[:-1]
+        holders = {GROUND: self.tree.count}
+        holders |= {body.name: holder for body, holder in zip(self.mechanism.bodies, self.holders, strict=True)}
+        on, wrenches = list(self.holders), [jnp.concatenate([moment, force], 1)]
+        if pairs:
+            push = jnp.stack([as_array(pair.force) for pair in pairs])
+            arms = jnp.stack([as_array(pair.at) for pair in pairs]) - self.origin[None]
+            turning = jnp.stack([as_array(pair.torque) for pair in pairs]) + jnp.cross(arms, push)
+            pushed = jnp.concatenate([turning, push], 1)
+            on += [holders[pair.child] for pair in pairs] + [holders[pair.parent] for pair in pairs]
+            wrenches += [pushed, -pushed]
+        whole = self.tree.inward(self.by_holder(jnp.concatenate(wrenches), on))[:-1]
         return self.tree.of_mechanism(jnp.sum(self.axes * whole, axis=1))
 
     # Energies -------------------------------------------------------------------------------------------------------
 
     def energies(self):
         sliding = self.links.mass @ jnp.sum(self.speeds**2, axis=1)
-        kinetic = 0.5 * (sliding + jnp.einsum("bi,bij,bj->", self.spin, self.inertias, self.spin))
+        kinetic = 0.5 * (sliding + jnp.sum(self.spin * apply_each(self.inertias, self.spin)))
         return kinetic, -self.links.mass @ (self.centres @ as_array(self.mechanism.gravity.vector))
 
     def kinetic_exchange(self, acceleration):
         at, spin_rate = self.add_accelerations(as_array(acceleration))
         at, spin_rate = self.accelerations + at, self.spin_rate + spin_rate
-        turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate)
+        turning = apply_each(self.inertias, spin_rate)
         sliding = self.links.mass @ jnp.sum(jnp.abs(self.speeds * at), axis=1)
         return sliding + jnp.sum(jnp.abs(self.spin * turning))

@@ -1,8 +1,8 @@
 """A large mechanism in space as a table: its coordinates and bodies as rows of arrays.
 
-Written out number by number, a mechanism of thirty coordinates takes minutes to compile. With a table the sweep from
-the ground is a loop over its links, and the rest a few products of arrays. A link is one elementary coordinate: what is
-fixed before it, then its motion.
+Written out number by number, the program of a mechanism grows with its coordinates. With a table the sweep from the
+ground is a loop over its links, and inertia and loads are a few loops over their columns. A link is one elementary
+coordinate: what is fixed before it, then its motion.
 """
 
 from typing import NamedTuple
@@ -162,5 +162,6 @@ def rodrigues(axis: Float[Array, "links 3"], sine: Float[Array, " links"], cosin
     """The matrices of turns about unit axes, (links, 3, 3)."""
     x, y, z = axis[:, 0], axis[:, 1], axis[:, 2]
     o = jnp.zeros_like(x)
-    k = jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)  # a cross product
-    return jnp.eye(3)[None] + sine[:, None, None] * k + (1 - cosine)[:, None, None] * (k @ k)
+    k = jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)  # a cross product; `twice` is two
+    twice = axis[:, :, None] * axis[:, None, :] - (x * x + y * y + z * z)[:, None, None] * jnp.eye(3)[None]
+    return jnp.eye(3)[None] + sine[:, None, None] * k + (1 - cosine)[:, None, None] * twice
