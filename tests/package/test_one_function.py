@@ -141,3 +141,14 @@ def test_a_motion_with_loops_or_payloads_is_one(scene):
     """With one scatter in its field a motion takes 25 times its time."""
     mechanism = cj.load(SCENES / f"{scene}.toml")
     assert marked(lambda end: cj.simulate(mechanism, end).final, 0.01)
+
+
+def test_a_batch_on_a_trajectory_of_many_points_is_one():
+    """The next break of 64 lanes is searched among 80."""
+    mechanism, times = cj.load(SCENES / "slider_crank.toml"), np.linspace(0.0, 0.02, 80)
+    mechanism = mechanism.with_drives({"main": cj.drives.Spline(times, 500 * times)})
+
+    def end(clearance):
+        return cj.simulate(cj.replace(mechanism, {"wrist.radial_clearance": clearance}), 0.01, energy_balance=False).final
+
+    assert marked(jax.vmap(end), jnp.linspace(1e-4, 5e-4, 64))
