@@ -9,10 +9,14 @@ by its number of points. *Contact alone* leaves out the equations of motion.
 
 *Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, 40 mm long, 8 stations,
 steel on bronze, no friction) in one axis, in three or in all six, without axial play and with it (100 um, 8 points of
-the faces). *Form* is the form of the equations of motion: one operation for each number, or a loop over a table.
+the faces). *Form* is the form of the equations of motion: one operation for each number, or loops over a table.
 *Program* is the processor time [s] of tracing and compiling without a cache. *Solve* is the time of the second call.
 MuJoCo steps the ideal arm, falling freely; `PINOCCHIO_PYTHON` names an interpreter that has `mujoco`
 (`python -m venv there; there/bin/pip install mujoco`).
+
+*Chains*: sleeves without axial play one behind the other, each on an axis that turns to and fro, and plane chains of
+pins with play, each link free to turn; from the start at rest to the first milliseconds. *A try* is an attempt at a
+step.
 
 *Lanes*: the same arms without axial play, as a batch (each motion is a lane) with radial clearances from half to one
 and a half times 50 um, and one of them alone for comparison. All lanes of a batch run until the slowest one ends.
@@ -59,6 +63,7 @@ LANES, EVALUATIONS, ROUNDS = 64, 2000, 9
 BARREL = {"kind": "sleeve", "radial_clearance": 5e-5, "length": 0.04, "pin_radius": 0.015}
 SLEEVE = BARREL | {"axial_clearance": 1e-4}
 AXES = ("5", "235", "123456")
+CHAINS, PINS = (5, 10, 20, 40), (6, 12, 24)
 BATCH, BATCH_END = 256, 0.005
 RTOL = 1e-6
 # A sleeve of 40 mm that holds the weight of an arm by its edges gives by as much as its clearance: as steel and bronze
@@ -223,14 +228,24 @@ def arms(end: float) -> None:
     for name, mechanism in cases:
         solution, program, again = solved(mechanism, end)
         free = len(mechanism.free_coordinates()), points(mechanism), form(mechanism)
-        steps = int(solution.steps), int(solution.rejected)
+        steps = int(solution.steps), int(solution.rejected), int(solution.cuts)
         residual = f"{float(solution.energy_residual):.1e}"
         rows.append(
-            (name, *free, f"{program:.0f}", f"{again:.2f}", *steps, f"{1e6 * again / sum(steps):.0f}", residual)
+            (name, *free, f"{program:.0f}", f"{again:.2f}", *steps, f"{1e6 * again / sum(steps[:2]):.0f}", residual)
         )
         print(rows[-1], flush=True)
         with_one = again if name == "arm, 1 sleeve" else with_one
-    head = ("scene", "free coordinates", "points", "form", "program [CPU s]", "solve [s]", "steps", "rejected")
+    head = (
+        "scene",
+        "free coordinates",
+        "points",
+        "form",
+        "program [CPU s]",
+        "solve [s]",
+        "steps",
+        "rejected",
+        "for a cut",
+    )
     table((*head, "us a try", "residual"), rows, output("play_in_space_arms.md"))
     say(f"Span {end} s, rtol {RTOL}, with energy balance.")
     interpreter = os.environ.get("PINOCCHIO_PYTHON")
@@ -245,6 +260,48 @@ def arms(end: float) -> None:
     found = json.loads(ended.stdout)
     beside = f"{found['program']} steps the ideal arm ({found['joints']} coordinates) over {end} s at 1e-4 s"
     say(f"{beside} in {found['seconds']:.4f} s; ours, with play in axis 5, takes {with_one:.2f} s.")
+
+
+def chain(count: int) -> cj.Mechanism:
+    """Bodies one behind the other, each in a sleeve with play on an axis that turns to and fro."""
+    bodies, joints = [], []
+    for i in range(count):
+        centre, drive = cj.Position(0.05, 0.0, 0.02), cj.drives.Harmonic(0.2, 3.0 + i)
+        bodies.append(cj.Body(f"b{i}", 1.0, cj.Inertia(0.01, 0.012, 0.015), centre))
+        holder, place = (f"b{i - 1}", cj.Position(0.0, 0.0, 0.2)) if i else ("ground", cj.Position())
+        joints.append(cj.Revolute(f"j{i}", holder, f"b{i}", place, axis="xyz"[i % 3], motion=cj.Motion(drive)))
+    mechanism = cj.Mechanism(tuple(bodies), tuple(joints), gravity=cj.Gravity(0.0, 0.0, -9.81))
+    for joint in joints:
+        mechanism = mechanism.with_clearance(joint.name, **BARREL)
+    return mechanism
+
+
+def pins(count: int) -> cj.Mechanism:
+    """A plane chain that hangs to one side, each link on a pin with play."""
+    contact = cj.laws.HuntCrossley(1e9, 0.5)
+    bodies = tuple(cj.Body(f"b{i}", 1.0, 0.01, cj.Position(0.1)) for i in range(count))
+    joints = []
+    for i in range(count):
+        holder, place = (f"b{i - 1}", cj.Position(0.2)) if i else ("ground", cj.Position())
+        played = cj.RevoluteClearance(1e-4, 0.01, contact)
+        joints.append(cj.Revolute(f"j{i}", holder, f"b{i}", place, clearance=played))
+    return cj.Mechanism(bodies, tuple(joints), gravity=cj.Gravity(0.0, -9.81))
+
+
+def chains(end: float) -> None:
+    """How programs and attempts grow with the bodies of a chain."""
+    rows = []
+    cases = [(f"{count} sleeves", chain(count)) for count in CHAINS]
+    cases += [(f"{count} pins", pins(count)) for count in PINS]
+    for name, mechanism in cases:
+        solution, program, again = solved(mechanism, end)
+        tries = int(solution.steps) + int(solution.rejected)
+        size = len(mechanism.free_coordinates()), points(mechanism), form(mechanism)
+        rows.append((name, *size, f"{program:.0f}", f"{again:.2f}", tries, f"{1e6 * again / tries:.0f}"))
+        print(rows[-1], flush=True)
+    head = ("chain", "free coordinates", "points", "form", "program [CPU s]", "solve [s]", "tries", "us a try")
+    table(head, rows, output("play_in_space_chains.md"))
+    say(f"Span {end} s, rtol {RTOL}, with energy balance.")
 
 
 def lanes(end: float) -> None:
@@ -358,6 +415,7 @@ def main(quick: bool = False) -> None:
         return
     ladder(0.1)
     arms(0.5)
+    chains(0.004)
     lanes(BATCH_END)
     to_zero("123456", 4)
     stations((2, 4, 8, 16), 32)
