@@ -176,7 +176,8 @@ class BranchAndBound:
             raise KeyboardInterrupt
         if stop_reason == SPENT:
             raise BudgetSpent
-        if stop_reason:
+        # A search may fail for the very reason that nothing in its box holds.
+        if stop_reason and not self._hopeless(lower, upper):
             self._doubts.append(stop_reason)
         # A search that stopped early has an optimum only if it reached a feasible point itself: others are from before.
         if box.best is None or (stop_reason and not any(point.feasible for point in box.asked)):
