@@ -69,7 +69,7 @@ def simulated(mechanism, y, end):
         worked = -jax.vjp(lambda x: depths(time, y, x), x)[1](force)[0]
         return jnp.zeros_like(y).at[plan.q].set(y[plan.v]).at[plan.v].set(accelerations(mechanism, time, y, worked))
 
-    solution = solve_ivp(lambda t, y: np.asarray(slope(t, y)), (0.0, end), y, "DOP853", rtol=1e-11, atol=1e-14)
+    solution = solve_ivp(lambda t, y: np.asarray(slope(t, y)), (0.0, end), y, "DOP853", rtol=1e-12, atol=1e-15)
     deepest = jax.jit(jax.vmap(lambda t, y: jnp.max(depths(t, y, jnp.zeros(plan.free)))))
     return solution.y[:, -1], float(np.max(deepest(solution.t, solution.y.T)))
 
