@@ -149,6 +149,7 @@ def test_a_batch_on_a_trajectory_of_many_points_is_one():
     mechanism = mechanism.with_drives({"main": cj.drives.Spline(times, 500 * times)})
 
     def end(clearance):
-        return cj.simulate(cj.replace(mechanism, {"wrist.radial_clearance": clearance}), 0.01, energy_balance=False).final
+        loose = cj.replace(mechanism, {"wrist.radial_clearance": clearance})
+        return cj.simulate(loose, 0.01, energy_balance=False).final
 
     assert marked(jax.vmap(end), jnp.linspace(1e-4, 5e-4, 64))
