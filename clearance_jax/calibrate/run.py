@@ -23,7 +23,7 @@ from clearance_jax.solve.settings import SolveOptions, settings_of
 
 # How often the search continues from a better fit at an end of a confidence interval.
 ROUNDS = 4
-UNSEEN = "the motion at the ends of the intervals was not compared with what the derivatives predict"
+UNSEEN = "at the ends of the intervals no motion was solved to check what the derivatives predict"
 
 
 def calibrate(

@@ -101,12 +101,12 @@ class AsDesigned(AbstractManufacture):
 class Band(AbstractManufacture):
     """Made clearances lie between `least` times the designed clearance and the designed clearance, which is their upper
     limit. The limits must hold at `points` values between these, the same in all joints, and at every corner of this
-    range for up to `corners` joints.
+    range, if there are at most `corners` joints.
     """
 
     least: float = physical("", above=0.0, below=1.0, help="the least share of the designed clearance", example="0.8")
     points: int = describe("values between, all joints alike", "3", least=2, most=1000, default=3)
-    corners: int = describe("joints up to whose number every corner is looked at", "3", most=12, default=3)
+    corners: int = describe("the largest number of joints whose corners are all judged", "3", most=12, default=3)
 
     def check(self):
         if not 0 < self.least < 1:

@@ -19,7 +19,7 @@ from clearance_jax.laws.normal.power_laws import EXPONENT, STIFF, STIFFNESS, pow
 from clearance_jax.parameters import physical
 
 RESTITUTION = "coefficient of restitution e"
-SLOWEST = "the least impact speed that it reckons with"
+SLOWEST = "slower impacts are damped as if they had this speed"
 
 
 class AbstractImpactLaw(AbstractNormalLaw):
