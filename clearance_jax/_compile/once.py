@@ -209,10 +209,11 @@ def _rolled(program: Jaxpr) -> Jaxpr:
 
 def _same(a: JaxprEqn, b: JaxprEqn) -> bool:
     """Whether calls compute the same (their rules of derivatives may differ). A text does not show everything."""
-    one, other = _callee(a), _callee(b)
-    if one is None or other is None or a.primitive is not b.primitive:
+    first, second = _callee(a), _callee(b)
+    if first is None or second is None or a.primitive is not b.primitive:
         return False
-    return one is other or (str(one) == str(other) and not a.effects and _is_plain(one) and _is_plain(other))
+    equal = str(first) == str(second) and not a.effects and _is_plain(first) and _is_plain(second)
+    return first is second or equal
 
 
 def _is_plain(program: ClosedJaxpr) -> bool:

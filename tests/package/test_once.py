@@ -123,7 +123,7 @@ def test_calls_in_a_row_become_a_loop():
         within = compute_once(jax.grad(function))
         assert float(jax.jit(within)(0.3)) == 3.0**20
         # Each call has a rule of its own, and whether they are the same is not known.
-        with pytest.raises(TypeError, match="take them within it"):
+        with pytest.raises(TypeError):
             jax.jacfwd(read)(0.3)
     halved = jax.jit(lambda x: jnp.sin(x / 2))
 
