@@ -81,8 +81,7 @@ def least(values: Array) -> Each:
     """The smallest along the first axis, of one motion or by lane."""
     if values.ndim == 1:
         return jnp.min(values)
-    # With lanes row by row: a reduction over the first axis would be a loop for every lane, and XLA gives a large one
-    # to a library, whose call ends a compiled loop.
+    # With lanes row by row: a reduction over the first axis would be a loop for every lane.
     rows = share(values)
     if len(rows) <= _WRITTEN:
         return functools.reduce(jnp.minimum, rows)

@@ -212,8 +212,9 @@ def _same(a: JaxprEqn, b: JaxprEqn) -> bool:
     first, second = _callee(a), _callee(b)
     if first is None or second is None or a.primitive is not b.primitive:
         return False
-    equal = str(first) == str(second) and not a.effects and _is_plain(first) and _is_plain(second)
-    return first is second or equal
+    if first is second:
+        return True
+    return str(first) == str(second) and not a.effects and _is_plain(first) and _is_plain(second)
 
 
 def _is_plain(program: ClosedJaxpr) -> bool:

@@ -139,7 +139,7 @@ class Frames(abc.ABC):
     @abc.abstractmethod
     def mass_matrix(self, firm: Mapping[int, Term] | None = None) -> AbstractFactors:
         """The factored mass matrix of the free coordinates; `firm`: factors on the inertia of some of them. (If it is
-        given, even empty, the matrix is written down first.)
+        given, even empty, the matrix is written down first, except in a table.)
         """
 
     @abc.abstractmethod

@@ -57,7 +57,7 @@ def columns_in_tree(plan: Order, masks: Masks, free: int) -> tuple[Tree, dict[in
     return Tree(tuple(parents), tuple(places), free), last
 
 
-# Term by term: XLA gives reductions and products of large arrays to a library, whose call ends a compiled loop.
+# Term by term: XLA gives products of large arrays to a library, whose call ends a compiled loop.
 
 
 def add_up(terms: Iterable[Array]) -> Array:
