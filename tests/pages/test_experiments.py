@@ -306,6 +306,7 @@ def test_gpu_with_the_cpu_in_its_place(tmp_path):
     assert float(median) <= float(largest) <= 1e-5
     assert float(slopes) <= 1e-2
     assert (tmp_path / "out" / "gpu_quick.md").exists()
+    assert (tmp_path / "out" / "gpu_sweeps_quick.md").read_text().count("sweep") == 3
 
 
 def test_without_a_gpu_nothing_is_written(tmp_path, monkeypatch, capsys):
