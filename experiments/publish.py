@@ -84,7 +84,7 @@ def stem(name: str) -> str:
 
 def head_of(name: str, doc: str) -> str:
     """What stands above what an experiment finds, by its module's name and documentation."""
-    title = stem(name).replace("_", " ").capitalize()
+    title = stem(name).replace("_", " ").capitalize().replace("Gpu", "GPU")
     where = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     stamp = f"*Written by `python -m {name} --save` at commit {commit()}; {where}.*"
     return "\n".join([f"# {title}\n", doc.strip() + "\n", stamp + "\n"])
