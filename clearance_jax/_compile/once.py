@@ -105,7 +105,7 @@ class _Writer:
                 else:
                     inside |= next(new) if _apart(equation) and uses[v] > 1 else kernels[v]
             called = _callee(equation)
-            if called is None and equation.primitive.name not in _LOOPS:
+            if called is None and equation.primitive.name not in _LOOPS and not _stacks(equation):
                 for v in _variables(equation.invars):
                     kernels[v] |= inside
                 continue
@@ -255,6 +255,11 @@ def _apart(equation: JaxprEqn) -> bool:
     """Whether XLA itself computes an equation's values once. (It makes a product of a division by a constant.)"""
     name = equation.primitive.name
     return name in _ONCE or (name == "div" and not isinstance(equation.invars[1], Literal))
+
+
+def _stacks(equation: JaxprEqn) -> bool:
+    """Whether an equation puts arrays side by side: XLA gives each of them a kernel. (Numbers share one.)"""
+    return equation.primitive.name == "concatenate" and any(v.aval.size > 1 for v in equation.invars)
 
 
 def _variables(atoms: Any) -> Iterator[Var]:

@@ -33,7 +33,7 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
     now = balance(mechanism, time, state)
     out = coordinate_values(mechanism, time, state) | point_motions(mechanism, now) | contacts(mechanism, now)
     axes = len(axes_of(mechanism))
-    exerted = reactions(mechanism, now)
+    exerted = reactions(mechanism, now).values()
     out["joint_reaction"] = jnp.stack([as_array(w.force[:axes]) for w in exerted])
     if axes == 3:
         out["joint_moment"] = jnp.stack([as_array(w.moment) for w in exerted])

@@ -5,7 +5,7 @@ this changes the loads of all joints: its moment about a joint's axis, and its f
 `pin_loads` reckons with it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -63,10 +63,10 @@ def by_joint(mechanism: PreparedMechanism, play: Sequence[Array]) -> dict[str, S
 
 def held_reactions(mechanism: PreparedMechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:
     """The reactions in the clearance joints, from a balance of the mechanism with pins held."""
-    ideal = mechanism.ideal().at(time)
-    exerted = dict(zip([j.name for j in ideal.all_joints()], reactions(ideal, now), strict=True))
+    joints = mechanism.clearance_joints()
+    exerted = reactions(mechanism.ideal().at(time), now, [joint.name for joint in joints])
     out = {}
-    for joint in mechanism.clearance_joints():
+    for joint in joints:
         (force, moment), (at, turned) = exerted[joint.name], pin_and_axes(joint, now.motion)
         out[joint.name] = Reaction(force, turned.undo(force), turned.undo(moment), at)
     return out
@@ -82,29 +82,34 @@ def determinate(ideal: PreparedMechanism) -> PreparedMechanism:
     return ideal
 
 
-def reactions(mechanism: PreparedMechanism, now: Balance) -> list[SpatialForce]:
-    """Force and moment on the child of every joint, tree then loops, in the world's axes, from the momentum of what
-    hangs on it. The moment is about the joint's place on the child. It includes the effort of a driven or actuated
-    joint, and both contact and holding forces of a joint with clearance.
+def reactions(
+    mechanism: PreparedMechanism, now: Balance, asked: Collection[str] | None = None
+) -> dict[str, SpatialForce]:
+    """Force and moment on the child of every joint (or of those `asked` for), by name, tree then loops, in the world's
+    axes, from the momentum of what hangs on it. The moment is about the joint's place on the child. It includes the
+    effort of a driven or actuated joint, and both contact and holding forces of a joint with clearance.
     """
     wrenches = now.motion.wrenches(now.acceleration)
     # The first pairs are those of the clearance joints, in the order of their actions.
     by_name = dict(zip(now.actions, now.pairs, strict=False))
     by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
-    out: list[SpatialForce] = []
+    out: dict[str, SpatialForce] = {}
     for joint in mechanism.joints:
+        if asked is not None and joint.name not in asked:
+            continue
         pivot, missing = now.motion[joint.child].pivot, wrenches[joint.child]
         force, moment = scale(-1.0, missing.force), scale(-1.0, missing.moment)
         beyond, joint_pair = mechanism.beyond(joint.child), by_name.get(joint.name)
         for pair in (*now.pairs, *now.closing):
-            if pair is joint_pair:
-                continue
             inside = float((pair.child in beyond) - (pair.parent in beyond))
+            if pair is joint_pair or not inside:
+                continue
             force = subtract(force, scale(inside, pair.force))
             turning = add(cross(subtract(pair.at, pivot), pair.force), pair.torque)
             moment = subtract(moment, scale(inside, turning))
-        out.append(SpatialForce(force, moment))
-    return out + [SpatialForce(by_name[loop.name].force, by_name[loop.name].torque) for loop in mechanism.loops]
+        out[joint.name] = SpatialForce(force, moment)
+    closing = {loop.name: by_name[loop.name] for loop in mechanism.loops}
+    return out | {name: SpatialForce(pair.force, pair.torque) for name, pair in closing.items()}
 
 
 class PinLoads(NamedTuple):

@@ -270,9 +270,9 @@ class Acceleration(AbstractSignal):
 
 def _reaction(mechanism: PreparedMechanism, name: str, time, y):
     """Force and moment on the child in a joint of any kind."""
-    index = index_of("joint", name, [joint.name for joint in mechanism.all_joints()])
+    index_of("joint", name, [joint.name for joint in mechanism.all_joints()])  # raises for another name
     mechanism = mechanism.at(time)
-    return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)))[index]
+    return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)), [name])[name]
 
 
 class JointReaction(AbstractSignal):

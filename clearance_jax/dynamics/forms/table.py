@@ -19,9 +19,9 @@ from clearance_jax.dynamics.forms.recursion import Tree, factor_tree
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State
-from clearance_jax.mechanism.tree.frame import Frame, JacobianColumn
+from clearance_jax.mechanism.tree.frame import Frame
 from clearance_jax.mechanism.tree.links import Masks, Order, links_of, masks, order
-from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtract, three
+from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, three
 
 
 class ColumnArrays(NamedTuple):
@@ -146,10 +146,10 @@ class TabledFrames(Frames):
             moves = self._movers(self.plan.carriers[body])
             n = self.count
             free = ColumnArrays(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
-            self._frames[body] = self._frame(body, moves), free
+            self._frames[body] = self._frame(body), free
         return self._frames[body]
 
-    def _frame(self, body: str, moves: np.ndarray) -> Frame:
+    def _frame(self, body: str) -> Frame:
         if body == GROUND:
             return Frame()
         m, i = self.motions, [other.name for other in self.mechanism.bodies].index(body)
@@ -166,18 +166,11 @@ class TabledFrames(Frames):
             spin_rate=three(spin_rate),
             acceleration=three(m.acceleration[link] + jnp.cross(spin_rate, arm) + jnp.cross(spin, swing)),
             pivot=three(m.place[link]),
-            prescribed=tuple(self._prescribed(int(k)) for k in np.flatnonzero(moves[self.count :]) + self.count),
         )
 
     def _movers(self, link: int) -> np.ndarray:
         """Which columns move a link."""
         return self.masks.beyond[:, link] if link >= 0 else np.zeros(len(self.masks.links))
-
-    def _prescribed(self, column: int) -> tuple[JacobianColumn, Term]:
-        link = self.masks.links[column]
-        axis = three(self.column_spins[column] if self.masks.turns[column] else self.column_slides[column])
-        pivot = three(self.motions.place[link]) if self.masks.turns[column] else None
-        return JacobianColumn(-1, axis, pivot), self.rates[link]
 
     # Inertia and loads ----------------------------------------------------------------------------------------------
 
@@ -231,13 +224,13 @@ class TabledFrames(Frames):
 
     def wrenches(self, acceleration):
         force, moment = self.deficits(acceleration)
-        out = {}
-        for joint in self.mechanism.joints:
-            beyond = self.mechanism.beyond(joint.child)
-            hanging = np.array([float(body.name in beyond) for body in self.mechanism.bodies])
-            whole = SpatialForce(three(hanging @ force), three(hanging @ moment))
-            out[joint.child] = whole.move(subtract(three(self.origin), self[joint.child].pivot))
-        return out
+        children = [joint.child for joint in self.mechanism.joints]
+        bodies = [body.name for body in self.mechanism.bodies]
+        hanging = np.array([[float(name in self.mechanism.beyond(child)) for name in bodies] for child in children])
+        pivots = self.motions.place[self.carriers[[bodies.index(child) for child in children]]]
+        forces = hanging @ force
+        moments = hanging @ moment + jnp.cross(self.origin[None] - pivots, forces)
+        return {child: SpatialForce(three(forces[k]), three(moments[k])) for k, child in enumerate(children)}
 
     def load_without_rotors(self, pairs, acceleration):
         load = self.project(pairs, acceleration)

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
+from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
@@ -195,22 +195,24 @@ def split(tree, directions):
 def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
     """`function(tree)`, its derivatives along the directions, and by leaf the varied leaves on which it depends."""
     varied, fixed = split(tree, directions)
-
-    def of(v):
-        return function(eqx.combine(v, fixed))
-
-    numbers, rest = eqx.partition(of(varied), eqx.is_inexact_array)
-    shape = jax.tree.structure(numbers)
+    # Traced once, for value, derivatives and dependences: to trace a settled start takes long.
+    program, out, rest = eqx.filter_make_jaxpr(lambda v: function(eqx.combine(v, fixed)))(varied)
+    leaves, shape = jax.tree.flatten(out)
+    smooth = [jnp.issubdtype(leaf.dtype, jnp.inexact) for leaf in leaves]
 
     def flat(v):
-        return jax.tree.leaves(eqx.filter(of(v), eqx.is_inexact_array))
+        values = jaxpr_as_fun(program)(*jax.tree.leaves(v))
+        return [x if moves else None for x, moves in zip(values, smooth, strict=True)], values
 
-    # The value of this call, not of the one above: what is computed twice is compiled twice.
-    value, rates = jax.vmap(lambda d: jax.jvp(flat, (varied,), (d,)), out_axes=(None, 0))(directions)
-    reached = _reach(flat, varied)
-    kept = [r if by else None for r, by in zip(rates, reached, strict=True)]
+    def along(direction):
+        _, rates, values = jax.jvp(flat, (varied,), (direction,), has_aux=True)
+        return values, rates
+
+    values, rates = jax.vmap(along, out_axes=(None, 0))(directions)
+    reached = [by if moves else frozenset() for by, moves in zip(_reach_of(program), smooth, strict=True)]
+    kept = [rate if by else None for rate, by in zip(rates, reached, strict=True)]
     movers = [by or None for by in reached]
-    value = eqx.combine(jax.tree.unflatten(shape, value), rest)
+    value = eqx.combine(jax.tree.unflatten(shape, values), rest)
     return value, jax.tree.unflatten(shape, kept), jax.tree.unflatten(shape, movers)
 
 
@@ -252,7 +254,11 @@ def basis(varied: Any) -> Any:
 
 def _reach(function, *arguments) -> list[frozenset[int]]:
     """For every output of a function, the leaves of its arguments on which its program depends."""
-    program = jax.make_jaxpr(function)(*arguments).jaxpr
+    return _reach_of(jax.make_jaxpr(function)(*arguments))
+
+
+def _reach_of(closed: ClosedJaxpr) -> list[frozenset[int]]:
+    program = closed.jaxpr
     nothing: frozenset[int] = frozenset()
     reached = {v: frozenset([i]) for i, v in enumerate(program.invars)}
     for equation in program.eqns:
