@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
+from clearance_jax._compile.one_function import one_function
 from clearance_jax.dynamics.field import slope
 from clearance_jax.solve.first_state import initial_state
 from experiments.common import CRANK_SPEED, output, seconds, slider_crank, table
@@ -49,6 +50,7 @@ def solved(clearance, samples=None):
     return cj.simulate(with_clearance(clearance), END, save_at=samples, rtol=RTOL, energy_balance=False)
 
 
+@one_function
 def minimal_loop(clearances):
     """Final states (4, lanes) and attempts of each lane, by the shortest adaptive Tsit5 that gives an answer."""
     tableau = diffrax.Tsit5().tableau

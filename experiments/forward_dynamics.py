@@ -34,6 +34,7 @@ from jax.experimental.compilation_cache import compilation_cache
 
 import clearance_jax as cj
 from clearance_jax._compile.barriers import sharing, with_barriers
+from clearance_jax._compile.one_function import one_function
 from clearance_jax.dynamics.field import rate
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from experiments.common import output, seconds, table
@@ -350,6 +351,7 @@ def one_after_the_other(accelerations: Callable, numbers: Any, state: Any, count
     """What an evaluation takes [s], of many."""
 
     @jax.jit
+    @one_function
     def all_of_them(numbers, q, v):
         def following(_, q):
             # The next state hangs on this evaluation, and stays where it was.

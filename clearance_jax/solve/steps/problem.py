@@ -204,11 +204,8 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
         values = jaxpr_as_fun(program)(*jax.tree.leaves(v))
         return [x if moves else None for x, moves in zip(values, smooth, strict=True)], values
 
-    def along(direction):
-        _, rates, values = jax.jvp(flat, (varied,), (direction,), has_aux=True)
-        return values, rates
-
-    values, rates = jax.vmap(along, out_axes=(None, 0))(directions)
+    pushed = jax.vmap(lambda along: jax.jvp(flat, (varied,), (along,), has_aux=True), out_axes=(None, 0, None))
+    _, rates, values = pushed(directions)
     reached = [by if moves else frozenset() for by, moves in zip(_reach_of(program), smooth, strict=True)]
     kept = [rate if by else None for rate, by in zip(rates, reached, strict=True)]
     movers = [by or None for by in reached]
