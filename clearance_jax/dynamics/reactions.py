@@ -108,8 +108,8 @@ def reactions(
             turning = add(cross(subtract(pair.at, pivot), pair.force), pair.torque)
             moment = subtract(moment, scale(inside, turning))
         out[joint.name] = SpatialForce(force, moment)
-    closing = {loop.name: by_name[loop.name] for loop in mechanism.loops}
-    return out | {name: SpatialForce(pair.force, pair.torque) for name, pair in closing.items()}
+    loops = [loop.name for loop in mechanism.loops if asked is None or loop.name in asked]
+    return out | {name: SpatialForce(by_name[name].force, by_name[name].torque) for name in loops}
 
 
 class PinLoads(NamedTuple):

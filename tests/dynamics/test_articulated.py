@@ -12,12 +12,14 @@ from sleeves import FRICTION, HERTZ, sleeve
 from spatial import body, zoo
 
 import clearance_jax as cj
+from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import rate
 from clearance_jax.dynamics.forms.articulated import Loose, Stepwise
 from clearance_jax.dynamics.forms.table import TabledFrames
 from clearance_jax.dynamics.forms.written_out import write_out
+from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.mechanism.form import columns_of, is_less_by_blocks
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.spatial import as_array
 
 
@@ -213,3 +215,32 @@ def test_a_joint_that_moves_no_inertia_is_refused():
     assert mechanism.form.by_blocks
     with refused("loose.play_x"):
         cj.simulate(mechanism, 1e-3)
+
+
+@pytest.mark.parametrize("make", [zoo, played])
+def test_both_forms_give_the_same_reactions(make):
+    """In every joint, or in those that are asked for."""
+    mechanism = make()
+    plan, names = layout(mechanism), [joint.name for joint in mechanism.all_joints()]
+
+    def loads(ready, asked=None):
+        def of(y):
+            ready_now = ready.at(jnp.asarray(0.3))
+            found = reactions(ready_now, balance(ready_now, jnp.asarray(0.3), plan.split(y)), asked)
+            return {name: as_array((*load.force, *load.moment)) for name, load in found.items()}
+
+        return jax.jit(of)
+
+    y = random_state(mechanism, np.random.default_rng(11))[: plan.v.stop].copy()
+    for part in parts(mechanism):  # pins about at their walls: forces of contact hide no others
+        y[part.q] *= 1.0 if part.coordinate.play is None else 1e-4
+    y = jnp.concatenate([y, jnp.zeros(plan.remembered)])
+    written, looped = loads(mechanism.prepare())(y), loads(mechanism.prepare().as_table())(y)
+    assert sorted(written) == sorted(looped) == sorted(names)
+    largest = max(float(np.max(np.abs(load))) for load in written.values())
+    some = loads(mechanism.prepare().as_table(), names[1::3])(y)
+    assert sorted(some) == sorted(names[1::3])
+    for name in names:
+        np.testing.assert_allclose(looped[name], written[name], rtol=1e-9, atol=1e-13 * largest)
+        if name in some:
+            np.testing.assert_allclose(some[name], looped[name], rtol=1e-9, atol=1e-13 * largest)

@@ -165,8 +165,12 @@ class TabledFrames(Frames):
             velocity=three(m.velocity[link] + swing),
             spin_rate=three(spin_rate),
             acceleration=three(m.acceleration[link] + jnp.cross(spin_rate, arm) + jnp.cross(spin, swing)),
-            pivot=three(m.place[link]),
+            pivot=three(self.pivots()[i]),
         )
+
+    def pivots(self) -> Float[Array, "bodies 3"]:
+        """By body the place of the joint that carries it, be it fixed on the link of another one."""
+        return self.motions.place[self.carriers] + apply_each(self.turned, self.links.pivot)
 
     def _movers(self, link: int) -> np.ndarray:
         """Which columns move a link."""
@@ -227,9 +231,9 @@ class TabledFrames(Frames):
         children = [joint.child for joint in self.mechanism.joints]
         bodies = [body.name for body in self.mechanism.bodies]
         hanging = np.array([[float(name in self.mechanism.beyond(child)) for name in bodies] for child in children])
-        pivots = self.motions.place[self.carriers[[bodies.index(child) for child in children]]]
-        forces = hanging @ force
-        moments = hanging @ moment + jnp.cross(self.origin[None] - pivots, forces)
+        pivots = self.pivots()[np.array([bodies.index(child) for child in children])]
+        forces, moments = (jnp.sum(hanging[:, :, None] * part[None], 1) for part in (force, moment))
+        moments = moments + jnp.cross(self.origin[None] - pivots, forces)
         return {child: SpatialForce(three(forces[k]), three(moments[k])) for k, child in enumerate(children)}
 
     def load_without_rotors(self, pairs, acceleration):

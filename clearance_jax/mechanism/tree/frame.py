@@ -41,8 +41,8 @@ class Frame(NamedTuple):
     """Pose and motion of a body's frame; accelerations are those without the free coordinates' accelerations.
 
     `pivot`: the place of the joint that carries the body, about which moments are taken; `free` and `prescribed`: the
-    columns of the coordinates that move it, from the ground on (prescribed ones with their rates); for a large
-    mechanism the free ones are one array (`table.ColumnArrays`).
+    columns of the coordinates that move it, from the ground on (prescribed ones with their rates); those of
+    a table have none (`TabledFrames.columns`).
     """
 
     rotation: Rotation = IDENTITY

@@ -36,7 +36,7 @@ ONCE = 3
 
 class Links(Module):
     """The numbers of a table: by link the fixed rotation and offset before it, and its axis; by body the fixed rotation
-    and offset of its frame on its link, and mass, centre and inertia in the axes of that link.
+    and offset of its frame on its link, the place of its joint there, and mass, centre and inertia in that link's axes.
     """
 
     turned: Float[Array, "links 3 3"]
@@ -44,6 +44,7 @@ class Links(Module):
     axis: Float[Array, "links 3"]
     body_turned: Float[Array, "bodies 3 3"]
     body_offset: Float[Array, "bodies 3"]
+    pivot: Float[Array, "bodies 3"]
     mass: Float[Array, " bodies"]
     centre: Float[Array, "bodies 3"]
     inertia: Float[Array, "bodies 3 3"]
@@ -88,7 +89,7 @@ class FixedFrame(NamedTuple):
 
 def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Links:
     """The numbers of the table."""
-    before, axes, placed = [], [], {GROUND: FixedFrame()}
+    before, axes, pivots, placed = [], [], {}, {GROUND: FixedFrame()}
     for joint in joints:
         at = placed[joint.parent].move(joint.at_parent.vector, joint.turned)
         for coordinate in joint.coordinates():
@@ -98,6 +99,7 @@ def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Lin
         if joint.child_orientation is not None:
             rows = transpose(joint.child_orientation.rotation.rows)
             at = at.move(ZERO, Rotation(rows, rows))
+        pivots[joint.child] = at.offset
         placed[joint.child] = at.move(scale(-1.0, joint.at_child.vector), IDENTITY)
     frames = [placed[body.name] for body in bodies]
     centres = [at.move(body.center_of_mass.vector, IDENTITY).offset for body, at in zip(bodies, frames, strict=True)]
@@ -107,6 +109,7 @@ def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Lin
         jnp.stack([as_array(axis or ZERO) for axis in axes]),
         jnp.stack([matrix(at.rotation.rows) for at in frames]),
         jnp.stack([as_array(at.offset) for at in frames]),
+        jnp.stack([as_array(pivots[body.name]) for body in bodies]),
         as_array([0.0 if body.mass is None else body.mass for body in bodies]),
         jnp.stack([as_array(centre) for centre in centres]),
         jnp.stack([_inertia(body, at.rotation) for body, at in zip(bodies, frames, strict=True)]),
