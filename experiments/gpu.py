@@ -1,15 +1,16 @@
 """Batches on a GPU beside two cores of its CPU, float64: `python -m experiments.gpu` writes out/gpu.md.
 
 Each batch is one loop on the GPU. Slider-cranks go through a revolution, joint 5 of a robot (with friction) through the
-first 0.6 s of its motion, for clearances from 0.05 to 0.5 mm at rtol 1e-5; the batch of derivatives is the
-slider-crank's, by clearance, friction and the conrod's mass. A robot arm in space with play in three of its joints
-(`arm_with_play.toml`) goes through its first 5 ms. The CPU solves a share of the same lanes, half of them on each of
-two cores, one process each. `ratio` is the GPU's lanes a second over those of both cores. Errors are those of the final
-position, over the largest, and of the derivatives, each over its largest, against a reference (Dopri8 at rtol 1e-10)
-for some of the lanes: on the CPU, and for the arm, which a CPU takes minutes to compile, on the GPU. What is compiled
-is traced and compiled anew, and run twice: the second run counts. The sweeps are those of the slider-crank, by
-`cj.sweep`: the final position, the same into a store, and the peaks of error and force with energy balance; of the CPU
-by both cores. Without a GPU there is nothing to measure, and nothing is written.
+first 0.6 s of its motion, for clearances from 0.05 to 0.5 mm at rtol 1e-5; the batch of derivatives is the slider-
+crank's, by clearance, friction and the conrod's mass. A robot arm in space with play in three of its joints
+(`arm_with_play.toml`) goes through its first 5 ms, for clearances of a tenth, 7 and 5 hundredths of these. The CPU
+solves a share of the same lanes, half of them on each of two cores, one process each. `ratio` is the GPU's lanes a
+second over those of both cores. Errors are those of the final position, over the largest, and of the derivatives, each
+over its largest, against a reference (Dopri8 at rtol 1e-10) for some of the lanes: on the CPU, and for the arm, which a
+CPU takes minutes to compile, on the GPU. What is compiled is traced and compiled anew, and run twice: the second run
+counts. The sweeps are those of the slider-crank, by `cj.sweep`: the final position, the same into a store, and the
+peaks of error and force with energy balance; of the CPU by both cores. Without a GPU there is nothing to measure, and
+nothing is written.
 """
 
 import json
@@ -93,7 +94,7 @@ REFERENCES = {"slider-crank": "slider-crank, 3 derivatives"}
 def lanes(program: str, count: int, references: int = 0):
     """Numbers of the lanes: those of the reference, then as many as are left."""
     clearances = np.concatenate([np.linspace(5e-5, 5e-4, n) for n in (references, count - references)])
-    if program == ARM:  # fits of a tenth, each joint its own share
+    if program == ARM:  # a tenth, 7 and 5 hundredths of these
         return jnp.asarray(clearances[:, None] * [0.1, 0.07, 0.05])
     others = [0.3] if program == "joint 5, friction" else [0.03, 0.21]
     return jnp.stack([jnp.asarray(clearances), *(jnp.full(count, x) for x in others)], axis=1)

@@ -153,3 +153,16 @@ def test_a_batch_on_a_trajectory_of_many_points_is_one():
         return cj.simulate(loose, 0.01, energy_balance=False).final
 
     assert marked(jax.vmap(end), jnp.linspace(1e-4, 5e-4, 64))
+
+
+def test_a_table_whose_reactions_are_measured_is_one():
+    """A product of matrices in its loop would end the function."""
+    bodies = tuple(cj.Body(f"b{i}", 1.0, cj.Inertia(0.01, 0.01, 0.01), cj.Position(0.05)) for i in range(20))
+    joints = tuple(
+        cj.Revolute(f"j{i}", f"b{i - 1}" if i else "ground", f"b{i}", cj.Position(0.1 if i else 0.0), axis="zyx"[i % 3])
+        for i in range(20)
+    )
+    chain = cj.Mechanism(bodies, joints, gravity=cj.Gravity(z=-9.81))
+    peak = cj.metrics.Peak(cj.metrics.JointReaction("j3"))
+    assert chain.prepare().is_tabled
+    assert marked(lambda end: peak(chain, end), 0.01)

@@ -309,6 +309,16 @@ def test_gpu_with_the_cpu_in_its_place(tmp_path):
     assert (tmp_path / "out" / "gpu_sweeps_quick.md").read_text().count("sweep") == 3
 
 
+def test_lanes_on_a_gpu_begin_with_those_of_the_reference():
+    for name in gpu.PROGRAMS:
+        numbers = np.asarray(gpu.lanes(name, 8, 4))
+        assert numbers.shape == (8, 2 if name == "joint 5, friction" else 3)
+        np.testing.assert_array_equal(numbers[:4], numbers[4:])
+    np.testing.assert_allclose(
+        np.asarray(gpu.lanes(gpu.ARM, 8, 4))[[0, -1]], [[5e-6, 3.5e-6, 2.5e-6], [5e-5, 3.5e-5, 2.5e-5]]
+    )
+
+
 def test_without_a_gpu_nothing_is_written(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(gpu, "device_of", lambda quick: None)
     assert gpu.main() == []

@@ -12,6 +12,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.field import slope
 from clearance_jax.joints.checks import ImplausibleWarning
+from clearance_jax.solve.steps.problem import push
 from experiments import derivatives
 from experiments.derivatives import closed_forms, ladder
 
@@ -132,6 +133,33 @@ def test_batch_is_loop():
     loop = np.stack([alone(v) for v in at])
     largest = np.abs(loop).max((0, 1))
     assert np.max(np.abs(batch - loop) / largest) <= 1e-7
+
+
+def test_a_pushed_function_is_traced_once():
+    """Its numbers with derivatives, and whatever else it gives, are those of the function."""
+    calls = []
+
+    def function(tree):
+        calls.append(tree)
+        x, y = tree["x"], tree["y"]
+        return {
+            "of x": x * x,
+            "both": x[0] * y,
+            "none": tree["fixed"] * 2,
+            "place": jnp.argmax(x),
+            "word": "as it is",
+            "n": 3,
+        }
+
+    tree = {"x": jnp.array([2.0, 5.0]), "y": jnp.asarray(3.0), "fixed": jnp.asarray(7.0)}
+    directions = {"x": jnp.array([[1.0, 0.0], [0.0, 1.0]]), "y": jnp.array([0.0, 4.0]), "fixed": None}
+    value, rates, movers = push(function, tree, directions)
+    assert len(calls) == 1
+    jax.tree.map(np.testing.assert_array_equal, value, function(tree))
+    np.testing.assert_array_equal(rates["of x"], [[4.0, 0.0], [0.0, 10.0]])
+    np.testing.assert_array_equal(rates["both"], [3.0, 8.0])
+    assert {name for name, rate in rates.items() if rate is not None} == {"of x", "both"}
+    assert (movers["of x"], movers["both"], movers["none"]) == (frozenset([0]), frozenset([0, 1]), None)
 
 
 def test_a_mechanism_may_be_made_of_the_number_that_is_differentiated():

@@ -129,7 +129,7 @@ def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
     inputs = (*leaves, *(stack[0] for stack in stacks))
     values, along = jax.linearize(flat, *inputs)
     out = []
-    for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
+    for i, (value, reached) in enumerate(zip(values, _reach(jax.make_jaxpr(flat)(*inputs)), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
         pulls = {j: share(pulls[j]) for j in sorted(reached)}
         pulled = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
@@ -206,7 +206,7 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
 
     pushed = jax.vmap(lambda along: jax.jvp(flat, (varied,), (along,), has_aux=True), out_axes=(None, 0, None))
     _, rates, values = pushed(directions)
-    reached = [by if moves else frozenset() for by, moves in zip(_reach_of(program), smooth, strict=True)]
+    reached = [by if moves else frozenset() for by, moves in zip(_reach(program), smooth, strict=True)]
     kept = [rate if by else None for rate, by in zip(rates, reached, strict=True)]
     movers = [by or None for by in reached]
     value = eqx.combine(jax.tree.unflatten(shape, values), rest)
@@ -234,27 +234,20 @@ def moves(function, problem: Problem) -> bool:
 
 def depends(function, argument) -> bool:
     """Whether any output of a function depends on its argument at all."""
-    return any(_reach(function, argument))
+    return any(_reach(jax.make_jaxpr(function)(argument)))
 
 
 def basis(varied: Any) -> Any:
     """One direction for every entry of every leaf of `varied` (`None`: not varied), stacked along a leading axis."""
     leaves, tree = jax.tree.flatten(varied)
     sizes = [leaf.size for leaf in leaves]
-    rows = np.eye(sum(sizes))
-    starts = np.cumsum([0, *sizes])
-    blocks = [
-        rows[:, start : start + leaf.size].reshape(-1, *leaf.shape) for start, leaf in zip(starts, leaves, strict=False)
-    ]
+    cuts = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1], axis=1)
+    blocks = [cut.reshape(-1, *leaf.shape) for leaf, cut in zip(leaves, cuts, strict=False)]
     return jax.tree.unflatten(tree, blocks)
 
 
-def _reach(function, *arguments) -> list[frozenset[int]]:
-    """For every output of a function, the leaves of its arguments on which its program depends."""
-    return _reach_of(jax.make_jaxpr(function)(*arguments))
-
-
-def _reach_of(closed: ClosedJaxpr) -> list[frozenset[int]]:
+def _reach(closed: ClosedJaxpr) -> list[frozenset[int]]:
+    """For every output of a program, the arguments on which it depends."""
     program = closed.jaxpr
     nothing: frozenset[int] = frozenset()
     reached = {v: frozenset([i]) for i, v in enumerate(program.invars)}
