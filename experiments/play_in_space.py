@@ -10,8 +10,8 @@ by its number of points. *Contact alone* leaves out the equations of motion.
 *Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, 40 mm long, 8 stations,
 steel on bronze, no friction) in one axis, in three or in all six, without axial play and with it (100 um, 8 points of
 the faces). *Form* is the form of the equations of motion: one operation for each number, or loops over a table.
-*Program* is the processor time [s] of tracing and compiling without a cache. *Solve* is the time of the second call.
-MuJoCo steps the ideal arm, falling freely; `PINOCCHIO_PYTHON` names an interpreter that has `mujoco`
+*Program* is the processor time [s] of tracing and compiling without a cache. *Solve* is the shortest of later
+calls. MuJoCo steps the ideal arm, falling freely; `PINOCCHIO_PYTHON` names an interpreter that has `mujoco`
 (`python -m venv there; there/bin/pip install mujoco`).
 
 *Chains*: sleeves without axial play one behind the other, each on an axis that turns to and fro, and plane chains of
@@ -190,7 +190,7 @@ def fields() -> None:
 
 
 class Solved(NamedTuple):
-    """A solve; seconds of a processor for its program, seconds of the second call, and microseconds of a try (the time
+    """A solve; seconds of a processor for its program, seconds of a later call, and microseconds of a try (the time
     beyond that of a call of hardly any steps, over the tries).
     """
 
@@ -221,9 +221,8 @@ def solved(mechanism: cj.Mechanism, end: float) -> Solved:
     settings.update("jax_enable_compilation_cache", cached)
     compilation_cache.reset_cache()
     fixed = seconds(lambda: solve(BEGUN), 3)
-    clock = time.perf_counter()
     solution = solve(end)
-    clock = time.perf_counter() - clock
+    clock = seconds(lambda: solve(end), 3)
     return Solved(solution, first, clock, 1e6 * (clock - fixed) / (tries_of(solution) - few))
 
 
