@@ -127,18 +127,17 @@ def part_of_cpu(part: int, sizes: Sizes, programs: list[str]) -> dict:
 
 def sweeps_on(lanes: int) -> dict[str, float]:
     """Lanes a second of each way to sweep so many, on the device and the cores that JAX has here."""
+
+    def stored():
+        shutil.rmtree(output("gpu.zarr"), ignore_errors=True)
+        return swept(lanes, RTOL, store=output("gpu.zarr"))
+
     ways = {
         "sweep": lambda: swept(lanes, RTOL),
-        "sweep into a store": lambda: swept(lanes, RTOL, store=output("gpu.zarr")),
+        "sweep into a store": stored,
         "sweep, metrics": lambda: measured(lanes, RTOL),
     }
-    rates = {}
-    for way, run in ways.items():
-        for _ in range(2):  # the first one compiles
-            shutil.rmtree(output("gpu.zarr"), ignore_errors=True)
-            clock = time.perf_counter()
-            run()
-            rates[way] = lanes / (time.perf_counter() - clock)
+    rates = {way: lanes / seconds(run, 1) for way, run in ways.items()}
     shutil.rmtree(output("gpu.zarr"), ignore_errors=True)
     return rates
 

@@ -205,7 +205,6 @@ def tries_of(solution: cj.Solution) -> int:
 
 
 def solved(mechanism: cj.Mechanism, end: float) -> Solved:
-
     def solve(end):
         return jax.block_until_ready(cj.simulate(mechanism, end, rtol=RTOL, max_steps=10_000_000))
 
