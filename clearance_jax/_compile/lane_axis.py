@@ -73,19 +73,16 @@ def sum_components(y: Array, time: Each) -> Array:
     return functools.reduce(jnp.add, [jnp.take(y, i, axis) for i in range(y.shape[axis])])
 
 
-# Rows that `least` compares one by one in the program; more are a loop.
-_WRITTEN = 32
-
-
 def least(values: Array) -> Each:
     """The smallest along the first axis, of one motion or by lane."""
     if values.ndim == 1:
         return jnp.min(values)
-    # With lanes row by row: a reduction over the first axis would be a loop for every lane.
-    rows = share(values)
-    if len(rows) <= _WRITTEN:
-        return functools.reduce(jnp.minimum, rows)
-    return jax.lax.fori_loop(1, len(rows), lambda i, smallest: jnp.minimum(smallest, rows[i]), rows[0])
+    # With lanes half by half: a reduction over the first axis would be a loop for every lane.
+    values = share(values)
+    while len(values) > 1:
+        half = -(-len(values) // 2)
+        values = jnp.minimum(values[:half], values[-half:])
+    return values[0]
 
 
 def to_lanes(tree: Any) -> Any:

@@ -257,7 +257,7 @@ def _compiled_solve(inputs: Inputs, options: Settings, which: Which = None) -> S
         inputs, options = eqx.combine(batch, rest)
         return solve_lanes(inputs, options, which)
 
-    return batch_by(compute_once(single), together)(numbers)
+    return batch_by(compute_once(single), compute_once(together))(numbers)
 
 
 # JAX differentiates this one, so it has no rule of batching.

@@ -6,7 +6,7 @@ curve. Bisection finds the place of a change.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
@@ -21,10 +21,10 @@ from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import each_lane, least, together
 from clearance_jax.dynamics.kinematics import Groups, relative_accelerations, relative_motions
 from clearance_jax.dynamics.relative_motion import turning_rows
-from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
+from clearance_jax.joints import PreparedClearance, Relative
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.steps.interpolate import between, polynomial, quintic_coefficients, slope_coefficients, tops
+from clearance_jax.solve.steps.interpolate import between, polynomial, quintic_coefficients, tops
 from clearance_jax.spatial import add, dot, subtract, three
 
 # Samples of a step.
@@ -33,31 +33,32 @@ SAMPLES = 4
 CHECKED = 0.4
 
 
-# Coefficients of a polynomial over the fraction of a step, by power: of (place, angle) or their rates; in space of
-# (place, rows of the pin's rotation).
+# Coefficients of a polynomial over the fraction of a step, by power: of (place, angle); in space of (place, rows of the
+# pin's rotation).
 Coefficients: TypeAlias = tuple[Float[Array, "numbers *lanes"], ...]  # noqa: F821
 PLANE = 3
 
 
 class StepCurve(NamedTuple):
-    """The relative motion of one joint along a step of size `h`: its pose and its twist."""
+    """The relative motion of one joint along a step of size `h`, as a polynomial of its pose; `per_second`: steps a
+    second.
+    """
 
     pose: Coefficients
-    twist: Coefficients
     h: Each
+    per_second: Each
 
     @staticmethod
     def of(pose: Sequence[Array], h: Each) -> "StepCurve":
         """The curve from the coefficients of its pose, the constant first."""
-        # The twist has its own coefficients: from those of the pose a compiler would compute them anew at every use.
-        pose = share(tuple(pose))
-        return StepCurve(pose, share(tuple(slope_coefficients(pose, h))), h)
+        return StepCurve(share(tuple(pose)), h, share(1 / h))
 
     def at(self, s: Each | float) -> Relative:
         """The relative motion at a fraction of the step; for several joints a fraction each."""
         s = jnp.asarray(s)
         s = s.reshape((1,) * (self.pose[0].ndim - s.ndim) + s.shape)
-        return relative_of(*share((polynomial(self.pose, s), polynomial(self.twist, s))))
+        pose, change = polynomial(self.pose, s)
+        return relative_of(*share((pose, change * self.per_second)))
 
 
 def relative_of(pose: Array, twist: Array) -> Relative:
@@ -187,7 +188,7 @@ def first_event(
 def first_of(joints: EventJoints, begin: Each) -> Each:
     """The fraction just past a first change of regime; infinite if there is none."""
     clearance, curve, memory = joints
-    several = joints.is_several
+    several, lanes = joints.is_several, begin.shape
 
     def each_joint(function):
         return each_lane(eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if several else function, begin)
@@ -198,35 +199,62 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     def points(s):
         return share(points_at(clearance, curve.at(s)))
 
+    def signs(points, rubbed):
+        return share(_sign(jnp.stack(functions_at(clearance, points, memory, rubbed))))
+
     # The starting regime is read at the first place.
     places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
-    sampled = jax.vmap(points)(places)
-    before = jax.tree.map(lambda x: x[0], sampled)
-    started = share(tuple(_sign(f) for f in functions_at(clearance, before, memory, before)))
+    depths, rates, sampled, rubbed = (samples_in_turn if several and lanes else samples)(points, signs, places)
 
-    def changes(points):
+    def changed(signs):
         """Which joints have changed (for several), or whether the joint has."""
-        now = functions_at(clearance, points, memory, before)
-        crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
-        return jnp.any(crossed, axis=(0, 2) if several else 0)
+        same = jnp.where(signs == sampled[0], 1.0, 0.0)
+        # (functions, joints, points, *lanes) for several.
+        return least(jnp.moveaxis(same, 2, 1).reshape(-1, same.shape[1], *lanes) if several else same) == 0
+
+    def earliest(changed, places):
+        """The first of the places (for several joints one each) where there is a change; infinite without one."""
+        behind = jnp.where(changed, places, jnp.inf)
+        return least(behind.reshape(-1, *lanes)) if behind.ndim > begin.ndim else behind
+
+    every = places[:, None] if several else places
+    high = earliest(jax.vmap(changed)(sampled) & (every > begin), every)
+    grazes = (most_likely_graze if several else graze)(places, depths, rates, curve.h)
+    turns = jnp.isfinite(grazes)
 
     def beyond(s):
-        return jnp.any(changes(points(s)), axis=0) if several else changes(points(s))
-
-    any_changed = jax.vmap(changes)(sampled)
-    high = earliest((jnp.any(any_changed, axis=1) if several else any_changed) & (places > begin), places)
-    grazes = most_likely_graze(places, sampled, curve.h) if several else graze(places, sampled, curve.h)[None]
+        return earliest(changed(signs(points(s), rubbed)), s)
 
     def graze_fraction():
-        turns = jnp.isfinite(grazes)
-        at = jnp.where(turns, grazes, 1.0)
-        # Several joints have a place each.
-        return earliest((changes(points(at)) if several else jax.vmap(beyond)(at)) & turns, grazes)
+        return earliest(changed(signs(points(jnp.where(turns, grazes, 1.0)), rubbed)) & turns, grazes)
 
-    high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(grazes)), graze_fraction, lambda: grazes[0]))
+    high = jnp.minimum(high, jax.lax.cond(jnp.any(turns), graze_fraction, lambda: jnp.full(lanes, jnp.inf)))
     low = share(-least(-jnp.where(places < high, places, begin[None])))
     # Most steps cross nothing.
     return jax.lax.cond(jnp.any(high <= 1), lambda: locate(beyond, (low, high), begin), lambda: high)
+
+
+def samples(points: Callable, signs: Callable, places: Array) -> tuple[Array, Array, Array, tuple[Array, ...]]:
+    """Penetrations, their rates and the signs of the event functions at places (first axis); how the surfaces rub at
+    the first place.
+    """
+    now = jax.vmap(points)(places)
+    rubbed = tuple(slip[0] for slip in now.rubbing)
+    return now.penetration, now.penetration_rate, jax.vmap(signs, (0, None))(now, rubbed), rubbed
+
+
+def samples_in_turn(points: Callable, signs: Callable, places: Array) -> tuple[Array, Array, Array, tuple[Array, ...]]:
+    """`samples` one place after the other: of many points and lanes they do not stay in the cache together."""
+
+    def one(rubbed, given):
+        place, is_first = given
+        now = points(place)
+        rubbed = tuple(jnp.where(is_first, *slip) for slip in zip(now.rubbing, rubbed, strict=True))
+        return rubbed, (now.penetration, now.penetration_rate, signs(now, rubbed))
+
+    none = tuple(jnp.zeros(slip.shape) for slip in jax.eval_shape(points, places[0]).rubbing)
+    rubbed, seen = jax.lax.scan(one, none, (places, jnp.arange(len(places)) == 0))
+    return *seen, rubbed
 
 
 def _sign(value: Array) -> Array:
@@ -234,26 +262,21 @@ def _sign(value: Array) -> Array:
     return jnp.where(value > 0, 1.0, 0.0)
 
 
-def earliest(wanted: Array, places: Array) -> Each:
-    """The smallest of the wanted places (along the first axis); infinite where there is none."""
-    return least(jnp.where(wanted, places, jnp.inf))
-
-
-def graze(places: Array, point: ContactPoint, h: Each) -> Each:
+def graze(places: Array, depth: Array, rate: Array, h: Each) -> Each:
     """The place between two samples at which a penetration (of one point at all places, first axis) comes closest to a
     change of sign, where a graze would begin and end; infinite without an extremum.
     """
-    place, height = closest(places, point.penetration, point.penetration_rate, h)
+    place, height = closest(places, depth, rate, h)
     return jnp.where(height > -jnp.inf, place, jnp.inf)
 
 
-def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
-    """`graze` of each of several joints (joints, *lanes), at the point (points: places, joints, points, *lanes) that
+def most_likely_graze(places: Array, depth: Array, rate: Array, h: Each) -> Array:
+    """`graze` of each of several joints (joints, *lanes), at the point (depths: places, joints, points, *lanes) that
     comes closest to contact or goes furthest beyond; earlier grazes of others are located once the step has been cut
     there.
     """
     of_points = jax.vmap(closest, (None, 1, 1, None))
-    place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, points.penetration, points.penetration_rate, h)
+    place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, depth, rate, h)
     best = jnp.argmax(height, axis=0, keepdims=True) if not h.ndim else first_highest(height)
     if not h.ndim:
         place, height = (jnp.take_along_axis(x, best, axis=0)[0] for x in (place, height))
@@ -311,7 +334,7 @@ def locate(beyond, bracket: tuple, precision: Each) -> Each:
         low, width = bracket
         # A lane is halved as often as it would be alone.
         going, half = width > precision, 0.5 * width
-        moved = low + jnp.where(going & ~beyond(low + half), half, 0.0)
+        moved = low + jnp.where(going & (beyond(low + half) == jnp.inf), half, 0.0)
         return moved, jnp.where(going, half, width)
 
     # A lane without an event (an infinite end) takes part without effect.

@@ -24,17 +24,12 @@ def quintic_coefficients(start, end) -> tuple:
     return p, v, 0.5 * c, 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f
 
 
-def slope_coefficients(coefficients, width: Any = 1.0) -> list:
-    """Coefficients of a polynomial's slope, over the `width` of its unit of x."""
-    return [k * c / width for k, c in enumerate(coefficients[1:], 1)]
-
-
-def polynomial(coefficients, x):
-    """The value of a polynomial at x, for its coefficients, the constant first."""
-    value = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        value = value * x + c
-    return value
+def polynomial(coefficients, x) -> tuple:
+    """The value and the slope of a polynomial at x, for its coefficients (two at least), the constant first."""
+    value, slope = coefficients[-1] * x + coefficients[-2], coefficients[-1]
+    for c in coefficients[-3::-1]:
+        value, slope = value * x + c, slope * x + value
+    return value, slope
 
 
 def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -> Array:
@@ -51,9 +46,9 @@ def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -
     q, v, rest = plan.q, plan.v, slice(plan.v.stop, None)
     start, end = ((of(y, q), h * of(y, v), h * h * of(slope, v)) for y, slope in ((y0, slope0), (y1, slope1)))
     coefficients = quintic_coefficients(start, end)
-    place, speed = polynomial(coefficients, x), polynomial(share(slope_coefficients(coefficients, h)), x)
+    place, change = polynomial(coefficients, x)
     others = hermite(of(y0, rest), h * of(slope0, rest), of(y1, rest), h * of(slope1, rest), x)
-    return jnp.concatenate([place, speed, others], axis=component_axis(h))
+    return jnp.concatenate([place, change / h, others], axis=component_axis(h))
 
 
 def tops(value: Array, slope: Array, width: Any = 1.0) -> tuple[Array, Array, Array]:
