@@ -214,20 +214,18 @@ class PreparedClearance(Module):
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
         return PointAction(depth, rate, point.slip, force, traction, rates, times(point.part, normal.energy(depth)))
 
-    def event_functions(self, now: ContactPoint, memory: Memory, rubbed: Slip) -> tuple[Array, ...]:
-        """Functions of the points `now` (and of how they `rubbed` at the step's start) whose signs define the laws'
-        regimes.
-        """
-        return self._map(self._event_functions_at)(now, self._by_point(memory), rubbed)
+    def event_functions(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
+        """Functions of the points `now` (and `before`, at the step's start) whose signs define the laws' regimes."""
+        return self._map(self._event_functions_at)(now, self._by_point(memory), before)
 
-    def _event_functions_at(self, point: ContactPoint, memory: Memory, rubbed: Slip) -> tuple[Scalar, ...]:
+    def _event_functions_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
         normal, (normal_memory, rest, _) = self.normal.at(point.local), self._parts(memory)
         depth, rate = point.penetration, point.penetration_rate
         out, presses = normal.event_functions(depth, rate, normal_memory)
         if self.friction is not None:
             force = times(point.part, normal.force(depth, rate, normal_memory))
             friction = self.friction.at(point.local)
-            out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, rubbed))
+            out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
     def latch(self, memory: Memory, now: Relative, rate: Relative) -> Memory:

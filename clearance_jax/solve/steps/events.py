@@ -33,20 +33,17 @@ SAMPLES = 4
 CHECKED = 0.4
 
 
-# Coefficients of a polynomial over the fraction of a step, by power: of (place, angle); in space of (place, rows of the
-# pin's rotation).
+# Coefficients of a polynomial over the fraction of a step, by power: of place and angle, in space of place and rows.
 Coefficients: TypeAlias = tuple[Float[Array, "numbers *lanes"], ...]  # noqa: F821
 PLANE = 3
 
 
 class StepCurve(NamedTuple):
-    """The relative motion of one joint along a step of size `h`, as a polynomial of its pose; `per_second`: steps a
-    second.
-    """
+    """The relative motion of one joint along a step of size `h` (`rate`: 1 / h), as a polynomial of its pose."""
 
     pose: Coefficients
     h: Each
-    per_second: Each
+    rate: Each
 
     @staticmethod
     def of(pose: Sequence[Array], h: Each) -> "StepCurve":
@@ -58,7 +55,7 @@ class StepCurve(NamedTuple):
         s = jnp.asarray(s)
         s = s.reshape((1,) * (self.pose[0].ndim - s.ndim) + s.shape)
         pose, change = polynomial(self.pose, s)
-        return relative_of(*share((pose, change * self.per_second)))
+        return relative_of(*share((pose, change * self.rate)))
 
 
 def relative_of(pose: Array, twist: Array) -> Relative:
@@ -199,12 +196,12 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     def points(s):
         return share(points_at(clearance, curve.at(s)))
 
-    def signs(points, rubbed):
-        return share(_sign(jnp.stack(functions_at(clearance, points, memory, rubbed))))
+    def signs(points, before):
+        return share(jnp.where(jnp.stack(functions_at(clearance, points, memory, before)) > 0, 1.0, 0.0))
 
     # The starting regime is read at the first place.
     places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
-    depths, rates, sampled, rubbed = (samples_in_turn if several and lanes else samples)(points, signs, places)
+    depths, rates, sampled, before = samples(points, signs, places, in_turn=several and bool(lanes))
 
     def changed(signs):
         """Which joints have changed (for several), or whether the joint has."""
@@ -223,10 +220,10 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     turns = jnp.isfinite(grazes)
 
     def beyond(s):
-        return earliest(changed(signs(points(s), rubbed)), s)
+        return earliest(changed(signs(points(s), before)), s)
 
     def graze_fraction():
-        return earliest(changed(signs(points(jnp.where(turns, grazes, 1.0)), rubbed)) & turns, grazes)
+        return earliest(changed(signs(points(jnp.where(turns, grazes, 1.0)), before)) & turns, grazes)
 
     high = jnp.minimum(high, jax.lax.cond(jnp.any(turns), graze_fraction, lambda: jnp.full(lanes, jnp.inf)))
     low = share(-least(-jnp.where(places < high, places, begin[None])))
@@ -234,32 +231,24 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     return jax.lax.cond(jnp.any(high <= 1), lambda: locate(beyond, (low, high), begin), lambda: high)
 
 
-def samples(points: Callable, signs: Callable, places: Array) -> tuple[Array, Array, Array, tuple[Array, ...]]:
-    """Penetrations, their rates and the signs of the event functions at places (first axis); how the surfaces rub at
-    the first place.
+def samples(points: Callable, signs: Callable, places: Array, in_turn: bool) -> tuple[Array, Array, Array, Any]:
+    """Penetrations, their rates and the signs of the event functions at places (first axis), and the points at the
+    first. `in_turn`: one place after the other, as many points and lanes do not stay in the cache together.
     """
-    now = jax.vmap(points)(places)
-    rubbed = tuple(slip[0] for slip in now.rubbing)
-    return now.penetration, now.penetration_rate, jax.vmap(signs, (0, None))(now, rubbed), rubbed
+    if not in_turn:
+        now = jax.vmap(points)(places)
+        before = jax.tree.map(lambda x: x[0], now)
+        return now.penetration, now.penetration_rate, jax.vmap(signs, (0, None))(now, before), before
 
-
-def samples_in_turn(points: Callable, signs: Callable, places: Array) -> tuple[Array, Array, Array, tuple[Array, ...]]:
-    """`samples` one place after the other: of many points and lanes they do not stay in the cache together."""
-
-    def one(rubbed, given):
+    def one(before, given):
         place, is_first = given
         now = points(place)
-        rubbed = tuple(jnp.where(is_first, *slip) for slip in zip(now.rubbing, rubbed, strict=True))
-        return rubbed, (now.penetration, now.penetration_rate, signs(now, rubbed))
+        before = jax.tree.map(lambda new, old: jnp.where(is_first, new, old), now, before)
+        return before, (now.penetration, now.penetration_rate, signs(now, before))
 
-    none = tuple(jnp.zeros(slip.shape) for slip in jax.eval_shape(points, places[0]).rubbing)
-    rubbed, seen = jax.lax.scan(one, none, (places, jnp.arange(len(places)) == 0))
-    return *seen, rubbed
-
-
-def _sign(value: Array) -> Array:
-    """1 where a function is positive, else 0."""
-    return jnp.where(value > 0, 1.0, 0.0)
+    none = jax.tree.map(lambda x: jnp.zeros(x.shape), jax.eval_shape(points, places[0]))
+    before, seen = jax.lax.scan(one, none, (places, jnp.arange(len(places)) == 0))
+    return *seen, before
 
 
 def graze(places: Array, depth: Array, rate: Array, h: Each) -> Each:
@@ -325,9 +314,6 @@ def locate(beyond, bracket: tuple, precision: Each) -> Each:
     """
     low, high = bracket
 
-    def wide(bracket):
-        return jnp.any(bracket[1] > precision)
-
     def halve(bracket):
         # The width halves in every case, and one selection moves the bracket. With two selections a compiler may
         # compute the comparison twice, round it differently, and never move either end.
@@ -339,5 +325,5 @@ def locate(beyond, bracket: tuple, precision: Each) -> Each:
 
     # A lane without an event (an infinite end) takes part without effect.
     width = jnp.where(high <= 1, high - low, 0.0)
-    low, width = jax.lax.while_loop(wide, halve, (low, width))
+    low, width = jax.lax.while_loop(lambda bracket: jnp.any(bracket[1] > precision), halve, (low, width))
     return jnp.where(high <= 1, low + width, high)
