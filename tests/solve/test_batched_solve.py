@@ -9,7 +9,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax._compile.barriers import barrier, share, sharing
-from clearance_jax._compile.lane_axis import each_lane, to_lanes
+from clearance_jax._compile.lane_axis import each_lane, least, to_lanes
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers import lanes
 from clearance_jax.solve.drivers.lanes import batch_by, over_chunks
@@ -34,6 +34,14 @@ def solve(mechanism, **options):
     """What every lane is compared in: states, samples, how it ended, how well its energy balance closes."""
     s = cj.simulate(mechanism, options.pop("t1", T1), throw=False, **options)
     return s.final, s.y, s.code, s.steps, s.rejected, s.end_time
+
+
+def test_the_least_of_any_number_of_rows():
+    rng = np.random.default_rng(0)
+    for rows in (1, 2, 3, 7, 64, 65):
+        values = np.where(rng.uniform(size=(rows, 5)) < 0.2, np.inf, rng.normal(size=(rows, 5)))
+        np.testing.assert_array_equal(least(jnp.asarray(values)), values.min(axis=0))
+        assert least(jnp.asarray(values[:, 0])) == values[:, 0].min()
 
 
 @pytest.mark.slow
