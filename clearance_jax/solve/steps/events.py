@@ -209,9 +209,9 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
         # (functions, joints, points, *lanes) for several.
         return least(jnp.moveaxis(same, 2, 1).reshape(-1, same.shape[1], *lanes) if several else same) == 0
 
-    def earliest(changed, places):
+    def earliest(changes, places):
         """The first of the places (for several joints one each) where there is a change; infinite without one."""
-        behind = jnp.where(changed, places, jnp.inf)
+        behind = jnp.where(changes, places, jnp.inf)
         return least(behind.reshape(-1, *lanes)) if behind.ndim > begin.ndim else behind
 
     every = places[:, None] if several else places
