@@ -30,6 +30,9 @@ _FREE = {"broadcast_in_dim", "reshape", "squeeze", "slice", "convert_element_typ
 _ONCE = {"sqrt", "rsqrt", "exp", "exp2", "expm1", "log", "log1p", "logistic", "pow", "tanh", "sin", "cos", "tan"}
 _ONCE |= {"atan2", "rem", "cbrt", "erf", "while", "scan", "cond", "dot_general", "sort", "cholesky", "eigh", "gather"}
 _ONCE.add(barrier.name)
+# Loops within a kernel. After such a loop XLA computes anew what the kernel has computed before it, and so the loop
+# itself: five sums among three thousand operations became 800 000. So they end their kernel.
+_SUMS = {"reduce_sum", "reduce_prod", "reduce_max", "reduce_min", "reduce_and", "reduce_or", "argmax", "argmin"}
 # Programs that are called, and become a part of their caller.
 _CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 _CALLS |= {"custom_vjp_call": "call_jaxpr"}
@@ -98,8 +101,9 @@ class _Writer:
             kernels[v] |= next(new)
         for equation in reversed(program.eqns):
             inside = 0
+            loops = equation.primitive.name in _SUMS
             for v in equation.outvars:
-                if costs[v] * (kernels[v].bit_count() - 1) > REPEATED and _is_number(v):
+                if (loops or costs[v] * (kernels[v].bit_count() - 1) > REPEATED) and _is_number(v):
                     shared.add(v)
                     inside |= next(new)
                 else:

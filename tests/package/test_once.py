@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from clearance_jax._compile.barriers import barrier
 from clearance_jax._compile.once import compute_once
 from experiments.hlo import busiest_loop
 
@@ -217,3 +218,21 @@ def test_numbers_that_are_not_real_are_left_as_they_are():
 
     found = jax.jit(compute_once(impedance))(jnp.asarray([0.3, 2.0]))
     np.testing.assert_allclose(found, impedance(jnp.asarray([0.3, 2.0])), rtol=1e-15)
+
+
+def test_a_sum_ends_its_kernel():
+    """XLA computes anew, after a loop within a kernel, what the kernel has computed before, that loop included."""
+
+    def summed(a, b):
+        for _ in range(5):
+            rows = a * jnp.arange(1.0, 17.0) + b
+            a, b = jnp.sum(rows) * 1e-2 + b, jnp.max(rows * rows) * 1e-3 - a
+        return a, b
+
+    program = jax.make_jaxpr(compute_once(summed))(0.3, 0.7).jaxpr
+    loops = [e for e in program.eqns if e.primitive.name in ("reduce_sum", "reduce_max")]
+    users = [[e.primitive.name for e in program.eqns if loop.outvars[0] in e.invars] for loop in loops]
+    assert len(loops) == 10
+    assert [set(names) for names in users] == [{barrier.name}] * 10
+    plain = jax.make_jaxpr(summed)(0.3, 0.7).jaxpr
+    assert barrier.name not in {e.primitive.name for e in plain.eqns}
