@@ -16,6 +16,7 @@ from typer import Argument, Option
 
 from clearance_jax.cli.answer import answer, console, errors
 from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.examples import names
 
 SCENE = Argument(..., metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")
 SETTINGS = Option(
@@ -90,15 +91,9 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
 def check_there(path: Path, what: str) -> None:
     """Raise `ClearanceError`, before anything slow is imported, if there is no such file."""
     if "\0" not in str(path) and not os.path.exists(path):
-        hint = f" `clearance examples {path.stem}` writes the example of this name." if is_example(path) else ""
+        known = path.suffix.lower() in (".toml", ".urdf") and path.stem in names()
+        hint = f" `clearance examples {path.stem}` writes the example of this name." if known else ""
         raise ClearanceError(f"Cannot read the {what} `{path}`: there is no such file.{hint}")
-
-
-def is_example(path: Path) -> bool:
-    """Whether an example has the name of a file."""
-    from clearance_jax.examples import names
-
-    return path.suffix.lower() in (".toml", ".urdf") and path.stem in names()
 
 
 def choice(help: str, *allowed: str) -> Any:

@@ -31,10 +31,13 @@ app = typer.Typer(
     "clearance animate out.nc -o out.gif --magnify wrist\n\n"
     "clearance simulate slider_crank.toml --set wrist.radial_clearance=0.2mm --set wrist.friction.coefficient=0.1\n\n"
     "clearance info slider_crank.toml\n\n"
-    "clearance examples arm_with_play; clearance info arm_with_play.toml --budget --plot budget.png\n\n"
+    "clearance examples arm_with_play\n\n"
+    "clearance info arm_with_play.toml --budget --plot budget.png\n\n"
     "clearance simulate six_axes.urdf --clearance axis_5:radial_clearance=0.05mm,pin_radius=20mm\n\n"
-    "clearance examples slider_crank_design; clearance run slider_crank_design.toml --report out.html\n\n"
-    "clearance new press --kind slider-crank; clearance check press.toml",
+    "clearance examples slider_crank_design\n\n"
+    "clearance run slider_crank_design.toml --report out.html\n\n"
+    "clearance new press --kind slider-crank\n\n"
+    "clearance check press.toml",
     epilog="[bold]Exit codes[/bold]\n\n"
     "0: done. 1: done, but the answer is none (a motion that failed, a limit that no design holds). "
     "2: wrong input, said in one sentence. 130: interrupted by Ctrl-C; what was done is kept.",
