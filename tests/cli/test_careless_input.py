@@ -187,7 +187,7 @@ def test_a_study_honours_its_scenes_start(tmp_path):
     assert study is not None
     asked = study.problem.specification
     assert asked.t0 == pytest.approx(2e-4)
-    assert (asked.rtol, asked.solver) == (1e-7, "tsit5")
+    assert (asked.rtol, asked.solver) == (1e-7, "dopri8")
     refuses(load_study, path, STUDY.replace(str(SCENE), "s.toml").replace("0.5 ms", "0.1 ms"), "from t0 = 0.0002 s")
     refuses(
         load_study,
@@ -281,12 +281,13 @@ def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tm
 
 
 def test_an_unknown_command_is_answered_with_those_there_are(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["clearance", "optimize", "study.toml"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "No such command 'optimize'. Allowed: simulate, run, info, plot, animate, cache (`run` does what" in said
+    for word, hint in (("optimize", "No such command 'optimize'."), ("simulat", "Did you mean 'simulate'?")):
+        monkeypatch.setattr(sys, "argv", ["clearance", word, "study.toml"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"{hint} Allowed: examples, new, check, simulate, run, info, plot, animate, cache (`run` does" in said
 
 
 def test_play_that_rings_is_answered_with_what_damps_it(monkeypatch):
