@@ -14,9 +14,9 @@ import xarray as xr
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.text import Text
 from PIL import Image
+from looks import check_texts
 from places import ANY, SCENES, refused
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
@@ -27,7 +27,7 @@ from clearance_jax.cli.main import main
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Relative
 from clearance_jax.joints.sleeve import lobatto
-from clearance_jax.report import figures, magnified
+from clearance_jax.report import figures, magnified, play_figures
 from clearance_jax.report.figures import overview
 from clearance_jax.report.magnified import CrossSection, Side
 from clearance_jax.report.skeleton import Skeleton
@@ -201,7 +201,7 @@ def bars(axis) -> dict:
 def test_the_timeline_has_a_bar_for_every_span(arm):
     figure = figures.play(arm)
     drawn, found = bars(figure.axes[0]), spans(arm, "hip")
-    for code, (words, _) in enumerate(figures.PATTERNS):
+    for code, (words, *_) in enumerate(play_figures.PATTERNS):
         chosen = found.pattern % FACE == code
         shown = [box for label, box in drawn.items() if label.startswith(words)]
         if not np.any(chosen):
@@ -275,16 +275,10 @@ def many(dataset, count):
 
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_a_figure_of_many_joints_shows_those_that_bear_most(crank, count):
-    """One legend of the joints and one of their pins, no two texts over each other, and no word of the layout."""
+    """No two texts lie over each other, and none leaves the figure."""
     dataset, largest = many(crank, count)
     for figure in (overview(dataset), figures.play(dataset)):
-        figure.draw_without_rendering()
-        titles = [text for text in figure.findobj(Text) if text.get_visible() and len(text.get_text().strip()) > 4]
-        boxes = [(text.get_text(), text.get_window_extent()) for text in {id(text): text for text in titles}.values()]
-        for k, (text, box) in enumerate(boxes):
-            for other, its in boxes[k + 1 :]:
-                assert not box.overlaps(its), (text, other)
-        assert len(figure.findobj(Legend)) == 2
+        check_texts(figure)
         shown = [axis.get_title().split(":")[0] for axis in figure.axes]
         shown = sorted(name for name in shown if name.startswith("axis_"))
         assert shown == (largest if count > 6 else list(dataset["joint"].values))
