@@ -31,7 +31,7 @@ CLEARANCES = Option(None, "--clearance", metavar="JOINT:NUMBERS", help=f"Give a 
 IDEAL = Option(False, "--ideal", help="Take every clearance away.")
 MAGNIFIED = Option(None, "--magnify", metavar="JOINT", help="The joint magnified (default: the one that bears most).")
 
-KIND = Option(None, "--plot-kind", metavar="NAME", help=f"Kind of figure (default: overview). {LISTED}.")
+KIND = Option(None, "--plot-kind", metavar="NAME", help=f"Kind of figure (default: overview). {LISTED}")
 NARROW = Option(False, "--narrow", help="Panels below each other, to be read on a phone.")
 FIGURES = (".png", ".pdf", ".svg")
 DATASETS = (".nc",)

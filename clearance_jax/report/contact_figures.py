@@ -1,17 +1,17 @@
 """Figures of contacts: polar load diagrams, spectra, contact episodes."""
 
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from scipy.signal import welch
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import heading, time_axis
 from clearance_jax.report.play_figures import bearing_most
-from clearance_jax.report.style import NARROW, RED, STYLED, force_unit, legend_below, length_unit, look
+from clearance_jax.report.style import NARROW, RED, STYLED, fit, force_unit, legend_below, length_unit, look
 from clearance_jax.results import play as pins
 from clearance_jax.results.first_fall import falls_over, seconds
 from clearance_jax.results.places import names_of
@@ -37,8 +37,8 @@ def draw_polar_load(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     for place, joint in enumerate(joints):
         pair = (figure.add_subplot(rows, 2 * beside, 2 * place + k, projection="polar") for k in (1, 2))
         _loads(*pair, dataset, joint, over)
-    gap = "\n" if len(joints) == 1 or narrow else ", "
-    figure.suptitle(f"{heading(dataset)}: loads of pins{_after(over)}{gap}direction: from the sleeve's centre to the contact")
+    text = f"{heading(dataset)}: loads of pins{_after(over)}\ndirection: from the sleeve's centre to the contact"
+    figure.suptitle(fit(text, wide, 11))
     return figure
 
 
@@ -63,7 +63,7 @@ def _loads(forces: Any, rose: Any, dataset: xr.Dataset, joint: str, over: float)
         axis.set_xticks(np.arange(0, 2 * np.pi, np.pi / 2))
         axis.tick_params(labelsize=8, pad=0)
         axis.set_rlabel_position(135)
-        axis.yaxis.get_major_locator().set_params(nbins=4)
+        axis.yaxis.set_major_locator(MaxNLocator(nbins=4, prune="lower"))
 
 
 class EvenSeries(NamedTuple):
@@ -76,13 +76,16 @@ class EvenSeries(NamedTuple):
 
 
 @STYLED
-def draw_spectrum(dataset: xr.Dataset, narrow: bool = False, modes: Iterable[float] = ()) -> Figure:
+def draw_spectrum(dataset: xr.Dataset, narrow: bool = False, modes: tuple[float, ...] = ()) -> Figure:
     """The figure `spectrum`."""
-    modes = tuple(modes)
     if not names_of(dataset, "joint"):
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
     over, joints = falls_over(dataset), bearing_most(dataset)
-    parts = {"force": [_even(k, joint, *pins.at_steps(dataset, joint, "contact_force"), over) for k, joint in enumerate(joints)]}
+    parts = {
+        "force": [
+            _even(k, joint, *pins.at_steps(dataset, joint, "contact_force"), over) for k, joint in enumerate(joints)
+        ]
+    }
     if "position_error" in dataset:
         columns = (dataset["position_error"].sel(point=name).values for name in names_of(dataset, "point"))
         time, named = dataset["time"].values, zip(names_of(dataset, "point"), columns, strict=True)
@@ -97,7 +100,7 @@ def draw_spectrum(dataset: xr.Dataset, narrow: bool = False, modes: Iterable[flo
         axis.set_title(f"{kind}, resolution {resolution:.3g} Hz", loc="left", fontsize=9)
         legend_below(axis, 3, fontsize=8)
     axes[-1].set_xlabel("frequency, Hz")
-    figure.suptitle(f"{heading(dataset)}: spectra{_after(over)}")
+    figure.suptitle(fit(f"{heading(dataset)}: spectra{_after(over)}", figure.get_figwidth(), 11))
     return figure
 
 
@@ -120,7 +123,9 @@ def _densities(axis: Any, kind: str, rows: list[EvenSeries]) -> float:
     for row in rows:
         window = max(len(row.values) * 2 // (WINDOWS + 1), LEAST // 2)
         frequency, density = welch(factor * row.values, row.per_second, nperseg=window)
-        axis.loglog(frequency[1:], density[1:], lw=0.9, ms=4, mfc="white", markevery=0.2, label=row.name, **look(row.number))
+        axis.loglog(
+            frequency[1:], density[1:], lw=0.9, ms=4, mfc="white", markevery=0.2, label=row.name, **look(row.number)
+        )
         resolution, top = max(resolution, float(frequency[1])), max(top, float(density[1:].max()))
     axis.set_ylabel(f"density, {unit}²/Hz")
     axis.set_ylim(bottom=max(DEPTH * top, np.finfo(float).tiny))
@@ -150,10 +155,13 @@ def draw_episodes(dataset: xr.Dataset, narrow: bool = False) -> Figure:
         axis.set_ylabel(label)
         if name != "restitution":
             axis.set_yscale("log")
+            axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.yaxis.set_major_formatter("{x:g}")
+            axis.yaxis.set_minor_formatter(NullFormatter())
         if axis is not axes[-1]:
             axis.set_xlabel("")
     axes[-1].set(ylim=(0, 1.05))
     legend_below(axes[-1], 3, fontsize=8)
     hollow = f"\nhollow: in the first fall, until {seconds(over)}" if np.isfinite(over) else ""
-    figure.suptitle(f"{heading(dataset)}: contact episodes{hollow}")
+    figure.suptitle(fit(f"{heading(dataset)}: contact episodes{hollow}", figure.get_figwidth(), 11))
     return figure

@@ -16,11 +16,22 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.judge.budget import ErrorBudget
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff
 from clearance_jax.design.judge.observed import TimeHistory
-from clearance_jax.report.play_figures import draw_path
 from clearance_jax.report.panels import time_axis
+from clearance_jax.report.play_figures import draw_path
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.report.style import BLUE, COLOURS, ORANGE, RED, STYLE, STYLED, legend_below, length_unit
-from clearance_jax.report.style import look, new_figure, round_down
+from clearance_jax.report.style import (
+    BLUE,
+    COLOURS,
+    ORANGE,
+    RED,
+    STYLE,
+    STYLED,
+    legend_below,
+    length_unit,
+    look,
+    new_figure,
+    round_down,
+)
 from clearance_jax.report.wear_figures import draw_lives
 from clearance_jax.results.places import Outline, bounds, places
 from clearance_jax.results.play import middle_path, play

@@ -20,11 +20,12 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from clearance_jax.errors import ClearanceError, wrong_value
-from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.magnified import CrossSection, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
+from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.report.style import RED, STYLE as LOOK, round_down
+from clearance_jax.report.style import RED, round_down
+from clearance_jax.report.style import STYLE as LOOK
 from clearance_jax.results.places import places
 from clearance_jax.results.play import JointPlay, require_joint
 

@@ -11,16 +11,20 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import curve, heading, page, panels, same_scale, time_axis
 from clearance_jax.report.play_figures import MOST, bearing_most, draw_states, timeline
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.report.style import NARROW, STYLED, force_unit, legend_below, length_unit, look, panel_grid
+from clearance_jax.report.style import NARROW, STYLED, fit, force_unit, legend_below, length_unit, look, panel_grid
 from clearance_jax.results import play as pins
 from clearance_jax.results.first_fall import falls_over, seconds
-from clearance_jax.results.places import names_of, outline, places
+from clearance_jax.results.places import Places, names_of, outline, places
 
 # Widths of the two columns, and heights: mechanism, a row of orbits, the first fall, a panel over time, and in the
 # timeline a joint's bar [inch].
 WIDTHS, MECHANISM, ORBIT, FALL, ROW, BAR = (4.6, 7.0), 3.2, 2.0, 2.0, 2.0, 0.3
 # Distance of a legend below a panel that has no numbers there, and height of a line in a legend [inch].
 NEAR, LINE = 0.08, 0.17
+# Between the left edge of a column and its axes [inch].
+MARGIN = 0.7
+# Most names in the mechanism; places nearer than this part of its size share a name.
+FEW, SAME = 5, 0.03
 # If first falls take more of the motion than this, they are not set apart.
 LONG = 0.8
 
@@ -39,6 +43,11 @@ class MotionShown(NamedTuple):
     def falls(self) -> bool:
         """Whether first falls are set apart."""
         return bool(np.isfinite(self.over))
+
+    def title(self, axis: Any, text: str, column: int) -> None:
+        """Write the title of a panel in a column."""
+        width = NARROW if self.narrow else WIDTHS[column]
+        axis.set_title(fit(text, width - MARGIN), loc="left", fontsize=9)
 
     def forces(self, joint: str, falling: bool) -> tuple[np.ndarray, np.ndarray]:
         """Times [s] and contact forces [N], within the steps too, after the first falls or in them (`falling`)."""
@@ -96,7 +105,7 @@ def draw_overview(dataset: xr.Dataset, narrow: bool = False) -> Figure:
         title += f"\nof {len(every)} joints with play the {MOST} that bear most"
     if "ideal" in dataset.attrs and "position_error" not in dataset:
         title += f"\nno error against the ideal mechanism: {dataset.attrs['ideal']}"
-    figure.suptitle(title)
+    figure.suptitle(fit(title, size[0], 11))
     return figure
 
 
@@ -111,9 +120,24 @@ def _mechanism(figure: Any, shown: MotionShown, letter: str) -> None:
         axis.plot(*path.T, lw=1.2, ms=6, markevery=[i], zorder=5.5, **look(-1 - k))
     for k, joint in enumerate(shown.joints):
         axis.plot(*placed.at[[i], placed.joints[joint]].T, ms=8, mew=1.8, mfc="white", zorder=6, **look(k))
+    _name(axis, placed, i, [*placed.points.items(), *((joint, placed.joints[joint]) for joint in shown.joints)])
     if not in_space:
         same_scale(axis, still.visible)
-    axis.set_title(f"({letter}) mechanism at {seconds(still.time)}, paths of its points", loc="left", fontsize=9)
+    shown.title(axis, f"({letter}) mechanism at {seconds(still.time)}, paths of its points", 0)
+
+
+def _name(axis: Any, placed: Places, i: int, marks: list[tuple[str, int]]) -> None:
+    """Write names beside marks, those of one place together; nothing if they are too many."""
+    groups: list[tuple[np.ndarray, list[str]]] = []
+    for name, mark in marks if len(marks) <= FEW else ():
+        at = placed.at[i, mark]
+        near = next((names for other, names in groups if np.linalg.norm(at - other) < SAME * placed.size), None)
+        if near is None:
+            groups.append((at, [name]))
+        else:
+            near.append(name)
+    for at, names in groups:
+        axis.text(*at, f"\n   {', '.join(dict.fromkeys(names))}", va="top", fontsize=8, zorder=7)
 
 
 def _orbits(figure: Any, shown: MotionShown, letter: str) -> None:
@@ -132,7 +156,7 @@ def _orbits(figure: Any, shown: MotionShown, letter: str) -> None:
 def _fall(figure: Any, shown: MotionShown, letter: str) -> None:
     axis = figure.subplots()
     _forces(axis, shown, falling=True)
-    axis.set_title(f"({letter}) contact force in the first fall, an artefact of the start", loc="left", fontsize=9)
+    shown.title(axis, f"({letter}) contact force in the first fall, an artefact of the start", 0)
     legend_below(axis, 1 if shown.narrow else 2, fontsize=8)
 
 
@@ -162,11 +186,13 @@ def _over_time(figure: Any, shown: MotionShown, rows: dict[Callable, float], let
     axes = figure.subplots(len(rows), 1, sharex=True, height_ratios=list(rows.values()))
     factor = time_axis(axes[-1], float(shown.dataset["time"][-1]))
     for axis, draw in zip(axes, rows, strict=True):
-        axis.set_title(f"({next(letters)}) {draw(axis, shown)}", loc="left", fontsize=9)
+        shown.title(axis, f"({next(letters)}) {draw(axis, shown)}", 1)
         if axis is not axes[-1]:
             axis.set_xlabel("")
             if shown.falls:
-                axis.axvspan(factor * float(shown.dataset["time"][0]), factor * shown.over, color="0.88", lw=0, zorder=0)
+                axis.axvspan(
+                    factor * float(shown.dataset["time"][0]), factor * shown.over, color="0.88", lw=0, zorder=0
+                )
     axes[-1].set_xlim(*factor * shown.dataset["time"].values[[0, -1]])
 
 

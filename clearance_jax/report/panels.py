@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
-from clearance_jax.report.style import NARROW, legend_below, look
+from clearance_jax.report.style import NARROW, fit, legend_below, look
 from clearance_jax.results.places import bounds, names_of
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
@@ -71,14 +71,14 @@ def page(shown: list[Panel], dataset: xr.Dataset, title: str, narrow: bool) -> F
         axis = figure.add_subplot(rows, columns, i + 1, projection=panel.projection)
         panel.draw(axis, dataset)
         axis.set_title(f"({ascii_lowercase[i]}) {panel.title}" if len(shown) > 1 else panel.title)
-    figure.suptitle(title)
+    figure.suptitle(fit(title, size[0], 11))
     return figure
 
 
 def heading(dataset: xr.Dataset) -> str:
     """The title of a figure of a motion: its mechanism, and how the motion ended if it did not reach its end."""
     ended = str(dataset.attrs.get("result", "successful"))
-    return str(dataset.attrs.get("mechanism", "")) + ("" if ended == "successful" else f"   ({ended})")
+    return str(dataset.attrs.get("mechanism", "")) + ("" if ended == "successful" else f" ({ended})")
 
 
 def panels(dataset: xr.Dataset) -> list[Panel]:

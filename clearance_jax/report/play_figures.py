@@ -10,7 +10,19 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import flights, heading, time_axis
-from clearance_jax.report.style import BLUE, GREEN, NARROW, ORANGE, PURPLE, RED, SKY, STYLED, legend_below, panel_grid
+from clearance_jax.report.style import (
+    BLUE,
+    GREEN,
+    NARROW,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY,
+    STYLED,
+    fit,
+    legend_below,
+    panel_grid,
+)
 from clearance_jax.results import play as pins
 from clearance_jax.results.places import names_of
 
@@ -52,7 +64,7 @@ def draw_play(dataset: xr.Dataset, narrow: bool = False, edges: bool = False) ->
     title = f"{heading(dataset)}: where pins bear"
     if len(joints) > MOST:
         title += f"\npaths of the {MOST} of {len(joints)} that bear most"
-    figure.suptitle(title)
+    figure.suptitle(fit(title, figure.get_figwidth(), 11))
     return figure
 
 
@@ -147,5 +159,5 @@ def draw_path(axis: Any, path: pins.PinPath, states: Mapping[int, tuple[str, str
     if path.travel is not None:
         axis.plot(*1e6 * path.travel, "k--", lw=0.8, label="clearance")
     axis.set_aspect("equal", adjustable="box")
-    for ticks in (axis.xaxis, axis.yaxis):
-        ticks.set_major_locator(MaxNLocator(nbins=5))
+    axis.yaxis.set_major_locator(MaxNLocator(nbins=5))
+    axis.xaxis.set_major_locator(MaxNLocator(nbins=4))

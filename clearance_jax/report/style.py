@@ -1,6 +1,7 @@
 """How figures look: colours that colour-blind people tell apart, markers besides, legends that cover nothing."""
 
 import math
+import textwrap
 from typing import Any
 
 import matplotlib as mpl
@@ -38,8 +39,8 @@ def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def legend_below(axis: Any, columns: int = 3, below: float = BELOW, **how: Any) -> None:
-    """A legend below the axes, with room made for it, of at most so many columns as fit into the figure's width; `below`:
-    distance [inch]; `how`: as `Axes.legend`'s.
+    """A legend below the axes at a distance [inch], with room made for it, of at most so many columns as fit into the
+    figure's width; `how`: as `Axes.legend`'s.
     """
     _, labels = axis.get_legend_handles_labels()
     down = axis.transAxes + ScaledTranslation(0.0, -below, axis.figure.dpi_scale_trans)
@@ -49,6 +50,11 @@ def legend_below(axis: Any, columns: int = 3, below: float = BELOW, **how: Any) 
     width = 72 * axis.figure.bbox.width / axis.figure.dpi / inside
     fit = int(width / (size * (CHARACTER * max(map(len, labels), default=1) + HANDLE)))
     axis.legend(**where, ncols=max(1, min(columns, fit, len(labels))), **how)
+
+
+def fit(text: str, width: float, size: float = 9.0) -> str:
+    """A text broken into lines that fit into a width [inch]; `size` of its letters [point]."""
+    return "\n".join(textwrap.fill(line, int(72 * width / (CHARACTER * size))) for line in text.split("\n"))
 
 
 def panel_grid(figure: Any, count: int, columns: int, **how: Any) -> np.ndarray:

@@ -33,7 +33,9 @@ def overview(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     figure = Figure(figsize=(NARROW, 14.0) if narrow else (12, 7.5), layout="constrained")
     grid = figure.add_gridspec(4, 1) if narrow else figure.add_gridspec(2, 5)
     places = [grid[k, 0] for k in range(4)] if narrow else [grid[0, :3], grid[0, 3:], grid[1, :3], grid[1, 3:]]
-    for draw, place in zip((profiles, bore, growth, criterion if "watched" in dataset else volume), places, strict=True):
+    for draw, place in zip(
+        (profiles, bore, growth, criterion if "watched" in dataset else volume), places, strict=True
+    ):
         draw(figure.add_subplot(place), dataset)
     end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
     gap = "\n" if narrow else ": "

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from looks import check_texts
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
-from looks import check_texts
 from places import ANY, SCENES, refused
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
