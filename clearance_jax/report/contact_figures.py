@@ -33,12 +33,12 @@ def draw_polar_load(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     over, beside = falls_over(dataset), 1 if narrow or len(joints) == 1 else 2
     rows = -(-len(joints) // beside)
     wide = NARROW if narrow else 2 * POLAR * beside
-    figure = Figure(figsize=(wide, (0.5 * NARROW + 0.4 if narrow else POLAR) * rows + 0.7), layout="constrained")
+    figure = Figure(figsize=(wide, (0.5 * NARROW + 0.5 if narrow else POLAR + 0.3) * rows + 0.7), layout="constrained")
     for place, joint in enumerate(joints):
         pair = (figure.add_subplot(rows, 2 * beside, 2 * place + k, projection="polar") for k in (1, 2))
         _loads(*pair, dataset, joint, over)
     text = f"{heading(dataset)}: loads of pins{_after(over)}\ndirection: from the sleeve's centre to the contact"
-    figure.suptitle(fit(text, wide, 11))
+    figure.suptitle(fit(text, wide, 11.0))
     return figure
 
 
@@ -61,7 +61,7 @@ def _loads(forces: Any, rose: Any, dataset: xr.Dataset, joint: str, over: float)
     rose.set_title(f"{joint}: % of time per {360 // SECTORS}°,\nbears {np.sum(share):.3g} % in all", fontsize=9)
     for axis in (forces, rose):
         axis.set_xticks(np.arange(0, 2 * np.pi, np.pi / 2))
-        axis.tick_params(labelsize=8, pad=0)
+        axis.tick_params(labelsize=8)
         axis.set_rlabel_position(135)
         axis.yaxis.set_major_locator(MaxNLocator(nbins=4, prune="lower"))
 
@@ -100,7 +100,7 @@ def draw_spectrum(dataset: xr.Dataset, narrow: bool = False, modes: tuple[float,
         axis.set_title(f"{kind}, resolution {resolution:.3g} Hz", loc="left", fontsize=9)
         legend_below(axis, 3, fontsize=8)
     axes[-1].set_xlabel("frequency, Hz")
-    figure.suptitle(fit(f"{heading(dataset)}: spectra{_after(over)}", figure.get_figwidth(), 11))
+    figure.suptitle(fit(f"{heading(dataset)}: spectra{_after(over)}", figure.get_figwidth(), 11.0))
     return figure
 
 
@@ -163,5 +163,5 @@ def draw_episodes(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     axes[-1].set(ylim=(0, 1.05))
     legend_below(axes[-1], 3, fontsize=8)
     hollow = f"\nhollow: in the first fall, until {seconds(over)}" if np.isfinite(over) else ""
-    figure.suptitle(fit(f"{heading(dataset)}: contact episodes{hollow}", figure.get_figwidth(), 11))
+    figure.suptitle(fit(f"{heading(dataset)}: contact episodes{hollow}", figure.get_figwidth(), 11.0))
     return figure

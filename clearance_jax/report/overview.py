@@ -1,6 +1,6 @@
 """The default figure of a motion: mechanism, error, contact forces with the first fall set apart, orbits of pins."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +44,12 @@ class MotionShown(NamedTuple):
         """Whether first falls are set apart."""
         return bool(np.isfinite(self.over))
 
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of the orbits."""
+        columns = 1 if len(self.joints) == 1 else 2 if len(self.joints) <= 4 else 3
+        return -(-len(self.joints) // columns), columns
+
     def title(self, axis: Any, text: str, column: int) -> None:
         """Write the title of a panel in a column."""
         width = NARROW if self.narrow else WIDTHS[column]
@@ -82,34 +88,29 @@ def draw_overview(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     shown = MotionShown(dataset, bearing_most(dataset), over, narrow)
     if over > time[0] + LONG * (time[-1] - time[0]):
         shown = shown._replace(over=-np.inf)
-    across = 1 if len(shown.joints) == 1 else 2 if len(shown.joints) <= 4 else 3
-    parts: dict[Callable, float] = {_mechanism: MECHANISM} if "mark_position" in dataset else {}
-    parts |= {_orbits: 0.5 + ORBIT * (1.4 if across == 1 else -(-len(shown.joints) // across))}
-    parts |= {_fall: FALL + LINE * len(shown.joints)} if shown.falls else {}
-    rows = _rows(shown)
-    heights, tall = list(parts.values()), 0.9 + sum(rows.values())
-    size = (NARROW, sum(heights) + tall) if narrow else (sum(WIDTHS), max(sum(heights), tall))
-    figure = Figure(figsize=(size[0], size[1] + 0.5), layout="constrained")
-    where: Any = figure
-    if narrow:
-        *left, right = where.subfigures(len(heights) + 1, 1, height_ratios=[*heights, tall])
-    else:
-        beside, right = where.subfigures(1, 2, width_ratios=WIDTHS)
-        left = np.atleast_1d(beside.subfigures(len(heights), 1, height_ratios=heights))
-    letters = iter("abcdefgh")
-    for part, draw in zip(left, parts, strict=True):
-        draw(part, shown, next(letters))
-    _over_time(right, shown, rows, letters)
+    first: dict[Callable, float] = {_mechanism: MECHANISM} if "mark_position" in dataset else {}
+    rest: dict[Callable, float] = {_orbits: 0.5 + ORBIT * (1.4 if len(shown.joints) == 1 else shown.grid[0])}
+    rest |= {_fall: FALL + LINE * len(shown.joints)} if shown.falls else {}
+    tall = 0.9 + sum(_rows(shown).values())
+    columns = [first | {_over_time: tall} | rest] if narrow else [first | rest, {_over_time: tall}]
+    widths = (NARROW,) if narrow else WIDTHS
+    height = max(sum(column.values()) for column in columns)
+    figure = Figure(figsize=(sum(widths), height + 0.5), layout="constrained")
+    where, letters = figure.subfigures(1, len(columns), width_ratios=widths, squeeze=False)[0], iter("abcdefgh")
+    for part, column in zip(where, columns, strict=True):
+        places = part.subfigures(len(column), 1, height_ratios=list(column.values()), squeeze=False)[:, 0]
+        for place, draw in zip(places, column, strict=True):
+            draw(place, shown, letters)
     title = heading(dataset)
     if len(every) > MOST:
         title += f"\nof {len(every)} joints with play the {MOST} that bear most"
     if "ideal" in dataset.attrs and "position_error" not in dataset:
-        title += f"\nno error against the ideal mechanism: {dataset.attrs['ideal']}"
-    figure.suptitle(fit(title, size[0], 11))
+        title += f"\nerror not shown: {dataset.attrs['ideal']}"
+    figure.suptitle(fit(title, sum(widths), 11.0))
     return figure
 
 
-def _mechanism(figure: Any, shown: MotionShown, letter: str) -> None:
+def _mechanism(figure: Any, shown: MotionShown, letters: Iterator[str]) -> None:
     """The mechanism at one instant; joints with play and points in their colours, with the points' paths."""
     still, placed = outline(shown.dataset), places(shown.dataset)
     i, in_space = still.sample, placed.at.shape[-1] == 3
@@ -123,7 +124,7 @@ def _mechanism(figure: Any, shown: MotionShown, letter: str) -> None:
     _name(axis, placed, i, [*placed.points.items(), *((joint, placed.joints[joint]) for joint in shown.joints)])
     if not in_space:
         same_scale(axis, still.visible)
-    shown.title(axis, f"({letter}) mechanism at {seconds(still.time)}, paths of its points", 0)
+    shown.title(axis, f"({next(letters)}) mechanism at {seconds(still.time)}, paths of its points", 0)
 
 
 def _name(axis: Any, placed: Places, i: int, marks: list[tuple[str, int]]) -> None:
@@ -140,23 +141,23 @@ def _name(axis: Any, placed: Places, i: int, marks: list[tuple[str, int]]) -> No
         axis.text(*at, f"\n   {', '.join(dict.fromkeys(names))}", va="top", fontsize=8, zorder=7)
 
 
-def _orbits(figure: Any, shown: MotionShown, letter: str) -> None:
+def _orbits(figure: Any, shown: MotionShown, letters: Iterator[str]) -> None:
     count = len(shown.joints)
-    axes = panel_grid(figure, count, 1 if count == 1 else 2 if count <= 4 else 3)
+    axes = panel_grid(figure, count, shown.grid[1])
     named = {}
     for axis, joint in zip(axes.flat, shown.joints, strict=False):
         draw_states(axis, shown.dataset, joint, shares=count == 1)
         axis.set_title(joint, fontsize=9)
         axis.tick_params(labelsize=8)
         named |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    figure.suptitle(f"({letter}) pin centres in their sleeves, e_y over e_x, µm", fontsize=9)
+    figure.suptitle(f"({next(letters)}) pin centres in their sleeves, e_y over e_x, µm", fontsize=9)
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=2 if count == 1 else 4, fontsize=8)
 
 
-def _fall(figure: Any, shown: MotionShown, letter: str) -> None:
+def _fall(figure: Any, shown: MotionShown, letters: Iterator[str]) -> None:
     axis = figure.subplots()
     _forces(axis, shown, falling=True)
-    shown.title(axis, f"({letter}) contact force in the first fall, an artefact of the start", 0)
+    shown.title(axis, f"({next(letters)}) contact force in the first fall, an artefact of the start", 0)
     legend_below(axis, 1 if shown.narrow else 2, fontsize=8)
 
 
@@ -181,8 +182,9 @@ def _rows(shown: MotionShown) -> dict[Callable, float]:
     return rows | {_force: ROW + lines, _eccentricity: ROW - 0.3, _bearing: 0.6 + BAR * len(shown.joints)}
 
 
-def _over_time(figure: Any, shown: MotionShown, rows: dict[Callable, float], letters: Any) -> None:
+def _over_time(figure: Any, shown: MotionShown, letters: Iterator[str]) -> None:
     """Panels below each other over one axis of time, on which the first falls are grey."""
+    rows = _rows(shown)
     axes = figure.subplots(len(rows), 1, sharex=True, height_ratios=list(rows.values()))
     factor = time_axis(axes[-1], float(shown.dataset["time"][-1]))
     for axis, draw in zip(axes, rows, strict=True):

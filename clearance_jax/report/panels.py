@@ -71,7 +71,7 @@ def page(shown: list[Panel], dataset: xr.Dataset, title: str, narrow: bool) -> F
         axis = figure.add_subplot(rows, columns, i + 1, projection=panel.projection)
         panel.draw(axis, dataset)
         axis.set_title(f"({ascii_lowercase[i]}) {panel.title}" if len(shown) > 1 else panel.title)
-    figure.suptitle(fit(title, size[0], 11))
+    figure.suptitle(fit(title, size[0], 11.0))
     return figure
 
 

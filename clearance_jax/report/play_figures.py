@@ -64,7 +64,7 @@ def draw_play(dataset: xr.Dataset, narrow: bool = False, edges: bool = False) ->
     title = f"{heading(dataset)}: where pins bear"
     if len(joints) > MOST:
         title += f"\npaths of the {MOST} of {len(joints)} that bear most"
-    figure.suptitle(fit(title, figure.get_figwidth(), 11))
+    figure.suptitle(fit(title, figure.get_figwidth(), 11.0))
     return figure
 
 

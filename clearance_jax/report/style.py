@@ -54,7 +54,7 @@ def legend_below(axis: Any, columns: int = 3, below: float = BELOW, **how: Any) 
 
 def fit(text: str, width: float, size: float = 9.0) -> str:
     """A text broken into lines that fit into a width [inch]; `size` of its letters [point]."""
-    return "\n".join(textwrap.fill(line, int(72 * width / (CHARACTER * size))) for line in text.split("\n"))
+    return "\n".join(textwrap.fill(line, int(72 * width / (0.5 * size))) for line in text.split("\n"))
 
 
 def panel_grid(figure: Any, count: int, columns: int, **how: Any) -> np.ndarray:
