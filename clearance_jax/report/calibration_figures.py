@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from clearance_jax.calibrate.result import Calibration
 from clearance_jax.report.design_figures import HEIGHT, PAGE, WIDTH
 from clearance_jax.report.panels import time_axis
-from clearance_jax.report.style import BLUE, RED, length_unit, new_figure
+from clearance_jax.report.style import BLUE, RED, legend_outside, length_unit, new_figure
 
 # Most letters of a name beside an axis.
 SHORT = 22
@@ -38,7 +38,7 @@ def signal_fit(calibration: Calibration, name: str) -> Figure:
     below.axhspan(-2 * factor * noise, 2 * factor * noise, color="0.9", lw=0, zorder=0)
     below.plot(times, factor * calibration.residuals[f"{name}_residual"].values, ".", ms=3, color=BLUE)
     below.set_ylabel("residual" + (f", {unit}" if unit else ""))
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 

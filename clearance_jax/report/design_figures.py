@@ -27,6 +27,7 @@ from clearance_jax.report.style import (
     STYLE,
     STYLED,
     legend_below,
+    legend_outside,
     length_unit,
     look,
     new_figure,
@@ -88,7 +89,7 @@ def over_time(history: TimeHistory) -> Figure:
     if history.since is not None:
         axes.axvspan(times[0], per_second * history.since, color="0.9", lw=0, zorder=0, label="does not count")
     axes.set_ylabel(_label(history.signal, unit, UPRIGHT))
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 
@@ -109,7 +110,7 @@ def contributions(why: Sequence[Response]) -> Figure:
     axes.axvline(100, color="k", ls="--", lw=0.8)
     # Names stand above the bars: beside them they would leave no room on a phone.
     axes.set(yticks=[], xlabel="share of the bound, %", ylim=(len(why) - 0.6, -0.75))
-    figure.legend(loc="outside lower center")
+    legend_outside(figure, 1)
     return figure
 
 
@@ -139,7 +140,7 @@ def intervals(maintenance: Maintenance, design: Design) -> Figure:
         draw_lives(axes, places, lives, maintenance.most, name)
     axes.axhline(maintenance.asked, color="k", ls="--", lw=0.8, label="asked for")
     axes.set(xlabel=label, ylabel="cycles of wear", ylim=(0, None))
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 
@@ -158,7 +159,7 @@ def convergence(design: Design) -> Figure:
     axes.set(xlabel="evaluation", ylabel=label)
     if 0 < 10 * values.min() < values.max():
         axes.set_yscale("log")
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 
@@ -185,7 +186,7 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
             axes.plot(*(1e6 * ends[:, k].T), style, lw=0.8, label=name)
     draw_path(axes, path, states)
     axes.set(xlabel="along the sleeve's x, µm", ylabel="along its y, µm")
-    figure.legend(loc="outside lower center", ncol=3, columnspacing=1, handlelength=1.2)
+    legend_outside(figure, 3)
     return figure
 
 

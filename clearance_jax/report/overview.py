@@ -22,9 +22,9 @@ WIDTHS, MECHANISM, ORBIT, FALL, ROW, BAR = (4.6, 7.0), 3.2, 2.0, 2.0, 2.0, 0.3
 # Distance of a legend below a panel that has no numbers there, and height of a line in a legend [inch].
 NEAR, LINE = 0.08, 0.17
 # Between the left edge of a column and its axes [inch].
-MARGIN = 0.7
+MARGIN = 0.9
 # Most names in the mechanism; places nearer than this part of its size share a name.
-FEW, SAME = 5, 0.03
+FEW, SAME = 5, 0.1
 # If first falls take more of the motion than this, they are not set apart.
 LONG = 0.8
 

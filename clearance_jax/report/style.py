@@ -45,11 +45,30 @@ def legend_below(axis: Any, columns: int = 3, below: float = BELOW, **how: Any) 
     _, labels = axis.get_legend_handles_labels()
     down = axis.transAxes + ScaledTranslation(0.0, -below, axis.figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": down, "borderaxespad": 0.0}
-    size = how.get("fontsize", mpl.rcParams["font.size"])
     inside = axis.get_subplotspec().get_topmost_subplotspec().get_gridspec().ncols
     width = 72 * axis.figure.bbox.width / axis.figure.dpi / inside
-    fit = int(width / (size * (CHARACTER * max(map(len, labels), default=1) + HANDLE)))
-    axis.legend(**where, ncols=max(1, min(columns, fit, len(labels))), **how)
+    ncols = _columns(labels, width, columns, how.get("fontsize", mpl.rcParams["font.size"]))
+    axis.legend(**where, ncols=ncols, **how)
+
+
+def legend_outside(figure: Figure, columns: int, **how: Any) -> None:
+    """A legend below all axes of a figure, of at most so many columns as fit, long labels in lines; `how`: as
+    `Figure.legend`'s.
+    """
+    pairs = (zip(*axis.get_legend_handles_labels(), strict=True) for axis in figure.axes)
+    known = {label: handle for axis in pairs for handle, label in axis}
+    size, width = mpl.rcParams["legend.fontsize"], figure.get_figwidth()
+    size = size if isinstance(size, float | int) else mpl.rcParams["font.size"]
+    labels = [fit(label, float(width - HANDLE * size / 72), float(size)) for label in known]
+    figure.legend(
+        known.values(), labels, loc="outside lower center", ncols=_columns(labels, width, columns, size), **how
+    )
+
+
+def _columns(labels: list[str], width: float, most: int, size: float) -> int:
+    """How many columns of a legend fit into a width [inch], at most `most`."""
+    longest = max((len(line) for label in labels for line in label.split("\n")), default=1)
+    return max(1, min(most, int(72 * width / (size * (CHARACTER * longest + HANDLE))), len(labels)))
 
 
 def fit(text: str, width: float, size: float = 9.0) -> str:

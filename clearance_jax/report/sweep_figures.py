@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import sweep_axes as sweep
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
-from clearance_jax.report.style import BLUE, ORANGE, STYLED, legend_below, look, new_figure, panel_grid
+from clearance_jax.report.style import BLUE, ORANGE, STYLED, legend_below, legend_outside, look, new_figure, panel_grid
 from clearance_jax.results.sobol import Indices
 
 COLOURS, FAILED = "viridis", "0.8"
@@ -290,7 +290,7 @@ def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, 
     axes.set(yticks=range(count), yticklabels=[sweep.words(name) for name in found.names], ylim=(count - 0.5, -0.5))
     axes.set_xlabel(f"part of the variance{f' of {of}' if of else ''}")
     axes.grid(axis="y", visible=False)
-    figure.legend(loc="outside upper center", ncols=len(bars), frameon=False)
+    legend_outside(figure, len(bars))
     return figure
 
 
