@@ -46,7 +46,7 @@ def legend_below(axis: Any, columns: int = 3, below: float = BELOW, **how: Any) 
     down = axis.transAxes + ScaledTranslation(0.0, -below, axis.figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": down, "borderaxespad": 0.0}
     inside = axis.get_subplotspec().get_topmost_subplotspec().get_gridspec().ncols
-    width = 72 * axis.figure.bbox.width / axis.figure.dpi / inside
+    width = axis.figure.bbox.width / axis.figure.dpi / inside
     ncols = _columns(labels, width, columns, how.get("fontsize", mpl.rcParams["font.size"]))
     axis.legend(**where, ncols=ncols, **how)
 

@@ -150,6 +150,7 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     # Below the surface there is nothing to be read off.
     axes.set_zticks([tick for tick in MaxNLocator(nbins=6).tick_values(low, high) if low <= tick <= high])
     axes.view_init(elev=26, azim=-128)
+    axes.set_box_aspect(None, zoom=0.85)  # or labels would leave the page
     figure.colorbar(drawn, ax=axes, shrink=0.7, pad=0.02, label=of.label)
     axes.set_title(textwrap.fill(sweep.place_words(dataset, place), 60), fontsize=9)
     return figure
@@ -252,7 +253,7 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
         heights.append((columns[name][order] - low) / (high - low if high > low else 1.0))
         axes.axvline(i, color="0.2", lw=0.8)
         for height, value, side in ((-0.02, low, "top"), (1.02, high, "bottom")):
-            axes.text(i, height, f"{value:.3g}", ha="center", va=side)
+            axes.text(i, height, f"{value:.4g}", ha="center", va=side)
     lines = np.stack([np.broadcast_to(np.arange(len(names)), (len(order), len(names))), np.stack(heights, 1)], axis=-1)
     drawn = LineCollection(list(lines), cmap=COLOURS, lw=0.7, alpha=max(0.15, min(0.8, 60 / len(order))))
     drawn.set_array(columns[colour][order])

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.collections import LineCollection
 from looks import check_texts
+from matplotlib.collections import LineCollection
 from places import refused
 from scipy import stats
 
