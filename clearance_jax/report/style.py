@@ -47,8 +47,8 @@ def legend_below(axis: Any, columns: int = 3, below: float = BELOW, **how: Any) 
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": down, "borderaxespad": 0.0}
     inside = axis.get_subplotspec().get_topmost_subplotspec().get_gridspec().ncols
     width = axis.figure.bbox.width / axis.figure.dpi / inside
-    ncols = _columns(labels, width, columns, how.get("fontsize", mpl.rcParams["font.size"]))
-    axis.legend(**where, ncols=ncols, **how)
+    size = float(how.get("fontsize", mpl.rcParams["font.size"]))
+    axis.legend(**where, ncols=_columns(labels, width, columns, size), **how)
 
 
 def legend_outside(figure: Figure, columns: int, **how: Any) -> None:
@@ -57,9 +57,8 @@ def legend_outside(figure: Figure, columns: int, **how: Any) -> None:
     """
     pairs = (zip(*axis.get_legend_handles_labels(), strict=True) for axis in figure.axes)
     known = {label: handle for axis in pairs for handle, label in axis}
-    size, width = mpl.rcParams["legend.fontsize"], figure.get_figwidth()
-    size = size if isinstance(size, float | int) else mpl.rcParams["font.size"]
-    labels = [fit(label, float(width - HANDLE * size / 72), float(size)) for label in known]
+    size, width = float(mpl.rcParams["font.size"]), float(figure.get_figwidth())
+    labels = [fit(label, width - HANDLE * size / 72, size) for label in known]
     figure.legend(
         known.values(), labels, loc="outside lower center", ncols=_columns(labels, width, columns, size), **how
     )
