@@ -55,7 +55,7 @@ def draw_play(dataset: xr.Dataset, narrow: bool = False, edges: bool = False) ->
     orbits_of += [single] if single else []
     row, tall = (FEW, 2.3) if narrow else (ROW, 2.8)
     heights = [(1.4 if narrow else 0.9) + 0.55 * len(joints)]
-    heights += [0.8 + tall * -(-len(group) // row) for group in orbits_of]
+    heights += [(1.3 if narrow else 0.8) + tall * -(-len(group) // row) for group in orbits_of]
     figure = Figure(figsize=(NARROW if narrow else 11, sum(heights)), layout="constrained")
     parts: Any = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     timeline(parts[0].subplots(), dataset)
