@@ -35,8 +35,8 @@ def draw_polar_load(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     wide = NARROW if narrow else 2 * POLAR * beside
     figure = Figure(figsize=(wide, (0.5 * NARROW + 0.5 if narrow else POLAR + 0.3) * rows + 0.7), layout="constrained")
     for place, joint in enumerate(joints):
-        pair = (figure.add_subplot(rows, 2 * beside, 2 * place + k, projection="polar") for k in (1, 2))
-        _loads(*pair, dataset, joint, over)
+        forces, rose = (figure.add_subplot(rows, 2 * beside, 2 * place + k, projection="polar") for k in (1, 2))
+        _loads(forces, rose, dataset, joint, over)
     text = f"{heading(dataset)}: loads of pins{_after(over)}\ndirection: from the sleeve's centre to the contact"
     figure.suptitle(fit(text, wide, 11.0))
     return figure

@@ -32,8 +32,9 @@ BEARING = {0: ("apart", SKY, ""), 1: ("bears here", RED, "o")}
 # Words, colours and heights (as parts of a joint's row) of the bars of contact patterns, faces apart. A joint without
 # edges has only the first and `TOUCHING`. Heights are for those who do not see the colours.
 PATTERNS = ("apart", "0.8", 0.12), ("at one edge", ORANGE, 0.3), ("along a line", GREEN, 0.45)
-PATTERNS += (("at two opposite edges", RED, 0.6),)
-TOUCHING = ("in contact", BLUE, 0.6)
+TALL = 0.6
+PATTERNS += (("at two opposite edges", RED, TALL),)
+TOUCHING = ("in contact", BLUE, TALL)
 FACES = ("on a face", PURPLE, 0.16)
 # Most orbits in a row, on a narrow screen; the least share of the time that is shown as a number.
 ROW, FEW, TOLD = 4, 2, 0.005
@@ -93,7 +94,7 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
             # One joint's shares of the time stand in the legend; of several they would not be the same.
             label = words if len(joints) > 1 else with_share(words, bearing.share(chosen))
             bars = factor * np.stack([bearing.begin, bearing.end - bearing.begin], axis=1)[chosen]
-            low = row + TOUCHING[2] / 2 - (0.0 if words == FACES[0] else height)
+            low = row + TALL / 2 - (0.0 if words == FACES[0] else height)
             known = None if label in labelled else label
             axis.broken_barh(bars, (low, height), facecolors=colour, lw=0, label=known)
             labelled.add(label)
@@ -121,7 +122,7 @@ def _draw_orbits(figure: Any, paths: list[pins.PinPath], row: int) -> None:
         axis.set_title(f"{named}: bears {path.share(1):.0%}", fontsize=9)
     for axis in axes[:, 0]:
         axis.set_ylabel("e_y, µm")
-    for axis in axes[-1]:
+    for axis in axes.flat[max(len(paths) - columns, 0) : len(paths)]:
         axis.set_xlabel("e_x, µm")
     of = f" of {paths[0].joint}" if same_joint and len(paths) > 1 else ""
     gap = "\n" if row == FEW else " "

@@ -234,7 +234,7 @@ def test_axes_have_the_units_of_the_study():
     assert figure.axes[0].get_ylabel() == "drive main speed, rpm"
     (bottom, top) = figure.axes[0].get_ylim()
     np.testing.assert_allclose((bottom + top) / 2, 350 * 30 / np.pi)
-    over = sweep_figures.curves(swept, "error", SPEED, FRICTION).axes[0]
+    over: Any = sweep_figures.curves(swept, "error", SPEED, FRICTION).axes[0]
     np.testing.assert_allclose(np.asarray(over.lines[0].get_xdata())[[0, -1]], np.array([100, 600]) * 30 / np.pi)
     assert over.get_legend().get_title().get_text() == "wrist friction coefficient"
     assert sweep_axes.written_unit(STUDY, CLEARANCE) == "mm"
