@@ -144,3 +144,10 @@ def write_film(film: Any, path: Path) -> None:
 
         film.save(path, progress)
     common.say_written("film", path)
+
+
+def figure_for(path: Path | None, name: str | None) -> Any:
+    """The kind of figure of a name (default: overview). **Raises** `ClearanceError` for a name without a figure."""
+    if path is None and name is not None:
+        raise ClearanceError("`--plot-kind` is about a figure, but there is none. Add `--plot FILE`.")
+    return kind_of(name or "overview")

@@ -10,9 +10,8 @@ from typer import Exit, Option
 from clearance_jax.cli import common
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
-from clearance_jax.cli.plot import check_film, write_film
+from clearance_jax.cli.plot import check_film, figure_for, write_film
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
-from clearance_jax.report.figures import kind_of
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_000_000}
@@ -35,7 +34,6 @@ def simulate(
     output: Path | None = Option(None, "-o", "--output", help="Result file (NetCDF)."),
     plot: Path | None = Option(None, help="Figure of the result (.png, .pdf)."),
     plot_kind: str | None = common.KIND,
-    narrow: bool = common.NARROW,
     movie: Path | None = Option(None, help="Film of the motion (.gif, or .mp4 with ffmpeg)."),
     magnify: str | None = common.MAGNIFIED,
 ) -> None:
@@ -53,10 +51,7 @@ def simulate(
     common.check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
     common.check_writable(output, common.DATASETS)
     common.check_writable(plot, common.FIGURES)
-    if plot is None and (plot_kind is not None or narrow):
-        raise ClearanceError("`--plot-kind` and `--narrow` are about a figure, but there is none. Add `--plot FILE`.")
-    kind = kind_of(plot_kind or "overview")
-    check_film(movie)
+    draw = figure_for(plot, plot_kind)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
     given = usual_end(lead, idle) | scene.solve | {name: value for name, value in given.items() if value is not None}
@@ -83,16 +78,18 @@ def simulate(
             dataset = to_dataset(mechanism, result, progress=lambda part: shown.update(part=part), **told)
     _report(mechanism, result, solution, dataset)
     _warn(mechanism, solution, dataset)
-    _write(dataset, output, movie, magnify)
-    if plot is not None:
-        common.write_figure(kind.draw(dataset, narrow), plot)
+    _write(dataset, output, plot, draw, movie, magnify)
     if result.message:
         raise Exit(130 if result.message == "interrupted" else 1)
 
 
-def _write(dataset: Any, output: Path | None, movie: Path | None, magnify: str | None) -> None:
+def _write(
+    dataset: Any, output: Path | None, plot: Path | None, draw: Any, movie: Path | None, magnify: str | None
+) -> None:
     if output is not None:
         common.write_dataset(dataset, output)
+    if plot is not None:
+        common.write_figure(draw(dataset), plot)
     if movie is not None:
         from clearance_jax.report.film import animate
 
@@ -113,7 +110,8 @@ def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) ->
 
 
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
-    """Raise `ClearanceError`, before the solve, for a joint that a film cannot magnify."""
+    """Raise `ClearanceError`, before the solve, for a film that cannot be written, or a joint that it cannot magnify."""
+    check_film(movie)
     if joint is None:
         return
     if movie is None:

@@ -187,7 +187,7 @@ class PinPath(NamedTuple):
     places: np.ndarray
     state: np.ndarray
     travel: np.ndarray | None
-    penetration: np.ndarray = np.zeros(0)  # noqa: RUF009
+    penetration: np.ndarray = np.zeros(0)
 
     def share(self, state: int) -> float:
         """The fraction of the time in a contact state. A state holds until the next instant."""
