@@ -110,7 +110,7 @@ def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) ->
 
 
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
-    """Raise `ClearanceError`, before the solve, for a film that cannot be written, or a joint that it cannot magnify."""
+    """Raise `ClearanceError`, before the solve, for a film that cannot be written, or a joint it cannot magnify."""
     check_film(movie)
     if joint is None:
         return
