@@ -155,7 +155,7 @@ def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
         getattr(axis, f"set_{name}label")(f"{name}, m", labelpad=8 if len(half) == 3 else None)
         getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=3 if reach < 0.7 * half.max() else 5))
     if len(half) == 3:
-        axis.set_box_aspect(tuple(half), zoom=0.93)
+        axis.set_box_aspect(tuple(half), zoom=0.85)
     else:
         axis.set_aspect("equal", adjustable="box")
     return middle - half

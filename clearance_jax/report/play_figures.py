@@ -111,6 +111,7 @@ def with_share(words: str, share: float) -> str:
 
 def _draw_orbits(figure: Any, paths: list[pins.PinPath], row: int) -> None:
     """Draw paths beside each other; those of one joint have one scale."""
+    gap = "\n" if row == FEW else " "
     columns, same_joint = min(row, len(paths)), len({path.joint for path in paths}) == 1
     axes = panel_grid(figure, len(paths), columns, sharex=same_joint, sharey=same_joint)
     for path, axis in zip(paths, axes.flat, strict=False):
@@ -119,13 +120,12 @@ def _draw_orbits(figure: Any, paths: list[pins.PinPath], row: int) -> None:
         if same_joint and len(paths) > 1:
             edge = ", edge" if path.height in (paths[0].height, paths[-1].height) else ""
             named = f"z = {1e3 * path.height:+.3g} mm{edge}".replace("-", "−")
-        axis.set_title(f"{named}: bears {path.share(1):.0%}", fontsize=9)
+        axis.set_title(f"{named}:{gap}bears {path.share(1):.0%}", fontsize=9)
     for axis in axes[:, 0]:
         axis.set_ylabel("e_y, µm")
     for axis in axes.flat[max(len(paths) - columns, 0) : len(paths)]:
         axis.set_xlabel("e_x, µm")
     of = f" of {paths[0].joint}" if same_joint and len(paths) > 1 else ""
-    gap = "\n" if row == FEW else " "
     figure.suptitle(f"path of the pin's centre{of} in the sleeve's axes,{gap}and how long it bears there", fontsize=10)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
