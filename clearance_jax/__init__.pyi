@@ -69,6 +69,7 @@ from .metrics.measure import measure as measure
 from .parameters import parameters as parameters
 from .parameters import physical as physical
 from .parameters import replace as replace
+from .report import figures as figures
 from .report import sweep_figures as sweep_figures
 from .report import wear_figures as wear_figures
 from .report.film import Film as Film

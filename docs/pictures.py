@@ -15,7 +15,8 @@ from clearance_jax import laws
 from clearance_jax.laws import Geometry
 from clearance_jax.mechanism.motion.motion_laws import Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.report import figures
-from clearance_jax.report.figures import pin_path
+from clearance_jax.report.play_figures import pin_path
+from clearance_jax.report.style import BLUE, RED, STYLED
 
 IMAGES = Path(__file__).parent / "images"
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
@@ -225,6 +226,7 @@ def sleeve() -> None:
     saved(figure, "sleeve.png")
 
 
+@STYLED
 def front() -> None:
     """What play does to a slider-crank: its pin's path in the sleeve, the piston's error, the contact force."""
     mechanism = cj.load(SCENES / "slider_crank.toml")
@@ -240,13 +242,21 @@ def front() -> None:
     pin_path(left.subplots(), dataset, "wrist")
     upper, lower = right.subplots(2, 1, sharex=True)
     error = (dataset["position"] - wanted["position"]).sel(point="piston", axis="x")
-    upper.plot(dataset["time"] * 1e3, error * 1e3, lw=0.9)
+    upper.plot(dataset["time"] * 1e3, error * 1e3, lw=0.9, color=BLUE)
     upper.set_ylabel("piston error, mm")
-    lower.plot(dataset["time"] * 1e3, dataset["contact_force"].sel(joint="wrist") / 1e3, lw=0.9, color="tab:red")
+    lower.plot(dataset["time"] * 1e3, dataset["contact_force"].sel(joint="wrist") / 1e3, lw=0.9, color=RED)
     lower.set(xlabel="time, ms (second and third revolution at 5000 rpm)", ylabel="contact force, kN")
     for axis in (upper, lower):
-        axis.grid(alpha=0.3)
+        axis.grid(visible=True)
     saved(figure, "slider_crank.png")
+
+
+def kinds() -> None:
+    """Every kind of figure of a motion, of two revolutions of the slider-crank."""
+    mechanism = cj.load(SCENES / "slider_crank.toml")
+    dataset = cj.to_dataset(mechanism, cj.trace(mechanism, 2 * REVOLUTION, rtol=1e-8, save_at=2001))
+    for name in ("overview", "polar_load", "spectrum", "episodes"):
+        saved(getattr(figures, name)(dataset), f"{name}.png", dpi=85)
 
 
 def rattling() -> xr.Dataset:
@@ -322,7 +332,7 @@ def main() -> None:
     """Draw every picture."""
     cj.configure(cache=True)
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
-        for draw in (normal_laws, friction_laws, drives, sleeve, front, play_in_space, floors):
+        for draw in (normal_laws, friction_laws, drives, sleeve, front, kinds, play_in_space, floors):
             draw()
 
 

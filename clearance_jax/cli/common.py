@@ -17,6 +17,7 @@ from typer import Argument, Option
 from clearance_jax.cli.answer import answer, console, errors
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.examples import names
+from clearance_jax.report.figures import LISTED, save_figure
 
 SCENE = Argument(..., metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")
 SETTINGS = Option(
@@ -29,6 +30,8 @@ CLEARANCES = Option(None, "--clearance", metavar="JOINT:NUMBERS", help=f"Give a 
 IDEAL = Option(False, "--ideal", help="Take every clearance away.")
 MAGNIFIED = Option(None, "--magnify", metavar="JOINT", help="The joint magnified (default: the one that bears most).")
 
+KIND = Option(None, "--plot-kind", metavar="NAME", help=f"Kind of figure (default: overview). {LISTED}")
+NARROW = Option(False, "--narrow", help="Panels below each other, to be read on a phone.")
 FIGURES = (".png", ".pdf", ".svg")
 DATASETS = (".nc",)
 
@@ -160,7 +163,5 @@ def write_dataset(dataset: Any, path: Path) -> None:
 
 def write_figure(figure: Any, path: Path) -> None:
     """Write a figure, and print where."""
-    from clearance_jax.report.figures import save_figure
-
     save_figure(figure, path)
     say_written("figure", path)

@@ -10,6 +10,7 @@ from typer import Argument, Option
 from clearance_jax.cli import common
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report.figures import kind_of, save_figure
 from clearance_jax.units import to_si
 
 # Characters of a figure's name that a file name must not have.
@@ -31,7 +32,6 @@ def check_folder(folder: Path | None) -> None:
 
 def draw_sweep(dataset: Any, folder: Path) -> None:
     """Draw all figures that fit a sweep, with sensitivity indices if its samples allow; else print a warning."""
-    from clearance_jax.report.figures import save_figure
     from clearance_jax.report.sweep_axes import results
     from clearance_jax.report.sweep_figures import figures
     from clearance_jax.results.sobol import is_sobol, middle_derivatives, sobol_indices
@@ -61,18 +61,24 @@ def plot(
         "--output",
         help="Figure (default: RESULT with .png); of a sweep a folder (default: RESULT_pictures).",
     ),
-    play: bool = Option(False, "--play", help="When pins bear how, and their orbits, instead."),
+    plot_kind: str | None = common.KIND,
+    narrow: bool = common.NARROW,
+    play: bool = Option(False, "--play", help="The same as `--plot-kind play`."),
 ) -> None:
-    """Draw the figure of a result file: its motion, where its pins bear, or a life of wear; or all pictures that fit a
-    sweep, also one that is still running.
+    """Draw a figure of a result file: a motion (by default its overview) or a life of wear; or all pictures that fit
+    a sweep, also one that is still running.
     """
     common.check_there(result_file, "result file")
-    from clearance_jax.report import figures, wear_figures
+    from clearance_jax.report import wear_figures
     from clearance_jax.results.store import load_dataset, open_sweep
 
+    if play and plot_kind not in (None, "play"):
+        raise ClearanceError("`--play` is `--plot-kind play`. Give one of the two.")
+    plot_kind = "play" if play else plot_kind
+    kind = kind_of(plot_kind or "overview")
     if result_file.is_dir():
-        if play:
-            raise ClearanceError(f"`{result_file}` is a sweep: no motion is in it. Plot it without `--play`.")
+        if plot_kind is not None:
+            raise ClearanceError(f"`{result_file}` is a sweep: no motion is in it. Plot it without `--plot-kind`.")
         dataset, path = open_sweep(result_file), result_file.resolve()
         folder = path.with_name(f"{path.stem}_pictures") if output is None else output
         check_folder(folder)
@@ -83,8 +89,8 @@ def plot(
     common.check_writable(output, common.FIGURES)
     common.check_distinct(result=result_file, figure=output)
     dataset = load_dataset(result_file)
-    draw = figures.play if play else (wear_figures if wear_figures.is_life(dataset) else figures).overview
-    return common.write_figure(draw(dataset), output)
+    draw = wear_figures.overview if plot_kind is None and wear_figures.is_life(dataset) else kind.draw
+    return common.write_figure(draw(dataset, narrow), output)
 
 
 def animate(
@@ -139,3 +145,10 @@ def write_film(film: Any, path: Path) -> None:
 
         film.save(path, progress)
     common.say_written("film", path)
+
+
+def figure_for(path: Path | None, name: str | None) -> Any:
+    """The kind of figure of a name (default: overview). **Raises** `ClearanceError` for a name without a figure."""
+    if path is None and name is not None:
+        raise ClearanceError("`--plot-kind` is about a figure, but there is none. Add `--plot FILE`.")
+    return kind_of(name or "overview")

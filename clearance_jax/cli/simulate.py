@@ -11,7 +11,7 @@ from clearance_jax.cli import common
 from clearance_jax.cli.answer import answer, largest, quantity
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
-from clearance_jax.cli.plot import check_film, write_film
+from clearance_jax.cli.plot import check_film, figure_for, write_film
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
@@ -32,6 +32,7 @@ def simulate(
     ideal: bool = common.IDEAL,
     output: Path | None = Option(None, "-o", "--output", help="Result file (NetCDF)."),
     plot: Path | None = Option(None, help="Figure of the result (.png, .pdf)."),
+    plot_kind: str | None = common.KIND,
     movie: Path | None = Option(None, help="Film of the motion (.gif, or .mp4 with ffmpeg)."),
     magnify: str | None = common.MAGNIFIED,
 ) -> None:
@@ -47,7 +48,7 @@ def simulate(
     common.check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
     common.check_writable(output, common.DATASETS)
     common.check_writable(plot, common.FIGURES)
-    check_film(movie)
+    draw = figure_for(plot, plot_kind)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
     given = usual_end(lead, idle) | scene.solve | {name: value for name, value in given.items() if value is not None}
@@ -75,7 +76,7 @@ def simulate(
     _report(mechanism, result, solution, dataset)
     _warn(mechanism, solution, dataset)
     _answer(mechanism, result, solution, dataset, end, options)
-    _write(dataset, output, plot, movie, magnify)
+    _write(dataset, output, plot, draw, movie, magnify)
     if result.message:
         raise Exit(130 if result.message == "interrupted" else 1)
 
@@ -88,13 +89,13 @@ def _observed(mechanism: Any, result: Any, ideal: Any, shown: ProgressDisplay, t
         return to_dataset(mechanism, result, ideal=ideal, progress=lambda part: shown.update(part=part), **told)
 
 
-def _write(dataset: Any, output: Path | None, plot: Path | None, movie: Path | None, magnify: str | None) -> None:
+def _write(
+    dataset: Any, output: Path | None, plot: Path | None, draw: Any, movie: Path | None, magnify: str | None
+) -> None:
     if output is not None:
         common.write_dataset(dataset, output)
     if plot is not None:
-        from clearance_jax.report.figures import overview
-
-        common.write_figure(overview(dataset), plot)
+        common.write_figure(draw(dataset), plot)
     if movie is not None:
         from clearance_jax.report.film import animate
 
@@ -132,7 +133,8 @@ def _ideal_motion(mechanism: Any, solution: Any, solve: dict[str, Any]) -> Any:
 
 
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
-    """Raise `ClearanceError`, before the solve, for a joint that a film cannot magnify."""
+    """Raise `ClearanceError`, before the solve, for a film that cannot be written, or a joint it cannot magnify."""
+    check_film(movie)
     if joint is None:
         return
     if movie is None:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from clearance_jax.calibrate.result import Calibration
 from clearance_jax.report.design_figures import HEIGHT, PAGE, WIDTH
 from clearance_jax.report.panels import time_axis
-from clearance_jax.report.style import length_unit, new_figure
+from clearance_jax.report.style import BLUE, RED, legend_outside, length_unit, new_figure
 
 # Most letters of a name beside an axis.
 SHORT = 22
@@ -30,15 +30,15 @@ def signal_fit(calibration: Calibration, name: str) -> Figure:
     measured = calibration.residuals[name]
     factor, unit = _unit_of(measured, float(np.nanmax(np.abs(measured.values))))
     times = time_axis(below, float(calibration.residuals["time"][-1])) * calibration.residuals["time"].values
-    above.plot(times, factor * measured.values, ".", ms=3, color="C0", label="measured")
-    above.plot(times, factor * calibration.residuals[f"{name}_model"].values, lw=0.9, color="C1", label="fitted")
+    above.plot(times, factor * measured.values, ".", ms=3, color=BLUE, label="measured")
+    above.plot(times, factor * calibration.residuals[f"{name}_model"].values, lw=0.9, color=RED, label="fitted")
     above.set_ylabel(f"{_short(name)}" + (f", {unit}" if unit else ""))
     noise = calibration.noise[name]
     factor, unit = _unit_of(measured, noise)
     below.axhspan(-2 * factor * noise, 2 * factor * noise, color="0.9", lw=0, zorder=0)
-    below.plot(times, factor * calibration.residuals[f"{name}_residual"].values, ".", ms=3, color="C0")
+    below.plot(times, factor * calibration.residuals[f"{name}_residual"].values, ".", ms=3, color=BLUE)
     below.set_ylabel("residual" + (f", {unit}" if unit else ""))
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 
@@ -51,7 +51,7 @@ def interval_widths(calibration: Calibration) -> Figure:
         low, high = np.array(calibration.intervals[name])
         size = abs(calibration.values[name]) or 1.0
         half = 100 * (high - low) / 2 / size
-        axes.errorbar(0.0, row, xerr=min(half, 100.0), fmt="o", ms=4, capsize=3, color="C0")
+        axes.errorbar(0.0, row, xerr=min(half, 100.0), fmt="o", ms=4, capsize=3, color=BLUE)
         known = f"{_short(name)}: " + ("not determined" if name in calibration.undetermined else f"± {half:.2g} %")
         axes.annotate(known, (0, row - 0.18), xytext=(0, 0), textcoords="offset points", ha="center", va="bottom")
     axes.set(yticks=[], xlabel="half of the interval, % of the number", ylim=(len(names) - 0.5, -0.8))

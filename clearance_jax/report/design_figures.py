@@ -16,17 +16,30 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.judge.budget import ErrorBudget
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff
 from clearance_jax.design.judge.observed import TimeHistory
-from clearance_jax.report.figures import draw_path
 from clearance_jax.report.panels import time_axis
+from clearance_jax.report.play_figures import draw_path
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.report.style import STYLED, legend_below, length_unit, new_figure, round_down
+from clearance_jax.report.style import (
+    BLUE,
+    COLOURS,
+    ORANGE,
+    RED,
+    STYLE,
+    STYLED,
+    legend_below,
+    legend_outside,
+    length_unit,
+    look,
+    new_figure,
+    round_down,
+)
 from clearance_jax.report.wear_figures import draw_lives
 from clearance_jax.results.places import Outline, bounds, places
 from clearance_jax.results.play import middle_path, play
 
 # As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
 WIDTH, HEIGHT = 3.6, 2.6
-PAGE = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "legend.fontsize": 9})
+PAGE = mpl.rc_context(STYLE | {"legend.fontsize": 9})
 # Characters of a label that fit along the figure's height and width.
 UPRIGHT, LEVEL = 30, 44
 # Of the picture of a mechanism: its least and greatest height [inch].
@@ -41,8 +54,8 @@ MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 
 # Of an error budget: the size of the mark of the largest share [point]. Areas of marks are proportional to shares.
 LARGEST = 34.0
 # Words and colours of the models of an error budget.
-MODELS = {"dynamics": ("dynamics", "C3"), "quasi_static": ("quasi-static", "k"), "play": ("play alone", "C0")}
-MODELS |= {"elasticity": ("elasticity alone", "C1")}
+MODELS = {"dynamics": ("dynamics", RED), "quasi_static": ("quasi-static", "k"), "play": ("play alone", BLUE)}
+MODELS |= {"elasticity": ("elasticity alone", ORANGE)}
 
 
 def _objective(design: Design) -> tuple[float, str]:
@@ -68,14 +81,15 @@ def over_time(history: TimeHistory) -> Figure:
     factor, unit = _scale(history.unit)
     per_second = time_axis(axes, float(history.times[-1]))
     times = per_second * history.times
-    for name, values in history.values.items():
-        axes.plot(times, factor * values, lw=0.8, label=name or None)
+    for k, (name, values) in enumerate(history.values.items()):
+        every = max(len(times) // 6, 1)
+        axes.plot(times, factor * values, lw=0.8, ms=4, mfc="white", markevery=every, label=name or None, **look(k))
     bound = f"bound on its {history.reduction}" if history.reduction else "bound"
     axes.axhline(factor * history.bound, color="k", ls="--", lw=0.8, label=bound)
     if history.since is not None:
         axes.axvspan(times[0], per_second * history.since, color="0.9", lw=0, zorder=0, label="does not count")
     axes.set_ylabel(_label(history.signal, unit, UPRIGHT))
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 
@@ -84,20 +98,19 @@ def contributions(why: Sequence[Response]) -> Figure:
     """Shares of the clearances in each limit's value, to first order, and the rest."""
     names = [*why[0].contributions, "the rest"]
     figure, axes = new_figure(WIDTH, 0.8 + 0.55 * len(why) + 0.18 * len(names))
-    colours = [f"C{i}" for i in range(10)]
     for row, response in enumerate(why):
         ends = [0.0, 0.0]  # negative parts to the left, the others to the right
         for i, part in enumerate([*response.contributions.values(), response.rest]):
             share = 100 * response.share(part)
             side = int(share >= 0)
-            colour = "0.75" if i == len(names) - 1 else colours[i % 10]
+            colour = "0.75" if i == len(names) - 1 else COLOURS[i % len(COLOURS)]
             axes.barh(row, share, 0.5, left=ends[side], color=colour, label=names[i] if row == 0 else None)
             ends[side] += share
         axes.annotate(response.limit, (0, row - 0.3), xytext=(4, 0), textcoords="offset points", va="bottom")
     axes.axvline(100, color="k", ls="--", lw=0.8)
     # Names stand above the bars: beside them they would leave no room on a phone.
     axes.set(yticks=[], xlabel="share of the bound, %", ylim=(len(why) - 0.6, -0.75))
-    figure.legend(loc="outside lower center")
+    legend_outside(figure, 1)
     return figure
 
 
@@ -127,7 +140,7 @@ def intervals(maintenance: Maintenance, design: Design) -> Figure:
         draw_lives(axes, places, lives, maintenance.most, name)
     axes.axhline(maintenance.asked, color="k", ls="--", lw=0.8, label="asked for")
     axes.set(xlabel=label, ylabel="cycles of wear", ylim=(0, None))
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 
@@ -146,7 +159,7 @@ def convergence(design: Design) -> Figure:
     axes.set(xlabel="evaluation", ylabel=label)
     if 0 < 10 * values.min() < values.max():
         axes.set_yscale("log")
-    figure.legend(loc="outside lower center", ncol=2)
+    legend_outside(figure, 2)
     return figure
 
 
@@ -165,15 +178,15 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
         for side in (-1, 1):
             below.axhline(side * 1e6 * pin.outline.axial, color="k", ls="--", lw=0.8)
         below.set_ylabel("along z, µm")
-    states = {0: ("path", "0.6"), 1: ("in contact", "tab:red")}
+    states = {0: ("path", "0.6", ""), 1: ("in contact", RED, "o")}
     if pin is not None and pin.outline.length is not None:  # an end beyond the circle is in contact
         states = {}
         ends = pin.centres(pin.outline.heights[[0, -1]])
-        for k, name in enumerate(("end at −z", "end at +z")):
-            axes.plot(*(1e6 * ends[:, k].T), lw=0.8, label=name)
+        for k, (name, style) in enumerate((("end at −z", "-"), ("end at +z", "--"))):
+            axes.plot(*(1e6 * ends[:, k].T), style, lw=0.8, label=name)
     draw_path(axes, path, states)
     axes.set(xlabel="along the sleeve's x, µm", ylabel="along its y, µm")
-    figure.legend(loc="outside lower center", ncol=3, columnspacing=1, handlelength=1.2)
+    legend_outside(figure, 3)
     return figure
 
 
@@ -256,7 +269,7 @@ def _robot(axis: Any, budget: ErrorBudget, placed: Any) -> None:
     for name, share in shares.items():
         size = LARGEST * np.sqrt(abs(share) / largest) if largest > 0 else 0.0
         place = placed.at[k, placed.joints[name]][None].T
-        axis.plot(*place, marker="o", ms=size, mfc="tab:red", mec="none", alpha=0.35, zorder=6)
+        axis.plot(*place, marker="o", ms=size, mfc=RED, mec="none", alpha=0.35, zorder=6)
     axis.set_title(f"shares at {budget.peak_time:.3g} s (areas)", fontsize=10)
 
 

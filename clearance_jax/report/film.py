@@ -20,17 +20,18 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from clearance_jax.errors import ClearanceError, wrong_value
-from clearance_jax.report.figures import timeline
 from clearance_jax.report.magnified import CrossSection, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
+from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.report.style import round_down
+from clearance_jax.report.style import RED, round_down
+from clearance_jax.report.style import STYLE as LOOK
 from clearance_jax.results.places import places
 from clearance_jax.results.play import JointPlay, require_joint
 
 MOVIES = (".gif", ".mp4")
 FPS, DPI = 20.0, 80
-STYLE = {"font.size": 9, "axes.grid": False}
+STYLE = LOOK | {"axes.grid": False}
 # Colours of a GIF (of 256 the last marks pixels that do not change, which makes the file smaller); the number of frames
 # from which they are chosen.
 COLOURS, LOOKED_AT = 255, 10
@@ -210,7 +211,7 @@ class Film(AbstractFilm):
         known = f"{size} to either side" if enlarged.outline.height is not None else f"dashed: clearance {size}"
         title = f"{self.joint}: play × {enlarged.factor:g} ({known})"
         views = [skeleton, *_views(right, enlarged)]
-        right.suptitle(title, color="tab:red", fontsize=10)
+        right.suptitle(title, color=RED, fontsize=10)
         force, bar = lower.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         factor = time_axis(bar, float(self.time[-1]))
         curve(force, factor * self.time, dataset["contact_force"].sel(joint=self.joint).values, "")

@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report.style import BLUE, PURPLE, RED
 from clearance_jax.results.play import JointPlay, kind, penetration, pin_travel, play
 
 # Default size of the drawn play over the pin's radius; the factor is rounded down.
@@ -18,7 +19,7 @@ SHOWN = 0.35
 WALL, OUT, COLLAR, NECK = 0.3, 0.35, 0.25, 0.6
 # Half angle that is marked at a contact [rad]; samples in the trail of the pin's centre.
 HALF_ANGLE, TRAIL = 0.35, 150
-SLEEVE, PIN, EDGE, CONTACT, PATH = "#c3d3e6", "0.82", "0.35", "tab:red", "tab:blue"
+SLEEVE, PIN, EDGE, CONTACT, PATH = "#c3d3e6", "0.82", "0.35", RED, BLUE
 
 
 def round_factor(value: float) -> float:
@@ -104,7 +105,7 @@ class Side:
         self.line = axis.plot([], [], color=PATH, lw=0.9, ls="-.", zorder=4)[0]
         axis.axhline(0, color="0.5", lw=0.6, ls=(0, (8, 3, 2, 3)), zorder=1)
         self.walls = axis.plot([], [], "o", ms=6, color=CONTACT, zorder=7)[0]
-        self.faces = axis.plot([], [], "s", ms=6, color="tab:purple", zorder=7)[0]
+        self.faces = axis.plot([], [], "s", ms=6, color=PURPLE, zorder=7)[0]
         centres = joint.centres(outline.heights)
         self.lateral = centres[..., up]
         # Contacts on the sides towards the reader and away from him are not at the edge of this picture.

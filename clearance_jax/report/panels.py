@@ -1,21 +1,26 @@
 """Panels of a motion from a dataset. Curves of very many points are drawn as envelopes, paths of few as splines."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
+from string import ascii_lowercase
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
-from clearance_jax.report.style import legend_below
+from clearance_jax.report.style import NARROW, fit, legend_below, look
 from clearance_jax.results.places import bounds, names_of
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
+# Markers on a curve.
+MARKS = 7
 # Motions that end before this are shown in ms [s].
 SHORT = 0.2
 # More curves than this are not told apart by a legend.
@@ -42,15 +47,38 @@ def time_axis(axis: Axes, last: float) -> float:
     return factor
 
 
-def curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:
-    """Draw a curve, or its envelope if it has far more points than the picture has columns; returns its colour."""
-    if len(time) <= 2 * COLUMNS:
-        return axis.plot(time, values, lw=0.8, label=label)[0].get_color()
-    middles, least, greatest = envelope(time, values, COLUMNS)
-    colour = axis.plot(middles, greatest, lw=0.8, label=label)[0].get_color()
-    axis.plot(middles, least, lw=0.8, color=colour)
-    axis.fill_between(middles, least, greatest, color=colour, alpha=0.3, lw=0)
-    return colour
+def curve(axis, time: np.ndarray, values: np.ndarray, label: str, k: int = 0) -> Any:
+    """Draw the `k`-th curve, with some markers, or its envelope if it has far more points than the picture has columns;
+    returns its colour.
+    """
+    how = look(k) | {"lw": 0.8, "ms": 4, "mfc": "white"} | ({} if label else {"marker": ""})
+    if len(time) > 2 * COLUMNS:
+        time, least, values = envelope(time, values, COLUMNS)
+        axis.plot(time, least, lw=0.8, color=how["color"])
+        axis.fill_between(time, least, values, color=how["color"], alpha=0.3, lw=0)
+    every = max(len(time) // MARKS, 1)
+    axis.plot(time, values, label=label, markevery=(every * (2 * k + 1) // 14 % every, every), **how)
+    return how["color"]
+
+
+def page(shown: list[Panel], dataset: xr.Dataset, title: str, narrow: bool) -> Figure:
+    """A figure of panels with letters, in two to four columns, or below each other if it is `narrow`."""
+    columns = 1 if narrow else min(len(shown), 2) if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
+    rows = math.ceil(len(shown) / columns)
+    size = (NARROW, 2.6 * rows + 0.4) if narrow else (4.5 * columns, 3.5 * rows)
+    figure = Figure(figsize=size, layout="constrained")
+    for i, panel in enumerate(shown):
+        axis = figure.add_subplot(rows, columns, i + 1, projection=panel.projection)
+        panel.draw(axis, dataset)
+        axis.set_title(f"({ascii_lowercase[i]}) {panel.title}" if len(shown) > 1 else panel.title)
+    figure.suptitle(fit(title, size[0], 11.0))
+    return figure
+
+
+def heading(dataset: xr.Dataset) -> str:
+    """The title of a figure of a motion: its mechanism, and how the motion ended if it did not reach its end."""
+    ended = str(dataset.attrs.get("result", "successful"))
+    return str(dataset.attrs.get("mechanism", "")) + ("" if ended == "successful" else f" ({ended})")
 
 
 def panels(dataset: xr.Dataset) -> list[Panel]:
@@ -98,23 +126,22 @@ def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str
 def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
     """Draw a variable over time, of vectors the lengths, with a legend for several names."""
     factor = time_axis(axis, float(dataset["time"][-1]))
-    for name in names:
+    for k, name in enumerate(names):
         values = dataset[variable].sel({dim: name}).values
         values = np.linalg.norm(values, axis=-1) if values.ndim > 1 else values
-        curve(axis, factor * dataset["time"].values, values, name)
+        curve(axis, factor * dataset["time"].values, values, name, k)
     axis.set_ylabel(label)
     if 1 < len(names) <= MOST_NAMED:
-        legend_below(axis, fontsize=7)
+        legend_below(axis, fontsize=8)
 
 
 def _path(axis: Any, dataset: xr.Dataset) -> None:
-    for name in dataset["point"].values:
+    for k, name in enumerate(dataset["point"].values):
         places = dataset["position"].sel(point=name).values.T
-        colour = axis.plot(*places, lw=0.8, label=str(name))[0].get_color()
-        axis.plot(*places[:, :1], "o", ms=3, color=colour)
+        axis.plot(*places, lw=0.8, ms=4, markevery=[0], label=str(name), **look(k))
     same_scale(axis, dataset["position"].values)
     if 1 < dataset.sizes["point"] <= MOST_NAMED:
-        legend_below(axis, fontsize=7)
+        legend_below(axis, fontsize=8)
 
 
 def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
@@ -128,7 +155,7 @@ def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
         getattr(axis, f"set_{name}label")(f"{name}, m", labelpad=8 if len(half) == 3 else None)
         getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=3 if reach < 0.7 * half.max() else 5))
     if len(half) == 3:
-        axis.set_box_aspect(tuple(half), zoom=0.93)
+        axis.set_box_aspect(tuple(half), zoom=0.85)
     else:
         axis.set_aspect("equal", adjustable="box")
     return middle - half

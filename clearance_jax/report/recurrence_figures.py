@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import sweep_axes as sweep
-from clearance_jax.report.style import STYLED, legend_below, panel_grid
+from clearance_jax.report.style import BLUE, RED, STYLED, legend_below, panel_grid
 
 # A diagram of more points than this is drawn with smaller ones; areas of both [pt^2].
 MANY, LARGE, SMALL = 20_000, 4.0, 0.5
@@ -17,7 +17,7 @@ MOST_SECTIONS, FEW, CLOSE = 6, 200, 0.1
 # Columns of a picture: with more lanes a line would hide the points.
 COLUMNS = 500
 # By the sign of the exponent: colours, and words where its uncertainty is known and where it is not.
-COLOURS = {-1: "tab:blue", 0: "0.55", 1: "tab:red"}
+COLOURS = {-1: BLUE, 0: "0.55", 1: RED}
 KNOWN = {-1: "stable: exponent negative", 0: "exponent zero within its uncertainty", 1: "chaotic: exponent positive"}
 SIGNS = {-1: "exponent negative", 0: "exponent zero", 1: "exponent positive"}
 

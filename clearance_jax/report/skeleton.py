@@ -8,6 +8,7 @@ from matplotlib.patches import Polygon
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from clearance_jax.report.panels import same_scale
+from clearance_jax.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from clearance_jax.results.places import Places
 
 # Relative to the mechanism's size: least breadth of a body that is drawn as a plate; half a slider's length and
@@ -19,16 +20,17 @@ ELEVATION, AZIMUTH = 22.0, -58.0
 CORNERS = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (SLIDER, BREADTH)
 RAILS = np.array([(-1, 1), (1, 1), (np.nan, 1), (-1, -1), (1, -1)]) * (GUIDE, BREADTH)
 # Of bodies; not red, which is that of joints with clearance.
-COLOURS = ("C1", "C2", "C0", "C4", "C5", "C6", "C8", "C9")
+COLOURS = (ORANGE, GREEN, BLUE, PURPLE, SKY, "0.5")
 LINK: Any = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zorder": 2, "alpha": 0.9}
 
 
 class Skeleton:
     """Axes (of projection "3d" in space) with a mechanism on it; `show(i)` puts it where it is at sample `i`. `joint`:
-    the joint to point at; `whole`: whether paths of points show all of the motion, or what lies before the sample.
+    the joint to point at; `whole`: whether paths of points show all of the motion, or what lies before the sample;
+    `colours` of the bodies.
     """
 
-    def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):
+    def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False, colours=COLOURS):
         self.axis, self.places, self.size, self.whole = axis, places, places.size, whole
         self._lines, self._plates, self._sliders = [], [], []
         floor = same_scale(axis, places.at)[-1]
@@ -36,19 +38,19 @@ class Skeleton:
             axis.view_init(ELEVATION, AZIMUTH)
         for mark in places.ground:
             self._support(places.at[0, mark], floor)
-        for marks, colour in zip(places.bodies.values(), itertools.cycle(COLOURS), strict=False):
+        for marks, colour in zip(places.bodies.values(), itertools.cycle(colours), strict=False):
             self._body(marks, colour)
         for name, pair in places.pairs.items():
             self._pair(name, pair)
         for name, mark in places.joints.items():
-            edge, size = ("tab:red", 8) if name in places.loose else ("k", 5)
+            edge, size = (RED, 8) if name in places.loose else ("k", 5)
             size, width = (12, 2.2) if name == joint else (size, 1.3)
             self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
         self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
         self._label = None
         if joint is not None:
             mark, box = places.joints[joint], {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}
-            style: Any = {"textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red", "bbox": box}
+            style: Any = {"textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": RED, "bbox": box}
             self._label = axis.annotate(joint, self._on_page(places.at[0, mark]), xytext=(9, 9), **style), mark
         self.show(0)
 

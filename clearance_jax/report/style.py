@@ -1,16 +1,35 @@
-"""How figures look: grid and text, legends that cover nothing (below their axes), round numbers."""
+"""How figures look: colours that colour-blind people tell apart, markers besides, legends that cover nothing."""
 
+import math
+import textwrap
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
-STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True})
+# Okabe and Ito 2008, Color universal design (jfly.uni-koeln.de/color), without yellow, which is too pale for a line.
+BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK = COLOURS = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000",
+)  # fmt: skip
+MARKERS = ("o", "s", "^", "D", "v", "P")
+STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True, "legend.frameon": False}
+STYLE |= {"axes.prop_cycle": cycler(color=COLOURS), "axes.spines.top": False, "axes.spines.right": False}
+STYLED = mpl.rc_context(STYLE)
 # Distance of a legend below the lower edge of its axes, past their numbers and label [inch].
 BELOW = 0.45
+# The width of a figure for a narrow screen [inch]: on 390 pixels text of 9 points is 11 pixels high.
+NARROW = 4.2
+# Of a legend in its font size: width of a character, and of a handle with the gaps around it.
+CHARACTER, HANDLE = 0.55, 5.0
+
+
+def look(k: int) -> dict[str, Any]:
+    """Colour and marker of the k-th curve; negative `k`, from the end, for points beside joints."""
+    return {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
 
 
 def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
@@ -19,17 +38,46 @@ def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
     return figure, figure.subplots()
 
 
-def legend_below(axis: Any, columns: int = 3, **how: Any) -> None:
-    """A legend of at most so many columns below the axes, with room made for it; `how`: as `Axes.legend`'s."""
-    handles, _ = axis.get_legend_handles_labels()
-    down = axis.transAxes + ScaledTranslation(0.0, -BELOW, axis.figure.dpi_scale_trans)
+def legend_below(axis: Any, columns: int = 3, below: float = BELOW, **how: Any) -> None:
+    """A legend below the axes at a distance [inch], with room made for it, of at most so many columns as fit into the
+    figure's width; `how`: as `Axes.legend`'s.
+    """
+    _, labels = axis.get_legend_handles_labels()
+    down = axis.transAxes + ScaledTranslation(0.0, -below, axis.figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": down, "borderaxespad": 0.0}
-    axis.legend(**where, ncols=min(columns, max(len(handles), 1)), **how)
+    inside = axis.get_subplotspec().get_topmost_subplotspec().get_gridspec().ncols
+    width = axis.figure.bbox.width / axis.figure.dpi / inside
+    size = float(how.get("fontsize", mpl.rcParams["font.size"]))
+    axis.legend(**where, ncols=_columns(labels, width, columns, size), **how)
+
+
+def legend_outside(figure: Figure, columns: int, **how: Any) -> None:
+    """A legend below all axes of a figure, of at most so many columns as fit, long labels in lines; `how`: as
+    `Figure.legend`'s.
+    """
+    pairs = (zip(*axis.get_legend_handles_labels(), strict=True) for axis in figure.axes)
+    known = {label: handle for axis in pairs for handle, label in axis}
+    size, width = float(mpl.rcParams["font.size"]), float(figure.get_figwidth())
+    labels = [fit(label, width - HANDLE * size / 72, size) for label in known]
+    figure.legend(
+        known.values(), labels, loc="outside lower center", ncols=_columns(labels, width, columns, size), **how
+    )
+
+
+def _columns(labels: list[str], width: float, most: int, size: float) -> int:
+    """How many columns of a legend fit into a width [inch], at most `most`."""
+    longest = max((len(line) for label in labels for line in label.split("\n")), default=1)
+    return max(1, min(most, int(72 * width / (size * (CHARACTER * longest + HANDLE))), len(labels)))
+
+
+def fit(text: str, width: float, size: float = 9.0) -> str:
+    """A text broken into lines that fit into a width [inch]; `size` of its letters [point]."""
+    return "\n".join(textwrap.fill(line, int(72 * width / (0.5 * size))) for line in text.split("\n"))
 
 
 def panel_grid(figure: Any, count: int, columns: int, **how: Any) -> np.ndarray:
     """Axes (rows, columns) for `count` panels, of which the others are hidden; `how`: as `Figure.subplots`'."""
-    panels = figure.subplots(-(-count // columns), columns, squeeze=False, **how)
+    panels = figure.subplots(math.ceil(count / columns), columns, squeeze=False, **how)
     for panel in panels.flat[count:]:
         panel.set_axis_off()
     return panels
@@ -38,6 +86,11 @@ def panel_grid(figure: Any, count: int, columns: int, **how: Any) -> np.ndarray:
 def length_unit(largest: float) -> tuple[float, str]:
     """The factor and the unit in which a largest length [m] has one to three digits before the point."""
     return (1e9, "nm") if largest < 1e-6 else (1e6, "µm") if largest < 1e-3 else (1e3, "mm")
+
+
+def force_unit(largest: float) -> tuple[float, str]:
+    """The factor and the unit in which a largest force [N] is shown."""
+    return (1e-3, "kN") if largest >= 1e4 else (1.0, "N")
 
 
 def round_down(value: float) -> float:

@@ -5,13 +5,18 @@ coordinate of floats along them is a number that varies. If several along one di
 one of them. The attribute `metric` of a result is the kind of its metric.
 """
 
+import functools
+import itertools
+import re
+import tomllib
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.units import to_si
 
 CODE = "code"
 # What every lane has beside its results.
@@ -141,13 +146,40 @@ def of_lanes(dataset: xr.Dataset, array: xr.DataArray) -> np.ndarray:
 
 
 def axis_scale(dataset: xr.Dataset, name: str) -> AxisScale:
-    """How a number that varies is shown. **Raises** `ClearanceError` for another one."""
-    return display(number(dataset, name))
+    """How a number that varies is shown: in the unit in which the study's file has it, if there is one. **Raises**
+    `ClearanceError` for another number.
+    """
+    array, written = number(dataset, name), written_unit(str(dataset.attrs.get("study", "")), name)
+    usual = display(array)
+    if not written:
+        return usual
+    return AxisScale(
+        1 / to_si(f"1 {written}", str(array.attrs["units"]), name), usual.name, written.replace("um", "µm")
+    )
+
+
+@functools.cache
+def written_unit(study: str, name: str) -> str:
+    """The unit in which the text of a study file has an axis or a scattered number; empty if it has none."""
+    try:
+        tables: dict[str, Any] = tomllib.loads(study)
+    except tomllib.TOMLDecodeError:  # the attribute is a text of the user's
+        return ""
+    axes = tables.get("sweep", {}).get("axis", {})
+    zipped = [axis["values"] for axis in axes.values() if "values" in axis and isinstance(axis["values"], dict)]
+    for known in (axes, *zipped, tables.get("scatter", {})):
+        given = known.get(name, ())
+        values = given.values() if isinstance(given, dict) else given
+        for text in itertools.chain(*(value if isinstance(value, list) else [value] for value in values)):
+            unit = re.fullmatch(r"[-+\d.eE_]+\s*([^\d\s%].*)", text) if isinstance(text, str) else None
+            if unit is not None:
+                return unit[1]
+    return ""
 
 
 def scaled(dataset: xr.Dataset, array: xr.DataArray, name: str | None = None) -> tuple[AxisScale, np.ndarray]:
-    """How a number or a result is shown (`display`), and its values so, lane by lane (`of_lanes`)."""
-    axis = display(array, name)
+    """How a number or a result is shown (`axis_scale`, `display`), and its values so, lane by lane (`of_lanes`)."""
+    axis = axis_scale(dataset, str(array.name)) if array.name in variables(dataset) else display(array, name)
     return axis, axis.factor * of_lanes(dataset, array)
 
 
@@ -189,11 +221,23 @@ def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
     told = []
     for dim, k in place.items():
         if dim in variables(dataset):
-            axis = display(number(dataset, dim))
-            told.append(f"{axis.name} {axis.factor * float(dataset[dim][k]):.4g} {axis.unit}".strip())
+            told.append(f"{axis_scale(dataset, dim).name} {value_words(dataset, dim, k)}")
         else:
             told.append(str(dataset[dim].values[k]) if dim in dataset.coords else f"{dim} {k}")
     return ", ".join(told)
+
+
+def title_of(dataset: xr.Dataset, dim: str) -> str:
+    """What a dimension is called in a legend."""
+    return axis_scale(dataset, dim).name if dim in variables(dataset) else dim
+
+
+def value_words(dataset: xr.Dataset, dim: str, k: int) -> str:
+    """The k-th value along a dimension, with its unit."""
+    if dim not in variables(dataset):
+        return str(dataset[dim].values[k]) if dim in dataset.coords else str(k)
+    axis = axis_scale(dataset, dim)
+    return f"{axis.factor * float(dataset[dim][k]):.4g} {axis.unit}".strip()
 
 
 def slice_grid(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:

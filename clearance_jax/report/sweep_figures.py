@@ -1,6 +1,7 @@
 """Figures of a sweep: heat maps, curves with bands, response surfaces, parallel coordinates, sensitivity indices."""
 
 import itertools
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,12 +16,14 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import sweep_axes as sweep
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
-from clearance_jax.report.style import STYLED, legend_below, new_figure, panel_grid
+from clearance_jax.report.style import BLUE, ORANGE, STYLED, legend_below, legend_outside, look, new_figure, panel_grid
 from clearance_jax.results.sobol import Indices
 
 COLOURS, FAILED = "viridis", "0.8"
 # Most panels of a heat map, curves of different colours, bins of a scattered axis, lines of parallel coordinates.
 PANELS, CURVES, BINS, LINES = 6, 6, 24, 2000
+# Of a figure with one panel [inch]: on 390 pixels its text is 10 pixels high.
+WIDTH = 4.8
 # Bands: lower and upper quantile, opacity; the opacity where there are several curves.
 BANDS, FAINT = ((0.05, 0.95, 0.18), (0.25, 0.75, 0.35)), 0.12
 
@@ -95,7 +98,7 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     places = [{others[0]: k} | middle for k in shown] or [{}]
     columns = 2 if len(places) == 4 else min(3, len(places))
     rows = -(-len(places) // columns)
-    size = (6.4, 4.4) if len(places) == 1 else (3.4 * columns + 0.8, 2.9 * rows + 0.2)
+    size = (WIDTH, 3.9) if len(places) == 1 else (3.4 * columns + 0.8, 2.9 * rows + 0.2)
     figure = Figure(figsize=size, layout="constrained")
     panels = panel_grid(figure, len(places), columns, sharex=True, sharey=True)
     across, up, of = sweep.axis_scale(dataset, x), sweep.axis_scale(dataset, y), sweep.display(values)
@@ -106,7 +109,7 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
         edges = across.factor * dataset[x].values, up.factor * dataset[y].values
         panel.pcolormesh(*edges, cells, norm=norm, cmap=COLOURS, shading="nearest", rasterized=True)
         panel.set(facecolor=FAILED, xscale=sweep.scale(edges[0]), yscale=sweep.scale(edges[1]))
-        panel.set_title(sweep.place_words(dataset, place), fontsize=9)
+        panel.set_title(textwrap.fill(sweep.place_words(dataset, place), 38), fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(across.label)
     for panel in panels[:, 0]:
@@ -114,8 +117,11 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     figure.colorbar(ScalarMappable(norm, COLOURS), ax=panels, label=of.label)
     counts = zip(sweep.endings(dataset), ("failed", "not run yet"), strict=True)
     missing = " and ".join(f"{count} {what}" for count, what in counts if count)
-    if missing:
-        figure.suptitle(f"of {values.size} samples {missing} (grey)", fontsize=9)
+    told = [f"of {values.size} samples {missing} (grey)"] if missing else []
+    if others and len(shown) < dataset.sizes[others[0]]:
+        told.append(f"{len(shown)} of {dataset.sizes[others[0]]} values of {sweep.title_of(dataset, others[0])}")
+    if told:
+        figure.suptitle("\n".join(told), fontsize=9)
     return figure
 
 
@@ -131,7 +137,7 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     across, up, of = sweep.axis_scale(dataset, x), sweep.axis_scale(dataset, y), sweep.display(values)
     height = of.factor * values.isel(place).transpose(y, x).values
     where = np.meshgrid(across.factor * dataset[x].values, up.factor * dataset[y].values)
-    figure = Figure(figsize=(7, 5.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH + 0.6, 4.6), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d")
     drawn = axes.plot_surface(*where, height, cmap=COLOURS, lw=0.2, edgecolor="0.3", rstride=1, cstride=1, alpha=0.95)
     low, high = np.nanmin(height), np.nanmax(height)
@@ -144,8 +150,9 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     # Below the surface there is nothing to be read off.
     axes.set_zticks([tick for tick in MaxNLocator(nbins=6).tick_values(low, high) if low <= tick <= high])
     axes.view_init(elev=26, azim=-128)
+    axes.set_box_aspect(None, zoom=0.85)  # or labels would leave the page
     figure.colorbar(drawn, ax=axes, shrink=0.7, pad=0.02, label=of.label)
-    axes.set_title(sweep.place_words(dataset, place), fontsize=9)
+    axes.set_title(textwrap.fill(sweep.place_words(dataset, place), 60), fontsize=9)
     return figure
 
 
@@ -159,7 +166,7 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
     """
     dataset = sweep.tidy(dataset)
     x = sweep.variables(dataset)[0] if x is None else x
-    figure, axes = new_figure(6.4, 4.2)
+    figure, axes = new_figure(WIDTH, 3.9)
     draw_curves(axes, dataset, name, x, by)
     return figure
 
@@ -173,17 +180,17 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
     places = [None] if by is None else sweep.spread_places(dataset.sizes[by], CURVES)
     for i, k in enumerate(places):
         part = dataset if k is None else dataset.isel({by: [k]})
-        label = None if k is None else sweep.place_words(dataset, {by: k})
-        _band(axes, part, name, x, across, of, f"C{i}", label, alone=len(places) == 1)
+        label = None if by is None or k is None else sweep.value_words(dataset, by, k)
+        _band(axes, part, name, x, across, of, look(i), label, alone=len(places) == 1)
     scale = sweep.scale(dataset[x].values) if x in sweep.lanes_of(dataset) else "linear"
     axes.set(xlabel=across.label, ylabel=of.label, xscale=scale)
     axes.margins(x=0.01)
     if axes.get_legend_handles_labels()[0]:
-        legend_below(axes)
+        legend_below(axes, title=None if by is None else sweep.title_of(dataset, by))
 
 
 def _band(
-    axes: Any, part: xr.Dataset, name: str, x: str, across: Any, of: Any, colour: str, label: Any, alone: bool
+    axes: Any, part: xr.Dataset, name: str, x: str, across: Any, of: Any, how: dict[str, Any], label: Any, alone: bool
 ) -> None:
     """Draw the medians as a curve, with quantile bands where a place has several results."""
     where, values = sweep.of_lanes(part, sweep.number(part, x)), sweep.of_lanes(part, sweep.result(part, name))
@@ -196,11 +203,18 @@ def _band(
             edges = [np.quantile(group, [low, high]) if group.size else [np.nan] * 2 for group in groups]
             told = f"{low:.0%} to {high:.0%} of the samples" if alone else None
             below, above = of.factor * np.array(edges).T
-            how = {"color": colour, "alpha": dark if alone else FAINT, "lw": 0, "label": told}
-            axes.fill_between(across.factor * places, below, above, **how)
-    style = "-" if len(places) > 40 else ".-"
+            filled = {"alpha": dark if alone else FAINT, "lw": 0, "label": told}
+            axes.fill_between(across.factor * places, below, above, color=how["color"], **filled)
     told = "median" if spread and label is None else label
-    axes.plot(across.factor * places, of.factor * middles, style, color=colour, lw=1.2, label=told)
+    axes.plot(
+        across.factor * places,
+        of.factor * middles,
+        lw=1.2,
+        ms=4,
+        markevery=max(1, len(places) // 12),
+        label=told,
+        **how,
+    )
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -239,7 +253,7 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
         heights.append((columns[name][order] - low) / (high - low if high > low else 1.0))
         axes.axvline(i, color="0.2", lw=0.8)
         for height, value, side in ((-0.02, low, "top"), (1.02, high, "bottom")):
-            axes.text(i, height, f"{value:.3g}", ha="center", va=side)
+            axes.text(i, height, f"{value:.4g}", ha="center", va=side)
     lines = np.stack([np.broadcast_to(np.arange(len(names)), (len(order), len(names))), np.stack(heights, 1)], axis=-1)
     drawn = LineCollection(list(lines), cmap=COLOURS, lw=0.7, alpha=max(0.15, min(0.8, 60 / len(order))))
     drawn.set_array(columns[colour][order])
@@ -262,12 +276,12 @@ def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, 
     **Arguments:** `found`: what `sobol_indices` gives; `derivatives`: by every number that was varied, in SI units;
     `of`: what the result is called.
     """
-    bars: list[tuple] = [("first order", found.first, found.first_interval, "tab:blue")]
-    bars += [("total", found.total, found.total_interval, "tab:orange")]
+    bars: list[tuple] = [("first order", found.first, found.first_interval, BLUE)]
+    bars += [("total", found.total, found.total_interval, ORANGE)]
     if derivatives is not None:
         bars.append(("by local derivatives", found.linear(derivatives), None, "0.6"))
     count, height = len(found.names), 0.8 / len(bars)
-    figure, axes = new_figure(6.4, 1.2 + 0.22 * len(bars) * count)
+    figure, axes = new_figure(WIDTH, 1.5 + 0.22 * len(bars) * count)
     for i, (label, values, interval, colour) in enumerate(bars):
         where = np.arange(count) + (i - (len(bars) - 1) / 2) * height
         axes.barh(where, values, 0.9 * height, color=colour, label=label)
@@ -277,7 +291,7 @@ def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, 
     axes.set(yticks=range(count), yticklabels=[sweep.words(name) for name in found.names], ylim=(count - 0.5, -0.5))
     axes.set_xlabel(f"part of the variance{f' of {of}' if of else ''}")
     axes.grid(axis="y", visible=False)
-    figure.legend(loc="outside upper center", ncols=len(bars), frameon=False)
+    legend_outside(figure, len(bars))
     return figure
 
 

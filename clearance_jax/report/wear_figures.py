@@ -12,32 +12,34 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
 from clearance_jax.report.magnified import EDGE, SHOWN, WALL, bushing, round_factor
-from clearance_jax.report.style import STYLED, legend_below, length_unit, new_figure
+from clearance_jax.report.style import BLUE, NARROW, RED, STYLED, legend_below, length_unit, new_figure
 from clearance_jax.report.sweep_axes import display
 
 # Number of ages whose profiles are drawn; frames of a film, and how many of them a second.
 AGES, FRAMES, SLOW = 6, 80, FPS / 2
-PALE, MARK = "0.75", "tab:red"
+PALE, MARK = "0.75", RED
 
 
 @STYLED
-def overview(dataset: xr.Dataset) -> Figure:
+def overview(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     """Four panels of the life of a joint: profiles over the angle, the bore magnified, growth over the cycles, and the
     number that was watched, or the volume.
 
-    **Arguments:** `dataset`: of `wear.to_dataset`.
+    **Arguments:** `dataset`: of `wear.to_dataset`; `narrow`: panels below each other, for a screen of 390 pixels.
 
     **Raises:** `ClearanceError` for another dataset.
     """
     check(dataset)
-    figure = Figure(figsize=(12, 7.5), layout="constrained")
-    grid = figure.add_gridspec(2, 5)
-    profiles(figure.add_subplot(grid[0, :3]), dataset)
-    bore(figure.add_subplot(grid[0, 3:]), dataset)
-    growth(figure.add_subplot(grid[1, :3]), dataset)
-    (criterion if "watched" in dataset else volume)(figure.add_subplot(grid[1, 3:]), dataset)
+    figure = Figure(figsize=(NARROW, 14.0) if narrow else (12, 7.5), layout="constrained")
+    grid = figure.add_gridspec(4, 1) if narrow else figure.add_gridspec(2, 5)
+    places = [grid[k, 0] for k in range(4)] if narrow else [grid[0, :3], grid[0, 3:], grid[1, :3], grid[1, 3:]]
+    for draw, place in zip(
+        (profiles, bore, growth, criterion if "watched" in dataset else volume), places, strict=True
+    ):
+        draw(figure.add_subplot(place), dataset)
     end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
-    figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
+    gap = "\n" if narrow else ": "
+    figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}{gap}joint {dataset.attrs['joint']}{end}")
     return figure
 
 
@@ -218,7 +220,7 @@ class WearFilm(AbstractFilm):
             upper.plot(angle, self._micro * last, color=PALE, lw=1)
             upper.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}")
             upper.set(xticks=np.arange(0, 361, 90), xlim=(0, 360), ylim=(0, None))
-            self._curve = upper.plot(angle, 0 * last, color="tab:blue", lw=1.2)[0]
+            self._curve = upper.plot(angle, 0 * last, color=BLUE, lw=1.2)[0]
             growth(lower, dataset)
             self._cursor = lower.axvline(0.0, color="k", lw=1.2)
             self._clock = self.figure.suptitle("", fontsize=11)

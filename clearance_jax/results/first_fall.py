@@ -52,6 +52,13 @@ def first_falls_over(time: np.ndarray, states: np.ndarray) -> np.ndarray:
     return ends
 
 
+def falls_over(dataset: xr.Dataset) -> float:
+    """When the last of the first falls that end is over [s]; minus infinity where no pin falls."""
+    names = ("step_time", "step_state") if "step_state" in dataset else ("time", "contact_state")
+    ends = first_falls_over(*(dataset[name].values for name in names))
+    return max(ends[np.isfinite(ends)], default=-np.inf)
+
+
 def loads(dataset: xr.Dataset) -> Loads | None:
     """The largest contact forces of a trace's dataset; `None` where no surfaces met."""
     ends, every = first_fall_ends(dataset), _all(dataset)

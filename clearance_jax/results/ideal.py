@@ -18,7 +18,7 @@ FREE = (
 
 
 class IdealPlaces(NamedTuple):
-    """Places `at` [m], (times, marks, axes), of the marks on the ideal mechanism; `None`: not known, and `reason` why."""
+    """Places `at` [m], (times, marks, axes), of marks on the ideal mechanism; `None`: not known, and `reason` why."""
 
     at: np.ndarray | None
     reason: str = ""

@@ -178,7 +178,7 @@ def _tilt(dataset: xr.Dataset, joint: str, outline: JointOutline) -> np.ndarray 
 class PinPath(NamedTuple):
     """The path of a pin's centre in its sleeve, in the sleeve's axes [m]: its `places` (times, 2) at `time` [s], there
     the contact `state` (0 free, 1 contact, 2 impact), how far it can go (`travel`, (2, points), where that is known),
-    and at which `height` along the sleeve.
+    at which `height` along the sleeve, and the `penetration` there [m] (times,).
     """
 
     joint: str
@@ -187,6 +187,7 @@ class PinPath(NamedTuple):
     places: np.ndarray
     state: np.ndarray
     travel: np.ndarray | None
+    penetration: np.ndarray = np.zeros(0)
 
     def share(self, state: int) -> float:
         """The fraction of the time in a contact state. A state holds until the next instant."""
@@ -231,9 +232,21 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
     out = []
     for k, height in enumerate(pin.outline.heights):
         places, wall = centres[:, k], (pin.outline.clearance, pin.wear_depth(k))
-        state = (penetration(places, *wall) > 0).astype(int)
-        out.append(PinPath(joint, float(height), time, places, state, pin_travel(*wall)))
+        deep = penetration(places, *wall)
+        state = (deep > 0).astype(int)
+        out.append(PinPath(joint, float(height), time, places, state, pin_travel(*wall), deep))
     return out
+
+
+def loads_by_direction(dataset: xr.Dataset, joint: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s], contact forces [N] of a pin, and in which direction [rad] in the sleeve's axes it is deepest in the
+    wall. **Raises** as `station_paths`.
+    """
+    time, force = _series(dataset, joint, "contact_force")
+    paths = station_paths(dataset, joint)
+    deepest = np.argmax([path.penetration for path in paths], axis=0)
+    x, y = np.stack([path.places for path in paths])[deepest, np.arange(len(time))].T
+    return time, force, np.arctan2(y, x)
 
 
 def along_sleeve(place: np.ndarray, tilt: np.ndarray, heights: np.ndarray, through: bool) -> np.ndarray:

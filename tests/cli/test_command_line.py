@@ -117,7 +117,7 @@ def test_dataset_roundtrip_and_figure(tmp_path):
     figure = overview(dataset)
     figure.savefig(tmp_path / "a.png")
     clocks = [axis for axis in figure.axes if axis.get_xlabel().startswith("time")]
-    assert len(clocks) == 4
+    assert len(clocks) == 2  # that of the first fall, and one for all panels over time
     for axis in clocks:
         assert axis.get_xlabel() == "time, ms"
         boxes = [label.get_window_extent() for label in axis.get_xticklabels()]
@@ -184,9 +184,10 @@ def test_no_legend_covers_anything():
     FigureCanvasAgg(figure).draw()
     axes = figure.axes
     legends = [legend.get_window_extent() for legend in figure.findobj(Legend)]
-    assert len(legends) == 2  # names of the joints, and of what their pins do
+    assert len(legends) >= 3  # of forces, of contact over time, of the orbits
     drawn = [axis.get_window_extent() for axis in axes]
-    drawn += [text.get_window_extent() for axis in axes for text in (axis.xaxis.label, axis.yaxis.label, axis.title)]
+    drawn += [text.get_window_extent() for axis in axes for text in (axis.xaxis.label, axis.yaxis.label, axis.title)
+              if text.get_text()]  # fmt: skip
     assert not any(legend.overlaps(other) for legend in legends for other in drawn)
 
 

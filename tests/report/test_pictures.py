@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from looks import check_texts
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.text import Text
 from PIL import Image
-from places import ANY, SCENES, refused
+from places import ANY, ROOT, SCENES, refused
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
@@ -27,10 +27,11 @@ from clearance_jax.cli.main import main
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Relative
 from clearance_jax.joints.sleeve import lobatto
-from clearance_jax.report import figures, magnified
+from clearance_jax.report import figures, magnified, play_figures
 from clearance_jax.report.figures import overview
 from clearance_jax.report.magnified import CrossSection, Side
 from clearance_jax.report.skeleton import Skeleton
+from clearance_jax.results.first_fall import first_fall_ends
 from clearance_jax.results.places import outline, places
 from clearance_jax.results.play import FACE, along_sleeve, spans, station_paths
 
@@ -201,7 +202,7 @@ def bars(axis) -> dict:
 def test_the_timeline_has_a_bar_for_every_span(arm):
     figure = figures.play(arm)
     drawn, found = bars(figure.axes[0]), spans(arm, "hip")
-    for code, (words, _) in enumerate(figures.PATTERNS):
+    for code, (words, *_) in enumerate(play_figures.PATTERNS):
         chosen = found.pattern % FACE == code
         shown = [box for label, box in drawn.items() if label.startswith(words)]
         if not np.any(chosen):
@@ -265,6 +266,7 @@ def many(dataset, count):
     factors = xr.DataArray(np.random.default_rng(3).permutation(np.linspace(0.5, 2.0, count)), dims="joint")
     of_episodes = [name for name in dataset if dataset[name].dims == ("episode",)]
     out = dataset.drop_vars(of_episodes).isel(joint=[0] * count).assign_coords(joint=names)
+    out = out.drop_vars("mark_position")  # the marks have the old names
     out = out.assign({name: out[name] * factors for name in ("contact_force", "step_force")})
     tiled = {name: ("episode", np.tile(dataset[name], count), dataset[name].attrs) for name in of_episodes}
     tiled["episode_joint"] = "episode", np.repeat(np.arange(count), dataset.sizes["episode"]), {}
@@ -275,16 +277,10 @@ def many(dataset, count):
 
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_a_figure_of_many_joints_shows_those_that_bear_most(crank, count):
-    """One legend of the joints and one of their pins, no two texts over each other, and no word of the layout."""
+    """No two texts lie over each other, and none leaves the figure."""
     dataset, largest = many(crank, count)
     for figure in (overview(dataset), figures.play(dataset)):
-        figure.draw_without_rendering()
-        titles = [text for text in figure.findobj(Text) if text.get_visible() and len(text.get_text().strip()) > 4]
-        boxes = [(text.get_text(), text.get_window_extent()) for text in {id(text): text for text in titles}.values()]
-        for k, (text, box) in enumerate(boxes):
-            for other, its in boxes[k + 1 :]:
-                assert not box.overlaps(its), (text, other)
-        assert len(figure.findobj(Legend)) == 2
+        check_texts(figure)
         shown = [axis.get_title().split(":")[0] for axis in figure.axes]
         shown = sorted(name for name in shown if name.startswith("axis_"))
         assert shown == (largest if count > 6 else list(dataset["joint"].values))
@@ -558,3 +554,113 @@ def test_what_no_film_can_show_is_said_before_the_solve(options, words, monkeypa
     assert code == 2
     assert words in said
     assert list(tmp_path.iterdir()) == []
+
+
+# Kinds of figures ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def erring(crank):
+    """The crank with errors of its point, as a dataset has them."""
+    errors = 1e-4 * np.abs(np.sin(2 * np.pi * crank["time"].values / 1e-3))[:, None]
+    return crank.assign(position_error=(("time", "point"), errors, {"units": "m"}))
+
+
+@pytest.mark.parametrize("kind", figures.KINDS)
+def test_every_kind_of_figure_can_be_read(erring, kind):
+    """On a page and on a phone, with one joint and with six; text of a narrow figure is large enough on 390 pixels."""
+    for dataset in (erring, many(erring, 6)[0]):
+        for narrow in (False, True):
+            check_texts(figures.KINDS[kind](dataset, narrow=narrow))
+    assert 390 / figures.KINDS[kind](erring, narrow=True).get_figwidth() * 8 / 72 > 10
+
+
+def titled(figure, words: str) -> Any:
+    (axis,) = [axis for axis in figure.axes if words in axis.get_title(loc="left")]
+    return axis
+
+
+def test_the_first_fall_is_set_apart(erring):
+    figure = overview(erring)
+    (over,) = first_fall_ends(erring)
+    force, fall = titled(figure, "contact force after the first fall"), titled(figure, "in the first fall")
+    assert 0 < over < float(erring["time"][-1])
+    ends, forces = erring["step_time"].values, erring["step_force"].values[:, 0]
+    drawn = {axis: np.stack(axis.lines[-1].get_data()) for axis in (force, fall)}
+    assert drawn[fall][0].max() == pytest.approx(1e3 * over)
+    assert drawn[force][0].min() > 1e3 * over
+    peaks = erring["peak_force"].values[erring["peak_time"].values > over]
+    assert drawn[force][1].max() == pytest.approx(1e-3 * max(forces[ends > over].max(), *peaks))
+    assert force.get_ylim()[1] < 1e-3 * forces.max() < fall.get_ylim()[1]  # both in kN
+    assert f"{drawn[force][1].max():.4g} kN" in force.get_legend().get_texts()[0].get_text()
+    (error,) = titled(figure, "ideal mechanism").lines
+    np.testing.assert_allclose(error.get_ydata(), 1e6 * erring["position_error"].values[:, 0])
+    # Without the error the figure says why.
+    assert "it moves freely" in overview(crank_without(erring)).get_suptitle()
+
+
+def crank_without(dataset):
+    return dataset.drop_vars("position_error").assign_attrs(ideal="it moves freely")
+
+
+def test_the_rose_has_the_share_of_every_direction(crank):
+    forces, rose = figures.polar_load(crank).axes
+    (over,) = first_fall_ends(crank)
+    last = float(crank["time"][-1])
+    begin, end = crank["episode_start"].values, crank["episode_end"].fillna(last).values
+    bears = np.sum(np.clip(end - np.maximum(begin, over), 0, None)) / (last - over)
+    assert sum(bar.get_height() for bar in rose.patches) == pytest.approx(100 * bears, rel=0.02)
+    angle, force = forces.lines[0].get_data()
+    largest = int(np.argmax(np.where(crank["time"] > over, crank["contact_force"].values[:, 0], 0)))
+    x, y = crank["eccentricity"].values[largest, 0]
+    near = int(np.argmin(np.abs(1e3 * force - crank["contact_force"].values[largest, 0])))
+    assert angle[near] == pytest.approx(np.arctan2(y, x))
+
+
+def test_a_spectrum_finds_a_frequency_and_the_variance(crank):
+    """Of a sine: the density is largest at its frequency, and its integral is the variance, by Parseval's theorem."""
+    time = np.linspace(0.0, 1.0, 4001)
+    sine = 30.0 + 5.0 * np.sin(2 * np.pi * 200.0 * time)
+    signal = xr.Dataset(
+        {"contact_force": (("time", "joint"), sine[:, None]), "contact_state": (("time", "joint"), np.ones((4001, 1)))},
+        coords={"time": time, "joint": ["wrist"]},
+    )
+    figure = figures.spectrum(signal, modes=[250.0])
+    (axis,) = figure.axes
+    frequency, density = axis.lines[0].get_data()
+    resolution = frequency[0]
+    assert f"{resolution:.3g} Hz" in axis.get_title(loc="left")
+    assert abs(frequency[np.argmax(density)] - 200.0) <= resolution
+    assert np.sum(density) * resolution == pytest.approx(12.5, rel=0.02)
+    assert axis.lines[1].get_xdata()[0] == 250.0
+    few = crank.drop_vars([name for name in crank if str(name).startswith("step_")])
+    with refused("time", ANY):
+        figures.spectrum(few.isel(time=slice(0, 60)))
+
+
+def test_episodes_are_those_of_the_dataset(crank):
+    speed, force, restitution = figures.episodes(crank).axes
+    (over,) = first_fall_ends(crank)
+    for axis, name in ((speed, "impact_speed"), (restitution, "restitution")):
+        later, falling = axis.lines
+        fell = crank["episode_start"].values <= over
+        np.testing.assert_array_equal(later.get_ydata(), crank[name].values[~fell])
+        np.testing.assert_array_equal(falling.get_ydata(), crank[name].values[fell])
+        assert falling.get_markerfacecolor() == "none"
+    assert force.get_ylabel() == "largest force, kN"
+
+
+def test_a_kind_is_chosen_by_name(crank, lift, monkeypatch, capsys, tmp_path):
+    with pytest.raises(ClearanceError, match="is a pin in a sleeve"):
+        figures.polar_load(lift)
+    check_texts(figures.motion(lift, narrow=True))
+    cj.save(crank, tmp_path / "a.nc")
+    code, said = run(monkeypatch, capsys, "plot", tmp_path / "a.nc", "--plot-kind", "episodes", "--narrow")
+    assert (code, (tmp_path / "a.png").exists()) == (0, True)
+    code, said = run(monkeypatch, capsys, "plot", tmp_path / "a.nc", "--plot-kind", "episode")
+    assert code == 2
+    assert "Did you mean `episodes`?" in said
+    code, said = run(monkeypatch, capsys, "plot", tmp_path / "a.nc", "--plot-kind", "episodes", "--play")
+    assert code == 2
+    page = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
+    assert all(f"| `{name}` |" in page for name in figures.KINDS)

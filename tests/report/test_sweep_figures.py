@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from looks import check_texts
 from matplotlib.collections import LineCollection
 from places import refused
 from scipy import stats
@@ -215,6 +216,47 @@ def test_sensitivities_have_a_bar_for_each_number_and_kind():
     patches: Any = figure.axes[0].patches
     widths = np.reshape([bar.get_width() for bar in patches], (3, 3))
     np.testing.assert_allclose(widths, [found.first, found.total, found.linear(dict.fromkeys(found.names, 1.0))])
+
+
+STUDY = """
+[sweep.axis."wrist.radial_clearance"]
+from = "0.01 mm"
+[sweep.axis.speeds]
+values = { "drive.main.speed" = ["1000 rpm", "2000 rpm"] }
+[sweep.axis."wrist.friction.coefficient"]
+from = 0.0
+"""
+
+
+def test_axes_have_the_units_of_the_study():
+    swept = grid().assign_attrs(study=STUDY)
+    figure = sweep_figures.heat_map(swept, "error", CLEARANCE, SPEED)
+    assert figure.axes[0].get_ylabel() == "drive main speed, rpm"
+    (bottom, top) = figure.axes[0].get_ylim()
+    np.testing.assert_allclose((bottom + top) / 2, 350 * 30 / np.pi)
+    over: Any = sweep_figures.curves(swept, "error", SPEED, FRICTION).axes[0]
+    np.testing.assert_allclose(np.asarray(over.lines[0].get_xdata())[[0, -1]], np.array([100, 600]) * 30 / np.pi)
+    assert over.get_legend().get_title().get_text() == "wrist friction coefficient"
+    assert sweep_axes.written_unit(STUDY, CLEARANCE) == "mm"
+    assert sweep_axes.written_unit("no study", CLEARANCE) == ""
+
+
+def test_every_picture_of_a_sweep_can_be_read():
+    """No legend and no title is cut off, however long the names are."""
+    over = grid().assign_attrs(study=STUDY)
+    scattered = ishigami(64)
+    local = {"y": dict.fromkeys(("a.x", "b.x", "c.x"), 1.0)}
+    drawn = [
+        over,
+        over.isel({FRICTION: [0, 0, 1, 1, 2, 2, 3, 3]}).assign_coords({FRICTION: np.arange(8) / 70}),
+        recurrent(),
+    ]
+    pictures = [figure for dataset in drawn for figure in sweep_figures.figures(dataset).values()]
+    pictures += sweep_figures.figures(scattered, {"y": sobol_indices(scattered, "y")}, local).values()
+    assert len(pictures) > 15
+    for figure in pictures:
+        check_texts(figure)
+    assert "6 of 8 values" in sweep_figures.heat_map(drawn[1], "error").get_suptitle()
 
 
 def test_what_fits_a_sweep_is_drawn():

@@ -195,7 +195,7 @@ sweep.axis."wrist.radial_clearance" = {{ kind = "values", values = ["0.1 mm", "0
     drawn = CliRunner().invoke(app, ["plot", str(store)])
     assert drawn.exit_code == 0, drawn.output
     assert (tmp_path / "out_pictures" / "guide.velocity_over_wrist.radial_clearance.png").exists()
-    assert "no motion is in it" in str(CliRunner().invoke(app, ["plot", str(store), "--play"]).exception)
+    assert "no motion is in it" in str(CliRunner().invoke(app, ["plot", str(store), "--plot-kind", "play"]).exception)
     assert "as a store of a sweep" in str(CliRunner().invoke(app, ["plot", str(tmp_path)]).exception)
 
 
