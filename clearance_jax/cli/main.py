@@ -15,6 +15,7 @@ from clearance_jax.cli.info import info
 from clearance_jax.cli.plot import animate, plot
 from clearance_jax.cli.run import run
 from clearance_jax.cli.simulate import simulate
+from clearance_jax.cli.view import view
 from clearance_jax.errors import LONGEST, ClearanceError, cut
 
 app = typer.Typer(
@@ -29,6 +30,7 @@ app = typer.Typer(
     "clearance info experiments/scenes/arm_with_play.toml --budget --plot budget.png\n\n"
     "clearance plot out.nc -o out.png\n\n"
     "clearance animate out.nc -o out.gif --magnify joint5\n\n"
+    "clearance view out.nc -o out.html\n\n"
     "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial_clearance=0.05mm,pin_radius=20mm\n\n"
     "clearance run optimize/studies/slider_crank.toml --report out.html\n\n"
     "clearance run experiments/studies/slider_crank.toml -o out.zarr --plot pictures\n\n"
@@ -73,7 +75,7 @@ def about(
     """Options before the command."""
 
 
-COMMANDS = simulate, run, info, plot, animate, cache
+COMMANDS = simulate, run, info, plot, animate, view, cache
 for command in COMMANDS:
     app.command()(command)
 

@@ -35,6 +35,7 @@ ORDER = (
     "calibrate",
     "io",
     "report",
+    "viewer",
     "cli",
 )
 LEAVES = {"_basis", "_compile", "_version", "configure", "errors", "parameters", "spatial", "units"}
