@@ -18,22 +18,6 @@ BYTES = 900_000
 OTHER = 2
 HEIGHT = 860
 
-PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-</head>
-<body>
-<div id="viewer"></div>
-<script type="application/json" id="scene">{scene}</script>
-<script type="text/plain" id="numbers">{numbers}</script>
-<script>{script}</script>
-</body>
-</html>
-"""
-
 
 class View:
     """A page that shows a motion. Make one with `cj.view`. A notebook shows it by itself.
@@ -104,7 +88,8 @@ def view(
 
 def render(title: str, scene: dict[str, Any], numbers: str) -> str:
     """The page; whatever is in a name stays text."""
-    script = importlib.resources.files("clearance_jax.viewer").joinpath("static/viewer.js").read_text(encoding="utf-8")
+    static = importlib.resources.files("clearance_jax.viewer").joinpath("static")
+    page, script = (static.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "viewer.js"))
     # Inside a script an end tag or a comment in a text would end it.
     text = json.dumps(scene, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return PAGE.format(title=html.escape(title), scene=text, numbers=numbers, script=script)
+    return page.format(title=html.escape(title), scene=text, numbers=numbers, script=script)

@@ -51,7 +51,7 @@ def test_places_in_the_scene_are_the_datasets(browser, pages, name, factor):
     browser.evaluate(f"viewer.setExaggeration({factor})")
     ideal, actual = (dataset[key].values for key in ("ideal_mark_position", "mark_position"))
     for row in (0, 40, 100):
-        browser.evaluate(f"viewer.setTime({dataset['time'].values[row]!r})")
+        browser.evaluate(f"viewer.setTime({float(dataset['time'][row])!r})")
         seen = browser.evaluate("viewer.positions()")
         shown, still = (np.array(seen[key])[:, : ideal.shape[-1]] for key in ("shown", "ideal"))
         assert np.abs(still - ideal[row]).max() < 1e-7

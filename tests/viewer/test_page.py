@@ -24,7 +24,7 @@ LARGEST = 2_000_000
 HARD = cj.laws.HuntCrossley(1e9, 0.5)
 KINDS = [
     cj.RevoluteClearance(1e-4, 0.01, HARD),
-    cj.RevoluteClearance(1e-4, 0.01, HARD, depth=np.linspace(0, 2e-5, 12)),
+    cj.RevoluteClearance(1e-4, 0.01, HARD, depth=np.linspace(0, 2e-5, 16)),
     cj.SleeveClearance(1e-4, 0.01, 0.04, HARD),
     cj.SleeveClearance(1e-4, 0.01, 0.04, HARD, axial_clearance=5e-5, pin="inside"),
     cj.SphericalClearance(1e-4, 0.01, HARD),
@@ -145,7 +145,7 @@ def test_what_is_no_motion_is_refused():
         cj.view(crank().isel(time=[0]))
     with refused("dataset", 0):
         cj.view(crank().isel(time=0, drop=True))
-    with refused("`samples`", 1):
+    with refused("samples", 1):
         cj.view(crank(), samples=1)
 
 

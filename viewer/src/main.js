@@ -57,7 +57,10 @@ class Viewer {
   _frame(now) {
     this.asked = false;
     if (this.playing) {
-      if (this.before !== undefined) this.time += (now - this.before) / 1000 / this.speed;
+      if (this.before !== undefined) {
+        this.time += (now - this.before) / 1000 / this.speed;
+        this.stage.adapt((now - this.before) / 1000);
+      }
       this.before = now;
       if (this.time >= this.last) this.time = this.first;
     }
@@ -122,6 +125,7 @@ class Viewer {
 
   pause() {
     this.playing = false;
+    this.stage.adapt(null);
     this.page.setPlaying(false);
     this.draw();
   }

@@ -38,7 +38,7 @@ export class Page {
     this.canvas = make("canvas", { class: "stage", tabindex: "0", role: "img", "aria-label": `Motion of ${scene.title}` });
     this.plots = make("canvas", { class: "plots", role: "img", "aria-label": "Errors, forces and contact over time; click to go to an instant" });
     const root = document.getElementById("viewer");
-    root.append(this._head(), make("div", { class: "main" }, this._picture(), this._panel()), this._time(), this._foot(), this._help());
+    root.append(this._head(), this._picture(), this._time(), this._panel(), this._foot(), this._help());
     this._listen();
   }
 

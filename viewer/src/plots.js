@@ -1,6 +1,6 @@
 // Plots under the time line: errors, forces, eccentricities and contact states over time. A click or a drag in them moves
 // the time; the wheel widens a part of it.
-import { COLOURS, CURVES, plain, say, scaleOf, STATE_COLOURS, STATES } from "./numbers.js";
+import { COLOURS, CURVES, plain, roundDown, say, scaleOf, STATE_COLOURS, STATES } from "./numbers.js";
 
 const [LEFT, RIGHT, TOP, STRIP, AXIS] = [66, 14, 22, 9, 22];
 const FONT = "11px system-ui, sans-serif";
@@ -38,7 +38,7 @@ export class Plots {
   }
 
   get rowHeight() {
-    return this.canvas.clientWidth < 560 ? 92 : 84;
+    return this.canvas.clientWidth < 560 ? 88 : 74;
   }
 
   resize() {
@@ -148,17 +148,19 @@ export class Plots {
   _row(c, row, top, width) {
     const [low, high] = [top + TOP, top + this.rowHeight - 8];
     const every = row.curves.map((curve) => curve.values.reduce((m, v) => (v > m ? v : m), 0));
-    const most = (row.top ?? Math.max(...every, 0)) * 1.06 || 1;
+    const largest = row.top ?? Math.max(...every, 0);
+    const most = largest * 1.06 || 1;
     const y = (value) => high - (Math.min(value, most) / most) * (high - low);
-    const [factor, unit] = scaleOf(most, row.unit);
+    const [factor, unit] = scaleOf(largest, row.unit);
     c.fillStyle = COLOURS.ink;
     c.textAlign = "left";
     c.font = `600 ${FONT}`;
     c.fillText(row.title, LEFT, top + 14);
     c.font = FONT;
     c.textAlign = "right";
-    for (const share of [0, 0.5, 1]) {
-      const level = Math.round(y(share * most / 1.06)) + 0.5;
+    const step = roundDown(most / 2);
+    for (let value = 0; value <= most; value += step) {
+      const level = Math.round(y(value)) + 0.5;
       c.strokeStyle = COLOURS.line;
       c.lineWidth = 1;
       c.beginPath();
@@ -166,7 +168,7 @@ export class Plots {
       c.lineTo(width - RIGHT, level);
       c.stroke();
       c.fillStyle = COLOURS.faint;
-      c.fillText(`${plain((share * most / 1.06) * factor, 3)} ${share === 1 ? unit : ""}`.trim(), LEFT - 6, level + 3.5);
+      c.fillText(`${plain(value * factor, 3)} ${value + step > most ? unit : ""}`.trim(), LEFT - 6, level + 3.5);
     }
     c.textAlign = "left";
     c.save();

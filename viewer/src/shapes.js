@@ -5,8 +5,8 @@ import {
 } from "three";
 
 const UP = new Vector3(0, 1, 0);
-const ROD = new CylinderGeometry(1, 1, 1, 20, 1, true);
-const BALL = new SphereGeometry(1, 20, 14);
+const ROD = new CylinderGeometry(1, 1, 1, 16, 1, true);
+const BALL = new SphereGeometry(1, 16, 12);
 const DISC = new CylinderGeometry(1, 1, 1, 28);
 const BOX = new BoxGeometry(1, 1, 1);
 const between = new Vector3();

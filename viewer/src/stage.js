@@ -10,11 +10,13 @@ import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { BODIES, COLOURS, roundDown } from "./numbers.js";
 import { joint, ROD, SHAPES, span } from "./shapes.js";
 
+// Most points of a drawn path; seconds of a frame above which fewer pixels are drawn while it plays, and how few.
+const [FINE, SLOW, COARSE] = [500, 0.07, 0.6];
 const [ELEVATION, AZIMUTH] = [22, -58].map((degrees) => (degrees * Math.PI) / 180);
 
 export class Stage {
   constructor(canvas, { scene, track, clocks }) {
-    Object.assign(this, { canvas, data: scene, track, clocks, factor: scene.exaggeration.start, selected: null });
+    Object.assign(this, { canvas, data: scene, track, clocks, factor: scene.exaggeration.start, selected: null, share: 1, pace: 0 });
     this.shown = { ghost: true, forces: true, paths: true };
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: false });
     this.scene = new Scene();
@@ -87,13 +89,22 @@ export class Stage {
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (!(width > 0 && height > 0)) return;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2) * this.share);
     this.renderer.setSize(width, height, false);
     const aspect = width / height;
     const half = this.half * Math.max(1, this.aspect / aspect);
     Object.assign(this.camera, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
     this.camera.updateProjectionMatrix();
     this.lines.forEach((line) => line.material.resolution.set(width, height));
+  }
+
+  /** Fewer pixels where a computer draws slowly, by the length of a frame [s]; `null`: as many as there are. */
+  adapt(length) {
+    this.pace = length === null ? 0 : 0.7 * this.pace + 0.3 * length;
+    const share = this.pace > SLOW ? COARSE : length === null ? 1 : this.share;
+    if (share === this.share) return;
+    this.share = share;
+    this.resize();
   }
 
   /** Look at the whole motion from the default side. */
@@ -157,7 +168,7 @@ export class Stage {
     this.data.parts.forEach((part) => {
       const colour = part.colour === undefined ? "#9AA5B0" : BODIES[part.colour % BODIES.length];
       const material = new MeshLambertMaterial({ color: colour, side: part.kind === "mesh" ? DoubleSide : 0 });
-      const plate = new MeshLambertMaterial({ color: colour, transparent: true, opacity: 0.35, side: DoubleSide, depthWrite: false });
+      const plate = new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.28, side: DoubleSide, depthWrite: false });
       const layer = plane && part.kind === "body" ? (part.colour + 1) * 0.4 * this.radius : 0;
       this._add(this.solid, part, { ...shared, material, plate }, this.actual, 1, layer);
       if (part.kind === "body" && this.data.ideal) {
@@ -245,10 +256,12 @@ export class Stage {
     for (const { mark, ideal, actual } of this.traces) {
       const [track, away] = this.tracks[mark];
       const [first, second] = [[], []];
-      for (let i = 0; i < times.length; i += 1) {
-        const at = [0, 1, 2].map((k) => (k < track.width ? track.get(i, k) : depth));
+      const every = Math.max(1, Math.ceil(times.length / FINE));
+      for (let k = 0; k < times.length - 1 + every; k += every) {
+        const i = Math.min(k, times.length - 1);
+        const at = [0, 1, 2].map((axis) => (axis < track.width ? track.get(i, axis) : depth));
         first.push(...at);
-        second.push(...at.map((x, k) => x + (away && k < away.width ? this.factor * away.get(i, k) : 0)));
+        second.push(...at.map((x, axis) => x + (away && axis < away.width ? this.factor * away.get(i, axis) : 0)));
       }
       for (const [line, places] of [[ideal, first], [actual, second]]) {
         line.geometry.dispose();
