@@ -12,9 +12,9 @@ def view(
     output: Path | None = Option(None, "-o", "--output", help="The page (default: RESULT with .html)."),
     urdf: Path | None = Option(None, help="The robot's URDF file, to show its meshes."),
     title: str | None = Option(None, help="Title of the page (default: the mechanism's name)."),
-    samples: int | None = Option(None, help="Most samples that the page keeps (default: so many that fit in 2 MB)."),
+    samples: int | None = Option(None, help="Most samples that the page keeps (default: what fits in 2 MB)."),
 ) -> None:
-    """Write a page that shows the motion of a result file in three dimensions. A browser opens it, without a network."""
+    """Write a page that shows the motion of a result file in three dimensions. A browser opens it, without network."""
     from clearance_jax.results.store import load_dataset
     from clearance_jax.viewer.page import view as page_of
 

@@ -164,7 +164,7 @@ def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Floa
 
 
 def body_poses(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
-    """In space the place of every body's frame [m], (bodies, 3), and its axes as columns, (bodies, 3, 3); else nothing."""
+    """In space the place of every body's frame [m], (bodies, 3), and its axes as columns (bodies, 3, 3)."""
     if len(axes_of(mechanism)) < 3:
         return {}
     mechanism = mechanism.at(time)

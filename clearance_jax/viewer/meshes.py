@@ -26,7 +26,9 @@ def with_meshes(scene: dict[str, Any], motion: Motion, path: str | Path) -> None
     """
     require("A robot's meshes", "meshes", "trimesh")
     if "body_rotation" not in motion.dataset:
-        raise ClearanceError("This result does not hold the poses of bodies in space, which meshes need. Simulate again.")
+        raise ClearanceError(
+            "This result does not hold the poses of bodies in space, which meshes need. Simulate again."
+        )
     _, top = xml.read_xml(Path(path), "URDF file")
     whole, shapes, missing = merge(describe(top)), {}, []
     bodies = names_of(motion.dataset, "body")
@@ -46,7 +48,7 @@ def with_meshes(scene: dict[str, Any], motion: Motion, path: str | Path) -> None
             continue
         thin = [_coarser(*shape, FACES * len(shape[1]) // max(count, FACES)) for shape in each]
         add = motion.numbers.add
-        stored = [{"positions": add(v, "i2").index, "faces": add(f, "u4").index} for v, f in thin]
+        stored = [{"positions": add(v, "i2")[0], "faces": add(f, "u4")[0]} for v, f in thin]
         scene["parts"] = [p for p in scene["parts"] if p["kind"] != "body" or p["name"] != body]
         scene["parts"].append({"kind": "mesh", "name": body, "meshes": stored} | _pose(motion, body))
     if missing or not shapes:
@@ -83,7 +85,9 @@ def _coarser(vertices: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.nda
     cells = GRID
     while len(faces) > most and cells > 4:
         low, extent = vertices.min(axis=0), max(float(np.ptp(vertices, axis=0).max()), 1e-12)
-        _, first, which = np.unique(np.round((vertices - low) * (cells / extent)), axis=0, return_index=True, return_inverse=True)
+        _, first, which = np.unique(
+            np.round((vertices - low) * (cells / extent)), axis=0, return_index=True, return_inverse=True
+        )
         vertices, faces = vertices[first], which.reshape(-1)[faces]
         faces = faces[(np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)]
         cells = int(cells / 1.4)
@@ -99,7 +103,7 @@ def _pose(motion: Motion, body: str) -> dict[str, Any]:
     numbers = Rotation.from_matrix(turn).as_quat()
     numbers[1:] *= np.cumprod(np.where(np.sum(numbers[1:] * numbers[:-1], axis=1) < 0, -1, 1))[:, None]
     add = motion.numbers.add
-    pose: dict[str, Any] = {"position": add(place).index, "rotation": add(numbers).index, "shift": None, "lean": None}
+    pose: dict[str, Any] = {"position": add(place)[0], "rotation": add(numbers)[0], "shift": None, "lean": None}
     marks = motion.placed.bodies.get(body)
     if motion.error is None or not marks or chosen is None:
         return pose
@@ -109,4 +113,4 @@ def _pose(motion: Motion, body: str) -> dict[str, Any]:
     cross = np.cross(np.eye(3), arms[:, :, None, :]).swapaxes(-1, -2)
     rows = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), cross], axis=-1).reshape(len(kept), -1, 6)
     small = (np.linalg.pinv(rows) @ motion.error[kept][:, marks].reshape(len(kept), -1, 1))[..., 0]
-    return pose | {"shift": add(small[:, :3], "i2").index, "lean": add(small[:, 3:] / size, "i2").index}
+    return pose | {"shift": add(small[:, :3], "i2")[0], "lean": add(small[:, 3:] / size, "i2")[0]}

@@ -57,7 +57,7 @@ class View:
 def view(
     dataset: xr.Dataset, *, urdf: str | Path | None = None, title: str | None = None, samples: int | None = None
 ) -> View:
-    """A motion as a page to look at: `cj.view(dataset).save("motion.html")`. The page works from disk without a network.
+    """A motion as a page: `cj.view(dataset).save("motion.html")`. It works from disk without a network.
 
     It shows the mechanism as it moves, the ideal mechanism behind it, their distance enlarged, forces, the paths of
     points, and each joint's pin in its sleeve.

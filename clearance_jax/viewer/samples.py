@@ -2,7 +2,7 @@
 
 import base64
 import heapq
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -53,13 +53,6 @@ def between(time: np.ndarray, kept: np.ndarray, values: np.ndarray) -> np.ndarra
     return values[at] * (1 - share) + values[at + 1] * share
 
 
-class Stored(NamedTuple):
-    """An array in the page: its `index` there, and the `values` as the page reads them."""
-
-    index: int
-    values: np.ndarray
-
-
 class Numbers:
     """The arrays of a page, one after another, each at a multiple of eight bytes. An array that is there already is not
     stored again, and of one that does not change over time one row is.
@@ -69,8 +62,10 @@ class Numbers:
         self.entries: list[dict[str, Any]] = []
         self._data, self._known = bytearray(), {}
 
-    def add(self, values: Any, kind: str = "f4") -> Stored:
-        """Store an array (times,) or (times, width); "i2": as multiples of a step, a 32767th of its largest value."""
+    def add(self, values: Any, kind: str = "f4") -> tuple[int, np.ndarray]:
+        """Store an array (times,) or (times, width), "i2" as multiples of a step, a 32767th of its largest value; its
+        index, and the values as the page reads them.
+        """
         table = np.atleast_2d(np.asarray(values, float).T).T
         if not np.all(np.isfinite(table)):
             raise ClearanceError("A part of this result is not finite, so that it cannot be shown. Simulate again.")
@@ -86,8 +81,7 @@ class Numbers:
             self._known[key] = len(self.entries)
             self.entries.append(entry | {"at": len(self._data)})
             self._data += raw.tobytes() + bytes(-raw.nbytes % 8)
-        read = raw.astype(float) * entry.get("step", 1.0)
-        return Stored(self._known[key], read)
+        return self._known[key], raw.astype(float) * entry.get("step", 1.0)
 
     def text(self) -> str:
         """All bytes in base64."""

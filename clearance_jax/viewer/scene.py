@@ -20,8 +20,6 @@ from clearance_jax.viewer.samples import Numbers, between, keep
 SEEN, OF_FORCE, OF_PLAY = 2e-3, 2e-2, 1e-2
 # Least breadth of a plate over the mechanism's size, as in `report.skeleton`.
 PLATE = 0.02
-# Longest arrow of a force in a first fall over the largest force after it.
-ARROW = 4.0
 
 
 class Fidelity(NamedTuple):
@@ -60,7 +58,7 @@ class Motion(NamedTuple):
 
     def add(self, values: Any, kind: str = "i2") -> int:
         """Keep values at all samples (times, ...) in the page; their index there."""
-        return self.numbers.add(values[self.kept], kind).index
+        return self.numbers.add(values[self.kept], kind)[0]
 
 
 def motion_of(dataset: xr.Dataset, most: int) -> Motion:
@@ -123,19 +121,18 @@ def describe(motion: Motion, title: str, most: int) -> tuple[dict[str, Any], Fid
 
 def _marks(motion: Motion) -> tuple[list[dict[str, Any]], tuple[float, float]]:
     """The marks, and the largest distance of places and of errors from all samples [m]."""
-    placed, kept, marks, worst = motion.placed, motion.kept, [], np.zeros(2)
+    placed, kept, marks, worst = motion.placed, motion.kept, [], (0.0, 0.0)
     for mark, name in enumerate(names_of(motion.dataset, "mark")):
         at, error, shown = placed.at[:, mark], None, np.zeros(placed.at.shape[::2])
-        ideal, away = at, shown
+        away = shown if motion.error is None else motion.error[:, mark]
         if motion.error is not None:
-            away = motion.error[:, mark]
-            ideal, stored = at - away, motion.numbers.add(away[kept], "i2")
-            shown, error = between(placed.time, kept, stored.values), stored.index
-        stored = motion.numbers.add(ideal[kept])
-        off = between(placed.time, kept, stored.values) + shown - at, shown - away
-        worst = np.maximum(worst, [np.linalg.norm(each, axis=1).max() for each in off])
-        marks.append({"name": name, "ideal": stored.index, "error": error})
-    return marks, (float(worst[0]), float(worst[1]))
+            error, values = motion.numbers.add(away[kept], "i2")
+            shown = between(placed.time, kept, values)
+        ideal, values = motion.numbers.add((at - away)[kept])
+        off = between(placed.time, kept, values) + shown - at, shown - away
+        worst = tuple(max(w, float(np.linalg.norm(each, axis=1).max())) for w, each in zip(worst, off, strict=True))
+        marks.append({"name": name, "ideal": ideal, "error": error})
+    return marks, (worst[0], worst[1])
 
 
 def _parts(motion: Motion) -> list[dict[str, Any]]:
@@ -163,16 +160,18 @@ def _parts(motion: Motion) -> list[dict[str, Any]]:
 
 
 def _joints(motion: Motion, contacts: dict[str, dict]) -> list[dict[str, Any]]:
-    joints, data, late = [], motion.dataset, motion.placed.time > motion.settled
+    joints, data = [], motion.dataset
     for name, mark in motion.placed.joints.items():
-        reaction, outline = None, outline_of(data, name)
-        if "joint_reaction" in data:
-            force = data["joint_reaction"].sel(any_joint=name).values
-            most = ARROW * largest(data["joint_reaction"].values, late)
-            reaction = motion.add(force * np.minimum(1.0, most / np.maximum(np.linalg.norm(force, axis=1), most))[:, None])
-        entry = {"name": name, "mark": mark, "parent": names_of(data, "mark").index(name), "reaction": reaction}
-        entry["clearance"] = None if outline is None else outline.clearance
-        joints.append(entry | {"loose": name in motion.placed.loose, "contact": contacts.get(name)})
+        reaction, outline = data.get("joint_reaction"), outline_of(data, name)
+        entry = {
+            "name": name,
+            "mark": mark,
+            "parent": names_of(data, "mark").index(name),
+            "contact": contacts.get(name),
+        }
+        entry |= {"reaction": None if reaction is None else motion.add(reaction.sel(any_joint=name).values, "f4")}
+        entry |= {"clearance": None if outline is None else outline.clearance, "loose": name in motion.placed.loose}
+        joints.append(entry)
     return joints
 
 
@@ -191,24 +190,17 @@ def _contacts(motion: Motion, most: int) -> tuple[dict[str, dict], int | None, t
     kept = keep(time, np.concatenate(columns, axis=1), most)
     for name in loose:
         _, place, force, state = series(data, name, "eccentricity", "contact_force", "contact_state")
-        stored, pin = motion.numbers.add(place[kept], "i2"), play(data, name)
-        worst = max(worst, float(np.linalg.norm(between(time, kept, stored.values) - place, axis=1).max()))
-        turn = None if pin is None or pin.turn is None else motion.add(pin.turn, "f4")
-        known = {"place": stored.index, "turn": turn, "tilt": _tilt(motion, name, pin, time, kept)}
-        known |= {"force": motion.numbers.add(force[kept]).index, "state": motion.numbers.add(state[kept], "u1").index}
-        contacts[name] = known | {"peak": _peak(data, name), "outline": None if pin is None else _plain(pin)}
-    return contacts, motion.numbers.add(time[kept], "f8").index, (len(kept), len(time), worst)
-
-
-def _tilt(motion: Motion, name: str, pin: JointPlay | None, time: np.ndarray, kept: np.ndarray) -> int | None:
-    """Where a pin's tilt at the contacts' times is; `None`: it has none."""
-    if pin is None or not np.any(pin.tilt):
-        return None
-    if "pin_tilt" in motion.dataset:
-        tilt = series(motion.dataset, name, "pin_tilt")[1]
-    else:
-        tilt = np.stack([np.interp(time, motion.placed.time, column) for column in pin.tilt.T], axis=1)
-    return motion.numbers.add(tilt[kept], "i2").index
+        (index, shown), pin, turn, tilt = motion.numbers.add(place[kept], "i2"), play(data, name), None, None
+        worst = max(worst, float(np.linalg.norm(between(time, kept, shown) - place, axis=1).max()))
+        if pin is not None:
+            turn = None if pin.turn is None else motion.add(pin.turn, "f4")
+            leans = [np.interp(time, motion.placed.time, column) for column in pin.tilt.T]
+            tilt = series(data, name, "pin_tilt")[1] if "pin_tilt" in data else np.stack(leans, axis=1)
+            tilt = motion.numbers.add(tilt[kept], "i2")[0] if np.any(tilt) else None
+        known = {"place": index, "turn": turn, "tilt": tilt, "peak": _peak(data, name)}
+        known |= {"force": motion.numbers.add(force[kept])[0], "state": motion.numbers.add(state[kept], "u1")[0]}
+        contacts[name] = known | {"outline": None if pin is None else _plain(pin)}
+    return contacts, motion.numbers.add(time[kept], "f8")[0], (len(kept), len(time), worst)
 
 
 def _peak(dataset: xr.Dataset, name: str) -> dict[str, float] | None:

@@ -1,4 +1,4 @@
-"""Motions made by hand, as datasets: a crank with a rod in the plane, an arm in space. No program is compiled for them."""
+"""Motions made by hand, as datasets: a crank with a rod in the plane, an arm in space. Nothing is compiled for them."""
 
 from typing import Any
 
@@ -12,7 +12,9 @@ CLEARANCE = 1e-4
 PIN = JointOutline(0.01, CLEARANCE)
 
 
-def crank(samples: int = 201, outline: JointOutline = PIN, play: bool = True, name: str = "crank", wrist: str = "wrist") -> xr.Dataset:
+def crank(
+    samples: int = 201, outline: JointOutline = PIN, play: bool = True, name: str = "crank", wrist: str = "wrist"
+) -> xr.Dataset:
     """A crank (joint `base` on the ground) and a rod (joint with play), whose end is the point `tip`."""
     time = np.linspace(0.0, 0.5, samples)
     turn, swing = 4 * np.pi * time, 0.3 * np.sin(9 * time)
@@ -54,7 +56,9 @@ def arm(samples: int = 1001, axes: int = 6) -> xr.Dataset:
         names += [joint, joint]
         bodies += [f"link_{k - 1}" if k else "ground", f"link_{k}"]
         angles = np.outer(time, rng.uniform(0.5, 2, 2)) + rng.uniform(0, 3, 2)
-        place = place + 0.3 * np.stack([np.cos(angles[:, 0]), np.sin(angles[:, 0]) * np.cos(angles[:, 1]), np.sin(angles[:, 1])], 1)
+        place = place + 0.3 * np.stack(
+            [np.cos(angles[:, 0]), np.sin(angles[:, 0]) * np.cos(angles[:, 1]), np.sin(angles[:, 1])], 1
+        )
     names, bodies, at, error = [*names, "tool"], [*bodies, f"link_{axes - 1}"], [*at, place], [*error, direction]
     ideal = np.stack(at, axis=1)
     shape = (samples, axes)
@@ -63,12 +67,17 @@ def arm(samples: int = 1001, axes: int = 6) -> xr.Dataset:
     data |= {"joint_reaction": (("time", "any_joint", "axis"), 50 * rng.standard_normal((*shape, 3)))}
     data |= {"eccentricity": (("time", "joint", "axis"), 3e-5 * rng.standard_normal((*shape, 3)))}
     data |= {"pin_tilt": (("time", "joint", "across"), 1e-4 * rng.standard_normal((*shape, 2)))}
-    data |= {"contact_force": (("time", "joint"), rng.uniform(0, 90, shape)), "q": (("time", "coordinate"), np.zeros(shape))}
+    data |= {
+        "contact_force": (("time", "joint"), rng.uniform(0, 90, shape)),
+        "q": (("time", "coordinate"), np.zeros(shape)),
+    }
     data |= {"contact_state": (("time", "joint"), rng.integers(0, 3, shape))}
     coords = {"mark": ("mark", names), "mark_body": ("mark", bodies), "time": time, "axis": ["x", "y", "z"]}
     coords |= {"any_joint": joints, "joint": joints, "point": ["tool"], "coordinate": joints, "across": ["x", "y"]}
     attrs: dict[str, Any] = {"mechanism": "arm"}
     for joint in joints:
         ends = np.array([-0.02, 0.02])
-        attrs |= outline_attributes(joint, JointOutline(0.02, 3e-5, None, 0.04, ends, True, axial=2e-5, collar=0.025, ring=8))
+        attrs |= outline_attributes(
+            joint, JointOutline(0.02, 3e-5, None, 0.04, ends, True, axial=2e-5, collar=0.025, ring=8)
+        )
     return xr.Dataset(data, coords, attrs)

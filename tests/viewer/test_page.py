@@ -1,4 +1,4 @@
-"""The viewer's page, read as text: its numbers are the dataset's, its names are text, it is written whole or not at all."""
+"""The viewer's page, read as text: its numbers are the dataset's, names are text, it is written whole or not."""
 
 import base64
 import hashlib
@@ -84,7 +84,10 @@ def test_errors_and_pins_have_their_own_stated_error():
     view = cj.view(dataset, samples=150)
     read, time = Read(view.html), dataset["time"].values
     wrong = dataset["mark_position"].values - dataset["ideal_mark_position"].values
-    off = [np.linalg.norm(read.table(m["error"], "time", time) - wrong[:, k], axis=1).max() for k, m in enumerate(read.scene["marks"])]
+    off = [
+        np.linalg.norm(read.table(m["error"], "time", time) - wrong[:, k], axis=1).max()
+        for k, m in enumerate(read.scene["marks"])
+    ]
     assert max(off) == pytest.approx(view.fidelity.ideal_error, rel=1e-6)
     pins = dataset["eccentricity"].values
     off = [
@@ -200,14 +203,19 @@ def test_the_command_writes_a_page(tmp_path):
     result = CliRunner().invoke(app, ["view", str(file), "--title", "A crank"])
     assert result.exception is None, result.output
     assert Read((tmp_path / "crank.html").read_text(encoding="utf-8")).scene["title"] == "A crank"
-    with pytest.raises(ClearanceError, match="must end in .html"):
+    with pytest.raises(ClearanceError, match=r"must end in \.html"):
         CliRunner().invoke(app, ["view", str(file), "-o", str(tmp_path / "crank.png")], catch_exceptions=False)
 
 
 def test_the_bundle_belongs_to_the_sources():
     """As `viewer/build.mjs` computes it; `make viewer` bundles anew."""
     folder = ROOT / "viewer"
-    names = ["build.mjs", "package-lock.json", "package.json", *sorted(f"src/{path.name}" for path in (folder / "src").iterdir())]
+    names = [
+        "build.mjs",
+        "package-lock.json",
+        "package.json",
+        *sorted(f"src/{path.name}" for path in (folder / "src").iterdir()),
+    ]
     digest = hashlib.sha256(b"".join((folder / name).read_bytes() for name in names)).hexdigest()
     bundle = (ROOT / "clearance_jax" / "viewer" / "static" / "viewer.js").read_text(encoding="utf-8")
     assert bundle.startswith(f"/* sources {digest};"), "run `make viewer`"

@@ -18,8 +18,11 @@ export function complete({ scene, track, clocks }) {
   scene.exaggeration = { start, most: error > 0 ? MORE * start : 1 };
   scene.force = { full: Math.max(0, ...scene.joints.map((joint) => (joint.reaction === null ? 0 : top(track(joint.reaction), times)))) };
   [scene.low, scene.high] = bounds(scene, track, start);
-  const means = scene.joints.map(({ contact }) => (contact ? mean(track(contact.force).values) : -1));
-  scene.chosen = scene.clearances ? means.indexOf(Math.max(...means)) : null;
+  const means = scene.joints.map(({ contact, reaction }) => {
+    if (scene.clearances) return contact ? mean(track(contact.force).values) : -1;
+    return reaction === null ? 0 : largest(track(reaction), []);
+  });
+  scene.chosen = means.length ? means.indexOf(Math.max(...means)) : null;
   scene.joints.forEach(({ contact }) => contact && look(contact));
   scene.plots = plots(scene, (index, chosen) => top(track(index), clocks.contact.times, chosen));
 }

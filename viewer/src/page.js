@@ -122,6 +122,7 @@ export class Page {
     this.slider = make("input", { type: "range", min: 0, max: 1000, "aria-label": "Exaggeration of errors", oninput: () => this._exaggerate(this.slider.value / 1000) });
     this.factor = make("output", {});
     const large = make("label", { class: "factor" }, make("span", {}, "Error shown"), this.slider, this.factor);
+    large.hidden = !this.scene.clearances;
     if (!this.scene.ideal) {
       this.slider.disabled = true;
       large.title = "The ideal mechanism is not known, see below.";

@@ -186,8 +186,10 @@ export class Plots {
     }
     c.restore();
     if (row.cut) {
+      c.fillStyle = "#FFFFFFE0";
+      c.fillRect(LEFT + 18, low - 1, c.measureText(row.cut).width + 8, 15);
       c.fillStyle = COLOURS.faint;
-      c.fillText(row.cut, LEFT + 6, low + 11);
+      c.fillText(row.cut, LEFT + 22, low + 10);
     }
   }
 
@@ -246,6 +248,7 @@ export class Plots {
     const power = 10 ** Math.floor(Math.log10(raw));
     const step = power * [1, 2, 5, 10].find((k) => k * power >= raw);
     c.fillStyle = COLOURS.faint;
+    c.font = FONT;
     c.textAlign = "center";
     for (let k = Math.ceil(a / step - 1e-9); k * step <= b * (1 + 1e-9); k += 1) {
       const x = this.x(k * step);

@@ -1,8 +1,10 @@
 // Shapes of the parts of a mechanism. Each has `update(place)`, where `place(mark)` is where a mark is now.
 import {
-  BoxGeometry, BufferGeometry, Curve, CylinderGeometry, DoubleSide, Float32BufferAttribute, Group, Mesh, Quaternion,
-  SphereGeometry, TorusGeometry, TubeGeometry, Vector3,
+  BoxGeometry, BufferGeometry, CylinderGeometry, Float32BufferAttribute, Group, Mesh, Quaternion,
+  SphereGeometry, TorusGeometry, Vector3,
 } from "three";
+import { Line2 } from "three/addons/lines/Line2.js";
+import { LineGeometry } from "three/addons/lines/LineGeometry.js";
 
 const UP = new Vector3(0, 1, 0);
 const ROD = new CylinderGeometry(1, 1, 1, 16, 1, true);
@@ -11,13 +13,13 @@ const DISC = new CylinderGeometry(1, 1, 1, 28);
 const BOX = new BoxGeometry(1, 1, 1);
 const between = new Vector3();
 
-class Helix extends Curve {
-  getPoint(t, target = new Vector3()) {
-    const inside = Math.min(Math.max((t - 0.12) / 0.76, 0), 1);
-    const wide = t > 0.12 && t < 0.88 ? 1 : 0;
-    return target.set(wide * Math.cos(inside * 18 * Math.PI), t - 0.5, wide * Math.sin(inside * 18 * Math.PI));
-  }
-}
+/** A coil of length 1 along y, with straight ends. */
+const COIL = Array.from({ length: 241 }, (_, i) => {
+  const t = i / 240;
+  const turn = Math.min(Math.max((t - 0.12) / 0.76, 0), 1) * 18 * Math.PI;
+  const wide = t > 0.12 && t < 0.88 ? 1 : 0;
+  return [wide * Math.cos(turn), t - 0.5, wide * Math.sin(turn)];
+});
 
 /** Puts a shape of length 1 along y between two places. */
 export function span(mesh, a, b, radius) {
@@ -87,7 +89,8 @@ function mesh(part, style, track) {
 }
 
 function spring(part, style) {
-  const coil = new Mesh(new TubeGeometry(new Helix(), 200, 0.14, 6), style.material);
+  const coil = new Line2(new LineGeometry().setPositions(COIL.flat()), style.wire);
+  coil.frustumCulled = false;
   const [a, b] = part.marks;
   return { object: coil, update: (place) => span(coil, place(a), place(b), 1.6 * style.radius) };
 }
@@ -181,4 +184,4 @@ export function joint(entry, style) {
 
 /** The shapes by the kind of a part; a new kind of part is one more line. */
 export const SHAPES = { body, mesh, spring, slide, support };
-export { DISC, ROD, DoubleSide };
+export { ROD };

@@ -95,7 +95,7 @@ export class Stage {
     const half = this.half * Math.max(1, this.aspect / aspect);
     Object.assign(this.camera, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
     this.camera.updateProjectionMatrix();
-    this.lines.forEach((line) => line.material.resolution.set(width, height));
+    [...this.lines.map((line) => line.material), ...this.wires].forEach((material) => material.resolution.set(width, height));
   }
 
   /** Fewer pixels where a computer draws slowly, by the length of a frame [s]; `null`: as many as there are. */
@@ -164,7 +164,9 @@ export class Stage {
     const shared = {
       radius: this.radius, size, floor: this.floor,
       ground: new MeshLambertMaterial({ color: "#C3CBD3", side: DoubleSide }), rail: new MeshLambertMaterial({ color: "#AEB8C2" }),
+      wire: new LineMaterial({ color: "#5B6875", linewidth: 2.2 }),
     };
+    this.wires = [shared.wire];
     this.data.parts.forEach((part) => {
       const colour = part.colour === undefined ? "#9AA5B0" : BODIES[part.colour % BODIES.length];
       const material = new MeshLambertMaterial({ color: colour, side: part.kind === "mesh" ? DoubleSide : 0 });
