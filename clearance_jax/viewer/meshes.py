@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from clearance_jax._basis.extras import require
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, naming
 from clearance_jax.io.urdf import elements as xml
 from clearance_jax.io.urdf.bodies import merge
 from clearance_jax.io.urdf.file import describe
@@ -30,7 +30,8 @@ def with_meshes(scene: dict[str, Any], motion: Motion, path: str | Path) -> None
             "This result does not hold the poses of bodies in space, which meshes need. Simulate again."
         )
     _, top = xml.read_xml(Path(path), "URDF file")
-    whole, shapes, missing = merge(describe(top)), {}, []
+    with naming(f"`{path}`"):
+        whole, shapes, missing = merge(describe(top)), {}, []
     bodies = names_of(motion.dataset, "body")
     for link in (element for element in top if element.tag == "link"):
         body, pose = whole.frames[link.get("name", "").strip()]

@@ -38,7 +38,7 @@ export class Plots {
   }
 
   get rowHeight() {
-    return this.canvas.clientWidth < 560 ? 88 : 74;
+    return this.canvas.clientWidth < 560 ? 86 : 68;
   }
 
   resize() {
@@ -139,7 +139,7 @@ export class Plots {
     c.setTransform(this.dots, 0, 0, this.dots, 0, 0);
     c.clearRect(0, 0, width, this.height);
     c.font = FONT;
-    this.titles = this.rows.map((row) => c.measureText(row.title).width + 12);
+    this.titles = this.rows.map(({ title, cut }) => c.measureText(title).width + 12 + (cut && width >= 560 ? c.measureText(cut).width + 24 : 0));
     this.rows.forEach((row, i) => this._row(c, row, i * this.rowHeight, width));
     this._strips(c, this.rows.length * this.rowHeight, width);
     this._axis(c, width);
@@ -186,10 +186,9 @@ export class Plots {
     }
     c.restore();
     if (row.cut) {
-      c.fillStyle = "#FFFFFFE0";
-      c.fillRect(LEFT + 18, low - 1, c.measureText(row.cut).width + 8, 15);
       c.fillStyle = COLOURS.faint;
-      c.fillText(row.cut, LEFT + 22, low + 10);
+      const beside = width >= 560;
+      c.fillText(row.cut, LEFT + (beside ? c.measureText(row.title).width + 24 : 22), beside ? top + 14 : low + 9);
     }
   }
 

@@ -95,24 +95,28 @@ function spring(part, style) {
   return { object: coil, update: (place) => span(coil, place(a), place(b), 1.6 * style.radius) };
 }
 
-/** A block that slides along its direction; its guide is a thin rod through it. */
+/** A block that slides along its direction, on a guide that stands still, or at the end of a rod from its parent. */
 function slide(part, style, track) {
   const group = new Group();
-  const [block, rail] = [new Mesh(BOX, style.material), new Mesh(BOX, style.rail)];
+  const [block, rail] = [new Mesh(BOX, style.material), new Mesh(part.reach ? BOX : ROD, style.rail)];
   group.add(block, rail);
   const [ahead, direction, turned] = [new Vector3(), track(part.direction), new Quaternion()];
   const { size } = style;
   block.scale.set(0.09 * size, 0.054 * size, 0.054 * size);
-  const [low, high] = part.reach ?? [-0.13 * size, 0.13 * size];
+  const [low, high] = part.reach ?? [0, 0];
   rail.scale.set(high - low + 0.14 * size, 0.012 * size, 0.012 * size);
   function update(place, { where }) {
     const [x, y, z = 0] = direction.at(where);
     ahead.set(x, y, z).normalize();
     turned.setFromUnitVectors(new Vector3(1, 0, 0), ahead);
     block.position.copy(place(part.mark));
-    const from = part.reach ? place(part.parent) : block.position;
-    rail.position.copy(from).addScaledVector(ahead, (low + high) / 2);
-    [block, rail].forEach((each) => each.quaternion.copy(turned));
+    block.quaternion.copy(turned);
+    if (!part.reach) {
+      span(rail, place(part.parent), block.position, 0.5 * style.radius);
+      return;
+    }
+    rail.quaternion.copy(turned);
+    rail.position.copy(place(part.parent)).addScaledVector(ahead, (low + high) / 2);
   }
   return { object: group, update };
 }
