@@ -47,7 +47,7 @@ def with_meshes(scene: dict[str, Any], motion: Motion, path: str | Path) -> None
         if body not in bodies and body != whole.root:
             missing.append(f"{body}: the motion has no such body")
             continue
-        thin = [_coarser(*shape, FACES * len(shape[1]) // max(count, FACES)) for shape in each]
+        thin = [_coarser(points, faces, FACES * len(faces) // max(count, FACES)) for points, faces in each]
         add = motion.numbers.add
         stored = [{"positions": add(v, "i2")[0], "faces": add(f, "u4")[0]} for v, f in thin]
         scene["parts"] = [p for p in scene["parts"] if p["kind"] != "body" or p["name"] != body]
@@ -71,7 +71,7 @@ def _shape(visual: xml.Element, folder: Path) -> tuple[np.ndarray, np.ndarray]:
         path = next((file for file in files if file.is_file()), None)
         if path is None:
             raise OSError(f"there is no file `{name}`")
-        mesh = trimesh.load(path, force="mesh")
+        mesh: Any = trimesh.load(path, force="mesh")
         mesh.apply_scale(xml.numbers(given, "scale", 3, where, (1.0, 1.0, 1.0)))
     elif given.tag == "box":
         mesh = trimesh.creation.box(xml.numbers(given, "size", 3, where))

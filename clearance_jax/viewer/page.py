@@ -4,7 +4,6 @@ import html
 import importlib.resources
 import json
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -14,9 +13,9 @@ from clearance_jax.viewer.scene import Fidelity, describe, motion_of
 
 # Most bytes of numbers in a page, unless asked for more: with the script, and in base64, a page stays below 2 MB.
 BYTES = 900_000
-# Bytes of most numbers there.
-OTHER = 2
-HEIGHT = 860
+# Bytes of a sample there, by what is counted.
+ROW = {"mark": 12, "joint": 19, "any_joint": 12}
+HEIGHT = 860  # of a notebook's frame [px]
 
 
 class View:
@@ -74,22 +73,16 @@ def view(
     """
     if samples is not None and not (samples == int(samples) and samples >= 2):
         raise wrong_value("`samples`", "a whole number, at least 2", samples)
-    counts = (dataset.sizes.get(label, 0) for label in ("mark", "joint", "any_joint"))
-    row = sum(3 * OTHER * weight * count for weight, count in zip((2, 3, 1), counts, strict=True)) or 1
+    row = 1 + sum(size * dataset.sizes.get(label, 0) for label, size in ROW.items())
     title = str(dataset.attrs.get("mechanism", "mechanism")) if title is None else title
     most = int(samples or max(BYTES // row, 100))
     motion = motion_of(dataset, most)
     scene, fidelity = describe(motion, title, most)
     if urdf is not None:
         with_meshes(scene, motion, urdf)
-    page = render(title, scene | {"arrays": motion.numbers.entries}, motion.numbers.text())
-    return View(title, page, fidelity)
-
-
-def render(title: str, scene: dict[str, Any], numbers: str) -> str:
-    """The page; whatever is in a name stays text."""
     static = importlib.resources.files("clearance_jax.viewer").joinpath("static")
     page, script = (static.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "viewer.js"))
     # Inside a script an end tag or a comment in a text would end it.
-    text = json.dumps(scene, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return page.format(title=html.escape(title), scene=text, numbers=numbers, script=script)
+    text = json.dumps(scene | {"arrays": motion.numbers.entries}, allow_nan=False).replace("<", "\\u003c")
+    page = page.format(title=html.escape(title), scene=text, numbers=motion.numbers.text(), script=script)
+    return View(title, page, fidelity)

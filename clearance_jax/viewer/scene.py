@@ -183,8 +183,9 @@ def _contacts(motion: Motion, most: int) -> tuple[dict[str, dict], int | None, t
     loose = names_of(data, "joint") if "contact_force" in data else []
     if not loose:
         return {}, None, (0, 0, 0.0)
+    time = series(data, loose[0], "contact_force")[0]
     for name in loose:
-        time, place, force = series(data, name, "eccentricity", "contact_force")
+        _, place, force = series(data, name, "eccentricity", "contact_force")
         size, top = largest(place, time >= 0), largest(force, time > motion.settled)
         columns += [place / (OF_PLAY * size), np.minimum(force, 2 * top)[:, None] / (OF_FORCE * top)]
     kept = keep(time, np.concatenate(columns, axis=1), most)

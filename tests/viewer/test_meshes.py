@@ -32,7 +32,8 @@ endloop
 endfacet
 endsolid t
 """
-LINK = '<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+LINK = '<link name="{name}">'
+LINK += '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 LINK += '<visual><origin xyz="0.1 0 0" rpy="0 0 1.5707963267948966"/><geometry>{shape}</geometry></visual></link>'
 JOINT = '<joint name="axis_{k}" type="revolute"><parent link="{parent}"/><child link="link_{k}"/></joint>'
 SHAPES = {
