@@ -154,7 +154,7 @@ def _parts(motion: Motion) -> list[dict[str, Any]]:
             ahead = placed.slides[name]
             along = np.sum((placed.at[:, pair[1]] - placed.at[:, pair[0]]) * ahead, axis=1)
             part = {"kind": "slide", "mark": pair[1], "parent": pair[0], "direction": motion.add(ahead)}
-            part["reach"] = [float(along.min()), float(along.max())] if np.all(ahead == ahead[0]) else None
+            part["reach"] = [float(along.min()), float(along.max())] if pair[0] in placed.ground else None
         parts.append(part)
     return parts
 

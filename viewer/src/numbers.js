@@ -36,3 +36,9 @@ export function roundDown(value) {
   const power = 10 ** Math.floor(Math.log10(value));
   return power * ([5, 2].find((k) => k * power <= value * 1.0001) ?? 1);
 }
+
+/** The least of 1, 2, 2.5, 5, 10 ... that is not below a value. */
+export function roundUp(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [1, 2, 2.5, 5, 10].find((k) => k * power >= value * 0.9999);
+}

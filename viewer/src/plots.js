@@ -1,8 +1,8 @@
 // Plots under the time line: errors, forces, eccentricities and contact states over time. A click or a drag in them moves
 // the time; the wheel widens a part of it.
-import { COLOURS, CURVES, plain, roundDown, say, scaleOf, STATE_COLOURS, STATES } from "./numbers.js";
+import { COLOURS, CURVES, plain, roundUp, say, scaleOf, STATE_COLOURS, STATES } from "./numbers.js";
 
-const [LEFT, RIGHT, TOP, STRIP, AXIS] = [66, 14, 22, 9, 22];
+const [LEFT, RIGHT, TOP, STRIP, AXIS] = [66, 14, 22, 8, 22];
 const FONT = "11px system-ui, sans-serif";
 
 export class Plots {
@@ -33,12 +33,12 @@ export class Plots {
   }
 
   get height() {
-    const strips = this.states.length ? 20 + this.states.length * (STRIP + 4) : 0;
+    const strips = this.states.length ? 20 + this.states.length * (STRIP + 3) : 0;
     return this.rows.length * this.rowHeight + strips + AXIS;
   }
 
   get rowHeight() {
-    return this.canvas.clientWidth < 560 ? 86 : 68;
+    return this.canvas.clientWidth < 560 ? 82 : 62;
   }
 
   resize() {
@@ -158,7 +158,7 @@ export class Plots {
     c.fillText(row.title, LEFT, top + 14);
     c.font = FONT;
     c.textAlign = "right";
-    const step = roundDown(most / 2);
+    const step = roundUp(most / 3);
     for (let value = 0; value <= most; value += step) {
       const level = Math.round(y(value)) + 0.5;
       c.strokeStyle = COLOURS.line;
@@ -207,7 +207,7 @@ export class Plots {
       x += 30 + c.measureText(word).width;
     });
     this.states.forEach(({ joint, name, track }, i) => {
-      const y = top + 20 + i * (STRIP + 4);
+      const y = top + 20 + i * (STRIP + 3);
       c.fillStyle = joint === this.chosen ? COLOURS.ink : COLOURS.faint;
       c.font = joint === this.chosen ? `600 ${FONT}` : FONT;
       c.textAlign = "right";

@@ -92,7 +92,8 @@ export class Stage {
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2) * this.share);
     this.renderer.setSize(width, height, false);
     const aspect = width / height;
-    const half = this.half * Math.max(1, this.aspect / aspect);
+    // Above and below there are words and buttons.
+    const half = this.half * Math.max(height / (height - (width < 560 ? 96 : 56)), this.aspect / aspect);
     Object.assign(this.camera, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
     this.camera.updateProjectionMatrix();
     [...this.lines.map((line) => line.material), ...this.wires].forEach((material) => material.resolution.set(width, height));
