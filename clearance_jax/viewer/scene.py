@@ -95,7 +95,7 @@ def describe(motion: Motion, title: str, most: int) -> tuple[dict[str, Any], Fid
     marks, off = _marks(motion)
     contacts, contact_time, pins = _contacts(motion, most)
     fidelity = Fidelity(len(motion.kept), len(placed.time), *off, *pins)
-    why = "" if motion.error is not None else str(data.attrs.get("ideal", "the file does not hold it"))
+    why = "" if motion.error is not None else str(data.attrs.get("ideal", "the file does not hold it for all times"))
     notes = [str(fidelity)]
     if why and placed.loose:
         notes.append(f"The ideal mechanism is not shown: {why.rstrip('.')}.")

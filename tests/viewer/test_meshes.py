@@ -2,15 +2,19 @@
 
 import re
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 from motions import arm
+from places import SCENES
 from scipy.spatial.transform import Rotation
 from test_page import Read
 
 import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.state import layout
+from clearance_jax.results.places import body_poses, mark_positions, marks
 
 pytest.importorskip("trimesh", reason="needs the extra `meshes`")
 
@@ -110,3 +114,19 @@ def test_a_file_that_is_no_robot_is_refused(tmp_path):
     path.write_text("<sdf/>")
     with pytest.raises(ClearanceError, match=r"robot.urdf`: a URDF file must hold a <robot>"):
         cj.view(moving()[0], urdf=path)
+
+
+def test_poses_place_what_bodies_carry():
+    """A mark on a body is at the body's place plus its rotation of where the mark is in its frame."""
+    mechanism = cj.load(SCENES / "six_axes.urdf").prepare()
+    state = jnp.asarray(np.random.default_rng(5).uniform(-1, 1, layout(mechanism).size))
+    poses, places = body_poses(mechanism, jnp.asarray(0.0), state), mark_positions(mechanism, jnp.asarray(0.0), state)
+    bodies = [body.name for body in mechanism.bodies]
+    turns = np.asarray(poses["body_rotation"])
+    np.testing.assert_allclose(turns @ turns.swapaxes(1, 2), np.broadcast_to(np.eye(3), turns.shape), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(turns), 1.0)
+    for mark, place in zip(marks(mechanism), places, strict=True):
+        if mark.body in bodies:
+            k = bodies.index(mark.body)
+            inside = turns[k] @ np.array([0.0 if x is None else float(x) for x in mark.at.vector])
+            np.testing.assert_allclose(poses["body_position"][k] + inside, place, atol=1e-12)
