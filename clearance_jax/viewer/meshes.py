@@ -13,22 +13,21 @@ from clearance_jax.io.urdf.bodies import merge
 from clearance_jax.io.urdf.file import describe
 from clearance_jax.io.urdf.robot import rotation_of
 from clearance_jax.results.places import names_of
-from clearance_jax.viewer.scene import Motion
+from clearance_jax.viewer.scene import ViewedMotion
 
 # Most faces of a robot in a page; more are merged on a grid, which is made coarser until they fit.
 FACES, GRID = 30_000, 192
 
 
-def with_meshes(scene: dict[str, Any], motion: Motion, path: str | Path) -> None:
+def with_meshes(scene: dict[str, Any], motion: ViewedMotion, path: str | Path) -> None:
     """Put the meshes of a URDF file in the place of the bodies that have one; what is missing is noted in the scene.
 
     **Raises:** `ClearanceError` for a file that is no URDF, without the extra `meshes`, for a dataset without poses.
     """
     require("A robot's meshes", "meshes", "trimesh")
     if "body_rotation" not in motion.dataset:
-        raise ClearanceError(
-            "This result does not hold the poses of bodies in space, which meshes need. Simulate again."
-        )
+        text = "This result does not hold the poses of bodies in space, which meshes need. Simulate again."
+        raise ClearanceError(text).about("dataset")
     _, top = xml.read_xml(Path(path), "URDF file")
     with naming(f"`{path}`"):
         whole, shapes, missing = merge(describe(top)), {}, []
@@ -95,7 +94,7 @@ def _coarser(vertices: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.nda
     return vertices, faces
 
 
-def _pose(motion: Motion, body: str) -> dict[str, Any]:
+def _pose(motion: ViewedMotion, body: str) -> dict[str, Any]:
     """Where the page finds a body's place and rotation, and its small `shift` and `lean` from the ideal mechanism."""
     kept, known = motion.kept, body in names_of(motion.dataset, "body")
     chosen = motion.dataset.sel(body=body) if known else None

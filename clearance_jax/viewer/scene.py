@@ -44,7 +44,7 @@ class Fidelity(NamedTuple):
         return f"{text}."
 
 
-class Motion(NamedTuple):
+class ViewedMotion(NamedTuple):
     """A dataset as the page shows it: `placed` marks, the `error` of each against the ideal mechanism [m] (`None`: not
     known), the page's `numbers`; after `settled` [s] the first falls are over. `kept`: the samples of the page.
     """
@@ -61,7 +61,7 @@ class Motion(NamedTuple):
         return self.numbers.add(values[self.kept], kind)[0]
 
 
-def motion_of(dataset: xr.Dataset, most: int) -> Motion:
+def motion_of(dataset: xr.Dataset, most: int) -> ViewedMotion:
     """A motion of two samples at least, of which the page keeps `most` at most. **Raises** for another dataset."""
     count = dataset.sizes.get("time", 0)
     if "time" not in dataset.coords or count < 2:
@@ -81,7 +81,7 @@ def motion_of(dataset: xr.Dataset, most: int) -> Motion:
     if forces.size:
         columns.append(forces / (OF_FORCE * largest(forces, placed.time > settled)))
     kept = keep(placed.time, np.concatenate(columns, axis=1), most)
-    return Motion(dataset, placed, error, Numbers(), settled, kept)
+    return ViewedMotion(dataset, placed, error, Numbers(), settled, kept)
 
 
 def largest(values: np.ndarray, late: np.ndarray) -> float:
@@ -89,7 +89,7 @@ def largest(values: np.ndarray, late: np.ndarray) -> float:
     return max(float(np.abs(values[late] if late.any() else values).max(initial=0.0)), 1e-15)
 
 
-def describe(motion: Motion, title: str, most: int) -> tuple[dict[str, Any], Fidelity]:
+def describe(motion: ViewedMotion, title: str, most: int) -> tuple[dict[str, Any], Fidelity]:
     """The description of a page, and how true it is to the dataset; `most`: the largest number of samples."""
     data, placed = motion.dataset, motion.placed
     marks, off = _marks(motion)
@@ -119,7 +119,7 @@ def describe(motion: Motion, title: str, most: int) -> tuple[dict[str, Any], Fid
     return scene, fidelity
 
 
-def _marks(motion: Motion) -> tuple[list[dict[str, Any]], tuple[float, float]]:
+def _marks(motion: ViewedMotion) -> tuple[list[dict[str, Any]], tuple[float, float]]:
     """The marks, and the largest distance of places and of errors from all samples [m]."""
     placed, kept, marks, worst = motion.placed, motion.kept, [], (0.0, 0.0)
     for mark, name in enumerate(names_of(motion.dataset, "mark")):
@@ -135,7 +135,7 @@ def _marks(motion: Motion) -> tuple[list[dict[str, Any]], tuple[float, float]]:
     return marks, (worst[0], worst[1])
 
 
-def _parts(motion: Motion) -> list[dict[str, Any]]:
+def _parts(motion: ViewedMotion) -> list[dict[str, Any]]:
     placed, names = motion.placed, names_of(motion.dataset, "mark")
     parts: list[dict[str, Any]] = [
         {"kind": "support", "mark": mark}
@@ -159,7 +159,7 @@ def _parts(motion: Motion) -> list[dict[str, Any]]:
     return parts
 
 
-def _joints(motion: Motion, contacts: dict[str, dict]) -> list[dict[str, Any]]:
+def _joints(motion: ViewedMotion, contacts: dict[str, dict]) -> list[dict[str, Any]]:
     joints, data = [], motion.dataset
     for name, mark in motion.placed.joints.items():
         reaction, outline = data.get("joint_reaction"), outline_of(data, name)
@@ -175,7 +175,7 @@ def _joints(motion: Motion, contacts: dict[str, dict]) -> list[dict[str, Any]]:
     return joints
 
 
-def _contacts(motion: Motion, most: int) -> tuple[dict[str, dict], int | None, tuple[int, int, float]]:
+def _contacts(motion: ViewedMotion, most: int) -> tuple[dict[str, dict], int | None, tuple[int, int, float]]:
     """By joint with play what its picture needs; the index of the contacts' times; how many of how many, and the
     largest distance of a pin's centre from all samples [m].
     """

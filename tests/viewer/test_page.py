@@ -179,8 +179,9 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr("pathlib.Path.write_text", full)
-        with pytest.raises(ClearanceError, match="No space left on device"):
+        with pytest.raises(ClearanceError) as caught:
             view.save(path)
+    assert "No space left on device" in str(caught.value)
     assert path.read_text() == "before"
     assert list(tmp_path.iterdir()) == [path]
     view.save(path)
@@ -203,8 +204,9 @@ def test_the_command_writes_a_page(tmp_path):
     result = CliRunner().invoke(app, ["view", str(file), "--title", "A crank"])
     assert result.exception is None, result.output
     assert Read((tmp_path / "crank.html").read_text(encoding="utf-8")).scene["title"] == "A crank"
-    with pytest.raises(ClearanceError, match=r"must end in \.html"):
-        CliRunner().invoke(app, ["view", str(file), "-o", str(tmp_path / "crank.png")], catch_exceptions=False)
+    wrong = CliRunner().invoke(app, ["view", str(file), "-o", str(tmp_path / "crank.png")])
+    assert isinstance(wrong.exception, ClearanceError)
+    assert "must end in .html" in str(wrong.exception)
 
 
 def test_the_bundle_belongs_to_the_sources():
