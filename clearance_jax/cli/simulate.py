@@ -74,7 +74,8 @@ def simulate(
         told = {"scene": scene.text, "settings": " ".join([*(settings or []), *(clearance or [])])}
         told |= {"trajectory": "" if lead is None else str(lead.path), "solve": repr({"t1": end, **options})}
         with common.aloud(ContactWarning):
-            dataset = to_dataset(mechanism, result, progress=lambda part: shown.update(part=part), **told)
+            ideal = None if result.message else _ideal_motion(mechanism, solution, solve)
+            dataset = to_dataset(mechanism, result, ideal=ideal, progress=lambda part: shown.update(part=part), **told)
     _report(mechanism, result, solution, dataset)
     _warn(mechanism, solution, dataset)
     _write(dataset, output, plot, movie, magnify)
@@ -106,6 +107,23 @@ def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) ->
         return solution, solution
     result = trace(mechanism, end, **solve, progress=progress)
     return result, result.solution
+
+
+def _ideal_motion(mechanism: Any, solution: Any, solve: dict[str, Any]) -> Any:
+    """The motion of the ideal mechanism at the samples, where no drive prescribes it; else `None`."""
+    from clearance_jax.metrics.ideal import freedom
+    from clearance_jax.solve.simulate import simulate as solution_of
+
+    ideal = mechanism.ideal()
+    try:
+        if not mechanism.clearance_joints() or freedom(ideal) == 0:
+            return None
+    except ClearanceError:  # over-constrained without its play; the dataset says so
+        return None
+    known = {name: solve[name] for name in ("rtol", "solver", "fidelity", "t0", "max_steps") if name in solve}
+    time = solution.time
+    moved = solution_of(ideal, float(time[-1]), **known | {"save_at": time, "energy_balance": False}, throw=False)
+    return moved if bool(moved.succeeded) else None
 
 
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:

@@ -21,6 +21,7 @@ from clearance_jax.dynamics.quantities import observe
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.ideal import ideal_state
 from clearance_jax.results.episodes import Inside
 from clearance_jax.results.places import body_poses, mark_positions
 from clearance_jax.solve.steps.problem import Problem
@@ -79,6 +80,11 @@ def _observe(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, 
     return observe(time, y, mechanism) | placed
 
 
+def _ideal_mark_places(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
+    """The marks of the ideal mechanism, which drives and closures place."""
+    return mark_positions(mechanism.ideal(), time, ideal_state(time, y[: layout(mechanism).size], mechanism))
+
+
 def _observe_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
     """As `_observe`, with the rates of all contact forces [N/s] and contact powers [W/s] along the motion."""
     # The energy balance follows the state in `y`; no contact depends on it.
@@ -122,6 +128,7 @@ RATES = ("force_rate", "power_rate")
 OF_POINTS = ("velocity", "acceleration")
 observed, observed_with_rates = _batch(_observe), _batch(_observe_with_rates)
 inside = _batch(_inside)
+mark_places, ideal_mark_places = _batch(mark_positions), _batch(_ideal_mark_places)
 
 
 def inside_steps(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, step: np.ndarray, s: np.ndarray) -> dict:

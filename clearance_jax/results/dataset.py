@@ -16,6 +16,7 @@ from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.episodes import ContactWarning, doubt, restitutions
 from clearance_jax.results.first_fall import first_falls_over
+from clearance_jax.results.ideal import ideal_places, position_errors
 from clearance_jax.results.peaks import of_points, peaks
 from clearance_jax.results.places import mark_labels
 from clearance_jax.results.play import outline_attributes
@@ -33,6 +34,8 @@ VARIABLES = OBSERVED | {
     "mark_position": Variable(("mark", "axis"), "m", "place of a joint, point or spring on the body `mark_body`"),
     "body_position": Variable(("body", "axis"), "m", "place of a body's frame (in space)"),
     "body_rotation": Variable(("body", "axis", "own_axis"), "1", "axes of a body's frame as columns (in space)"),
+    "ideal_mark_position": Variable(("mark", "axis"), "m", "place of the mark on the ideal mechanism"),
+    "position_error": Variable(("point",), "m", "distance of a named point from its place on the ideal mechanism"),
 }
 
 # Of a trace: what each clearance joint did at every step end, every touch and every separation among them.
@@ -79,16 +82,23 @@ def attributes(variable: Variable, labelled: dict[str, tuple[str, list[str]]]) -
 
 
 def to_dataset(
-    mechanism: Mechanism, solution: Solution | Trace, *, progress: Progress | None = None, **provenance: Any
+    mechanism: Mechanism,
+    solution: Solution | Trace,
+    *,
+    ideal: Solution | None = None,
+    progress: Progress | None = None,
+    **provenance: Any,
 ) -> xr.Dataset:
     """Everything observable of a solution as an `xarray.Dataset`, each variable with its unit.
 
     A `Trace` also gives contact episodes, the contact state at every step end, and the largest speed and acceleration
     of each named point (`largest_speed`, `largest_acceleration`), inside the steps too. If joints of a settled start
-    begin at relative rest, the attribute `start` says so.
+    begin at relative rest, the attribute `start` says so. With play, `position_error` is the distance of each named
+    point from its place on the ideal mechanism; where that is not known, the attribute `ideal` says why.
 
-    **Arguments:** `mechanism`; `solution`: a `Solution` or a `Trace` of its motion; `progress`: called with the
-    fraction done; `provenance`: anything to be kept as attributes, beside version, result and counts.
+    **Arguments:** `mechanism`; `solution`: a `Solution` or a `Trace` of its motion; `ideal`: the motion of
+    `mechanism.ideal()` at the same times, where drives do not prescribe it; `progress`: called with the fraction done;
+    `provenance`: anything to be kept as attributes, beside version, result and counts.
     """
     joints = len(mechanism.clearance_joints())
     shown = joints or mechanism.points
@@ -120,6 +130,11 @@ def to_dataset(
             rest(1.0)
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
+    of_ideal = ideal_places(mechanism, time, y, ideal)
+    if of_ideal.at is not None:
+        seen["ideal_mark_position"] = of_ideal.at
+        if mechanism.points:
+            seen["position_error"] = position_errors(mechanism, seen["position"], of_ideal.at)
     labelled = labels(mechanism) | mark_labels(mechanism)
     after = extremes.pop("after", None)
     data = _variables("time", seen, VARIABLES, labelled) | _variables("step", steps, STEPS, labelled)
@@ -136,6 +151,7 @@ def to_dataset(
     attrs |= _numbers(mechanism)
     validity = "" if solved.validity is None else str(solved.validity)
     more = {"notes": "; ".join(mechanism.notes), "start": solved.rests, "validity": validity}
+    more |= {"ideal": of_ideal.reason}
     return xr.Dataset(data, coords, attrs | {name: text for name, text in more.items() if text} | provenance)
 
 
