@@ -9,7 +9,7 @@ export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 # A file's tests share programs, and so stay in one process; the files that take longest begin.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test tests quick nightly account check style types wheel lowest docs reference pictures notebooks clean
+.PHONY: demo test tests quick nightly account check style types wheel lowest docs reference pictures notebooks viewer clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -81,6 +81,10 @@ pictures: .venv/installed
 
 notebooks: .venv/installed
 	$(BIN)/python docs/execute.py
+
+# The script of `clearance view`, from viewer/src and three.js: into clearance_jax/viewer/static. It needs node and npm.
+viewer:
+	cd viewer && npm ci --no-audit --no-fund && npm run build
 
 # Compiled programs stay: the next clone needs them. `rm -r ~/.cache/clearance_jax` removes them.
 clean:

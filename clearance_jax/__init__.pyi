@@ -92,3 +92,5 @@ from .sweep.axes import Zipped as Zipped
 from .sweep.axes import scatter as scatter
 from .sweep.axes import sobol_samples as sobol_samples
 from .sweep.run import sweep as sweep
+from .viewer.page import View as View
+from .viewer.page import view as view

@@ -18,6 +18,7 @@ from clearance_jax.cli.info import info
 from clearance_jax.cli.plot import animate, plot
 from clearance_jax.cli.run import run
 from clearance_jax.cli.simulate import simulate
+from clearance_jax.cli.view import view
 from clearance_jax.errors import LONGEST, ClearanceError, cut
 
 app = typer.Typer(
@@ -29,6 +30,7 @@ app = typer.Typer(
     "clearance simulate slider_crank.toml -o out.nc --plot out.png\n\n"
     "clearance plot out.nc -o out.png\n\n"
     "clearance animate out.nc -o out.gif --magnify wrist\n\n"
+    "clearance view out.nc -o out.html\n\n"
     "clearance simulate slider_crank.toml --set wrist.radial_clearance=0.2mm --set wrist.friction.coefficient=0.1\n\n"
     "clearance info slider_crank.toml\n\n"
     "clearance examples arm_with_play\n\n"
@@ -85,7 +87,7 @@ def about(
     """Options before the command."""
 
 
-COMMANDS = examples, new, check, simulate, run, info, plot, animate, cache
+COMMANDS = examples, new, check, simulate, run, info, plot, animate, view, cache
 for command in COMMANDS:
     app.command()(answered(command) if command in (check, simulate, run, info, cache) else command)
 

@@ -23,7 +23,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.ideal import ideal_state
 from clearance_jax.results.episodes import Inside
-from clearance_jax.results.places import mark_positions
+from clearance_jax.results.places import body_poses, mark_positions
 from clearance_jax.solve.steps.problem import Problem
 from clearance_jax.solve.steps.step import try_step
 
@@ -76,7 +76,8 @@ def _batch(function):
 
 
 def _observe(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
-    return observe(time, y, mechanism) | {"mark_position": mark_positions(mechanism, time, y)}
+    placed = {"mark_position": mark_positions(mechanism, time, y)} | body_poses(mechanism, time, y)
+    return observe(time, y, mechanism) | placed
 
 
 def _ideal_mark_places(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:

@@ -32,6 +32,8 @@ _OF_PINS = ("eccentricity", "contact_pattern", "pin_tilt")
 VARIABLES = OBSERVED | {
     "contact_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact"),
     "mark_position": Variable(("mark", "axis"), "m", "place of a joint, point or spring on the body `mark_body`"),
+    "body_position": Variable(("body", "axis"), "m", "place of a body's frame (in space)"),
+    "body_rotation": Variable(("body", "axis", "own_axis"), "1", "axes of a body's frame as columns (in space)"),
     "ideal_mark_position": Variable(("mark", "axis"), "m", "place of the mark on the ideal mechanism"),
     "position_error": Variable(("point",), "m", "distance of a named point from its place on the ideal mechanism"),
 }

@@ -17,7 +17,7 @@ from clearance_jax.mechanism.body import GROUND, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.spatial import as_array
+from clearance_jax.spatial import UNIT, ZERO, as_array
 
 # Relative to the mechanism's size: two marks of one name that come further apart belong to a spring or a slide.
 APART = 0.02
@@ -149,9 +149,10 @@ def marks(mechanism: AbstractMechanism) -> Iterator[Point]:
 
 
 def mark_labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
-    """The labels of the marks in a dataset: their names and their bodies."""
+    """The labels of marks and bodies in a dataset: names of marks and their bodies, of bodies and their axes."""
     drawn = list(marks(mechanism))
-    return {"mark": ("mark", [m.name for m in drawn]), "mark_body": ("mark", [m.body for m in drawn])}
+    named = {"mark": ("mark", [m.name for m in drawn]), "mark_body": ("mark", [m.body for m in drawn])}
+    return named | {"body": ("body", [b.name for b in mechanism.bodies]), "own_axis": ("own_axis", ["x", "y", "z"])}
 
 
 def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "marks axes"]:
@@ -160,6 +161,17 @@ def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Floa
     motion = frames(mechanism, time, layout(mechanism).split(y))
     axes = len(axes_of(mechanism))
     return jnp.stack([as_array(motion[m.body].point(m.at.vector)[:axes]) for m in marks(mechanism)])
+
+
+def body_poses(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
+    """In space the place of every body's frame [m], (bodies, 3), and its axes as columns (bodies, 3, 3)."""
+    if len(axes_of(mechanism)) < 3:
+        return {}
+    mechanism = mechanism.at(time)
+    motion = frames(mechanism, time, layout(mechanism).split(y))
+    every = [motion[body.name] for body in mechanism.bodies]
+    turns = [jnp.stack([as_array(frame.rotation.apply(axis)) for axis in UNIT], axis=1) for frame in every]
+    return {"body_position": jnp.stack([as_array(f.point(ZERO)) for f in every]), "body_rotation": jnp.stack(turns)}
 
 
 def picture(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:

@@ -195,7 +195,7 @@ class PinPath(NamedTuple):
         return float(np.sum(lasts[self.state[:-1] == state]) / max(np.sum(lasts), np.finfo(float).tiny))
 
 
-def _series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, ...]:
+def series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, ...]:
     """Times [s] and values in a joint at samples and known step ends (an impact may lie between samples)."""
     here, rows = dataset.sel(joint=joint), [("time", *names)]
     if "step_time" in dataset:
@@ -207,7 +207,7 @@ def _series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, .
 
 def middle_path(dataset: xr.Dataset, joint: str) -> PinPath:
     """The path in the middle of the sleeve, with the contact state of the whole joint."""
-    time, places, state = _series(dataset, require_joint(dataset, joint), "eccentricity", "contact_state")
+    time, places, state = series(dataset, require_joint(dataset, joint), "eccentricity", "contact_state")
     outline, travel = outline_of(dataset, joint), None
     if outline is not None and outline.height is not None:
         travel = outline.clearance * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
@@ -227,7 +227,7 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
     if pin is None or not is_pin(pin.outline):
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
     tilts = pin.outline.length is not None and "pin_tilt" in dataset
-    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if tilts else []))
+    time, *at = series(dataset, joint, "eccentricity", *(["pin_tilt"] if tilts else []))
     centres = pin._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(pin.outline.heights)
     out = []
     for k, height in enumerate(pin.outline.heights):

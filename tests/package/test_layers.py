@@ -36,6 +36,7 @@ ORDER = (
     "io",
     "examples",
     "report",
+    "viewer",
     "cli",
 )
 LEAVES = {"_basis", "_compile", "_version", "configure", "errors", "parameters", "spatial", "units"}

@@ -1,0 +1,1 @@
+"""The viewer: one HTML file that shows a motion, from a dataset."""
