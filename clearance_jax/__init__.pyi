@@ -2,6 +2,7 @@
 __all__: list[str]
 from . import analysis as analysis
 from . import design as design
+from . import examples as examples
 from . import joints as joints
 from . import laws as laws
 from . import metrics as metrics

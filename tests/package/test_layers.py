@@ -34,6 +34,7 @@ ORDER = (
     "design",
     "calibrate",
     "io",
+    "examples",
     "report",
     "cli",
 )

@@ -23,7 +23,7 @@ _TABLE = Meant("table of measured data", "signal", "`time [s], tip.position.x [m
 def calibration_of(study: StudyFile) -> dict[str, Any]:
     """The arguments of `calibrate` by name. **Raises:** `ClearanceError` naming the key and the fix."""
     table, mechanism = study.table.table("calibrate", CALIBRATE), study.mechanism
-    path = study.path.parent / table.get("data")
+    path = study.folder / table.get("data")
     table.need("parameter")
     bounds: dict[str, tuple[float, float] | None] = {}
     for name, values, where in table.entries("parameter"):

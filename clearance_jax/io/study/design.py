@@ -38,7 +38,7 @@ def design_of(study: StudyFile, wear: WearAsked | None) -> DesignAsked:
     trajectories = {}
     for name, file, where in table.entries("trajectory"):
         with naming(where):
-            path = study.path.parent / keys.TRAJECTORY.read(file, where, {})
+            path = study.folder / keys.TRAJECTORY.read(file, where, {})
             trajectories[name] = read_trajectory(path, mechanism)
     if trajectories:
         if wear is not None:

@@ -56,12 +56,14 @@ class StudyFile:
 
     def __init__(self, path: Path):
         self.path = path
+        # Files are named as seen from the study, of a link from the file that it leads to.
+        self.folder = (path.resolve() if path.is_symlink() else path).parent
         self.text, values = read_toml(path, "study file")
         if "scene" not in values and ("body" in values or "joint" in values):
             raise ClearanceError(f"`{path}` is a scene, and not a study: use `clearance simulate`, or `cj.load`.")
         self.table = TomlTable(values, f"{path}:", STUDY)
         self.name = self.table.get("name") or path.stem
-        self.scene: Scene = read_scene(path.parent / self.table.get("scene"))
+        self.scene: Scene = read_scene(self.folder / self.table.get("scene"))
         numbers = values_by_name(self.table.entries("set"), self.scene.mechanism)
         self.mechanism: Mechanism = replace(self.scene.mechanism, numbers)
         usual = {name: value for name, value in self.scene.solve.items() if name in OF_THE_SCENE}

@@ -137,7 +137,7 @@ def _axis(read: Chosen, name: str, study: StudyFile) -> Any:
     for label, given, there in table.entries("scenes"):
         if not isinstance(given, str):
             raise ClearanceError(f"{there} must be the path of a scene file, in quotes.")
-        scenes[label] = read_scene(study.path.parent / given).mechanism
+        scenes[label] = read_scene(study.folder / given).mechanism
     return Choice(scenes)
 
 
