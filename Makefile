@@ -9,7 +9,7 @@ export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 # A file's tests share programs, and so stay in one process; the files that take longest begin.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test tests quick nightly account check style types wheel lowest docs reference pictures notebooks clean
+.PHONY: demo test tests quick nightly account check style types wheel lowest docs reference outputs gallery pictures notebooks pages clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -76,11 +76,22 @@ docs: .venv/installed reference
 reference: .venv/installed
 	$(BIN)/python docs/generate.py
 
+# What long pages show below their code, kept in docs/outputs; `PAGES="wear.md"` runs these alone.
+outputs: .venv/installed
+	$(BIN)/python docs/_ext/outputs.py $(PAGES)
+
+gallery: .venv/installed
+	$(BIN)/python docs/gallery.py
+
 pictures: .venv/installed
 	$(BIN)/python docs/pictures.py
 
 notebooks: .venv/installed
 	$(BIN)/python docs/execute.py
+
+# Every benchmark page anew, one command after another: hours. out/pages.md has the time of each.
+pages: .venv/installed
+	$(BIN)/python -m experiments.pages
 
 # Compiled programs stay: the next clone needs them. `rm -r ~/.cache/clearance_jax` removes them.
 clean:

@@ -15,7 +15,7 @@ SCENE_HEAD = """# Scene files: every key
 A scene is a TOML file: bodies, joints, points, and how to solve. Quantities carry their unit in a string
 (`"0.1 mm"`, `"5000 rpm"`, `"2.487e6 N/mm^1.5"`); any unit of the right dimension is accepted, the tables give the SI
 one. A number without dimension is bare. A key that is not here is refused, with the nearest one that is.
-[Scenes](../scenes.md) builds a scene step by step; `experiments/scenes/` has more of them.
+[Scenes](../scenes.md) builds a scene step by step; `clearance examples` lists more of them.
 
 Editors with a TOML language server (Taplo, Even Better TOML) complete keys and check values by the schema
 `docs/reference/scene.schema.json`: write `#:schema PATH` in the first line of the file.

@@ -10,6 +10,7 @@ run these alone.
 """
 
 import argparse
+import importlib
 import importlib.util
 import re
 import shlex
@@ -24,13 +25,20 @@ COMMAND = re.compile(r"`python -m ([\w.]+(?: \w+)?) --save`")
 # What a page needs beside the library, by its file.
 PACKAGES = {"forward_dynamics": ("mujoco", "pinocchio"), "robots": ("pinocchio",)}
 NEED_GPU = {"gpu"}
+# Pages whose first lines do not have a command with `--save`: they are older than it.
+OLDER = {
+    "allocate_four_bar": "optimize.allocate_four_bar",
+    "allocate_planar_arm": "optimize.allocate_planar_arm",
+    "allocate_slider_crank": "optimize.allocate_slider_crank",
+    "largest_clearance": "optimize.largest_clearance",
+}
 # First what others read, last what runs for hours.
 LAST = ("bifurcation", "sweeps", "searches", "yields", "trust", "work_precision")
 
 
 def commands(folder: Path = PAGES) -> dict[str, list[str]]:
     """By page the words of its command, in the order in which they run."""
-    found = {}
+    found = {page: [module, "--save"] for page, module in OLDER.items()}
     for page in sorted(folder.glob("*.md")):
         if page.stem != "index" and (named := COMMAND.search(page.read_text(encoding="utf-8"))):
             found[page.stem] = [*shlex.split(named[1]), "--save"]
@@ -91,7 +99,9 @@ def main() -> int:
     sys.path.append(str(ROOT / "docs" / "_ext"))
     verdict = importlib.import_module("stale").verdict
     for page, words in known.items():
-        print(f"python -m {' '.join(words)}\n    {verdict((PAGES / f'{page}.md').read_text(encoding='utf-8'))}")
+        path = PAGES / f"{page}.md"
+        said = verdict(path.read_text(encoding="utf-8")) if path.exists() else "There is no such page yet."
+        print(f"python -m {' '.join(words)}\n    {said}")
     return 0
 
 

@@ -55,8 +55,6 @@ def run(page: Path, folder: Path) -> str:
     """Run a page in a process and an empty folder of its own; what went wrong, or nothing."""
     target = place(page, folder)
     with tempfile.TemporaryDirectory() as empty:
-        for name in ("experiments", "optimize"):
-            (Path(empty) / name).symlink_to(ROOT / name)
         paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
         asked = [sys.executable, str(Path(__file__).with_name("runner.py")), str(page), str(target)]
         settings = os.environ | {"PYTHONPATH": paths, "MPLBACKEND": "Agg"}

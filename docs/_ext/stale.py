@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 STAMP = re.compile(r"^\*Written by `python -m ([\w.]+)[^`]*`\s+at\s+commit\s+([0-9a-f]{7,40})(-dirty)?;[^*]*\*$", re.M)
-OLD = re.compile(r"figures as they stood at commit `?([0-9a-f]{7,40})`?", re.I)
+OLD = re.compile(r"figures\s+as\s+they\s+stood\s+at\s+commit `?([0-9a-f]{7,40})`?", re.I)
 LIBRARY = "clearance_jax"
 OWN = ("experiments", "optimize")
 

@@ -1,0 +1,168 @@
+"""The gallery: `python docs/gallery.py` (`make gallery`) runs every machine by the command that its entry shows, draws
+its picture to docs/images, and writes docs/gallery.md with the numbers of these runs. Names of examples as arguments run
+these alone and print what they give.
+"""
+
+import sys
+import tempfile
+import time
+from contextlib import chdir
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from PIL import Image
+
+import clearance_jax as cj
+
+DOCS = Path(__file__).parent
+PAGE, IMAGES = DOCS / "gallery.md", DOCS / "images"
+WIDEST, COLOURS = 760, 48
+"""Of a picture [pixels], and its number of colours."""
+LARGEST_RESIDUAL = 1e-4
+"""A run with a larger energy residual is not shown."""
+
+
+class Machine(NamedTuple):
+    """An entry: the example, what is shown of it, and a sentence with the numbers of its run.
+
+    `since`: what comes before [s] counts neither in the force nor in the error: the fall of pins from the middle of
+    their sleeves. `at`: the share of the motion at which the picture is taken.
+    """
+
+    example: str
+    title: str
+    sentence: str
+    joint: str
+    point: str
+    since: float = 0.0
+    at: float = 0.5
+    options: str = ""
+
+    @property
+    def command(self) -> str:
+        """The command that runs it, in a folder that has the example."""
+        return " ".join(["clearance simulate", f"{self.example}.toml", self.options, f"-o {self.example}.nc"]).replace("  ", " ")
+
+
+MACHINES = (
+    Machine("slider_crank", "Slider-crank", "At 5000 rpm with {clearance} of play the piston is up to {error} from its ideal place, and its pin meets the sleeve with up to {force}.", "wrist", "piston", 0.012),
+    Machine("four_bar", "Four-bar linkage", "With {clearance} of play in its knuckle the rocker's tip is up to {error} from its ideal place, and the pin bears up to {force}.", "knuckle", "tip", 0.1),
+    Machine("press", "Knuckle-joint press", "Under 20 kN at the bottom of the stroke the die is up to {error} from its ideal place, and the pin of the ram bears {force}.", "wrist", "die", 0.02, 0.66),
+    Machine("squeezer", "Andrews' squeezer", "With 20 um of play where three rods meet, one of these joints touches {touches} times in 30 ms and bears up to {force}.", "knot_6", "knot", 0.0, 0.5, "--clearance knot_6:radial_clearance=0.02mm,pin_radius=3mm"),
+    Machine("governor", "Shaft governor", "While the shaft speeds up and slows down, a flyweight's pin bears up to {force}, and the weight is up to {error} from its ideal place.", "left_pin", "weight", 0.03, 0.5),
+    Machine("excavator", "Excavator arm", "With 0.5 mm and 1 mm of play in its two pins, the tooth is up to {error} from its ideal place, and the bucket's pin bears {force}.", "bucket_pin", "tooth", 0.0, 0.4),
+    Machine("landing_gear", "Landing gear", "While the leg retracts, the pin of the brace bears up to {force}, and the wheel is up to {error} from its ideal place.", "brace_pin", "wheel", 0.05, 0.45),
+    Machine("tool_changer", "Tool-changing robot", "With {clearance} of play in the wrist of a robot that carries 300 kg, the cutter is up to {error} from its ideal place.", "joint5", "end", 0.1, 0.4),
+    Machine("ur5_play", "Arm of the UR5's layout", "With {clearance} of play in its elbow the tool is up to {error} from its ideal place.", "elbow", "tool", 0.0, 0.5),
+    Machine("scara", "SCARA", "With {clearance} of play in each joint, the spindle is up to {error} from its ideal place during a swing of 0.3 s.", "elbow", "spindle", 0.02),
+    Machine("five_bar", "Five-bar parallel robot", "With {clearance} of play where its rods meet, the tool is up to {error} from its ideal place.", "tip_pin", "tool", 0.05),
+    Machine("gripper", "Parallel gripper", "With {clearance} of play in one pin of each jaw, a tip is up to {error} from its ideal place under a grip of 60 N.", "left_pin", "left_tip", 0.02, 0.8),
+    Machine("bearing", "Rotor in a ball bearing", "In a bearing of group C3 the unbalanced shaft is up to {error} from the centre at 3000 rpm, and the bearing bears {force}.", "bearing", "shaft", 0.02),
+    Machine("disc_worn", "Worn disc", "On a sleeve that is worn by some micrometres, the rim of a disc is {error} from its ideal place.", "pin", "rim"),
+    Machine("hinge", "Squeaking hinge", "A dry hinge that turns at 0.3 rad/s squeaks at {frequency}: its friction falls with the slip.", "hinge", "edge", 0.1),
+)  # fmt: skip
+
+
+def run(machine: Machine, *more: str) -> xr.Dataset:
+    """The dataset of its command, in the current folder."""
+    from typer.testing import CliRunner
+
+    from clearance_jax.cli.main import app
+
+    words = [*machine.command.split()[1:], *more]
+    result = CliRunner().invoke(app, words)
+    if result.exit_code:
+        raise SystemExit(f"{machine.command}: {result.output}{result.exception!r}")
+    return cj.load_dataset(f"{machine.example}.nc")
+
+
+def shown(value: float, unit: str) -> str:
+    """A length [m], a force [N] or a frequency [Hz] with three digits, in a unit that suits it."""
+    scales = {"m": ((1e-3, "mm"), (1e-6, "um")), "N": ((1e3, "kN"), (1.0, "N")), "Hz": ((1.0, "Hz"),)}[unit]
+    scale, name = next((one for one in scales if abs(value) >= one[0]), scales[-1])
+    return f"{float(f'{value / scale:.3g}'):g} {name}"
+
+
+def frequency(time: np.ndarray, signal: np.ndarray) -> float:
+    """The strongest frequency of a signal [Hz]."""
+    share = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(signal.size)))
+    return float(np.fft.rfftfreq(signal.size, time[1] - time[0])[np.argmax(share[1:]) + 1])
+
+
+def numbers(machine: Machine, dataset: xr.Dataset, ideal: xr.Dataset | None) -> dict[str, str]:
+    """What its sentence may name."""
+    late = dataset["time"].values >= machine.since
+    force = dataset["contact_force"].sel(joint=machine.joint).values[late].max()
+    index = list(dataset["joint"].values).index(machine.joint)
+    mechanism = cj.load(f"{machine.example}.toml")
+    name = f"{machine.joint}.radial_clearance"
+    found = {
+        "force": shown(float(force), "N"),
+        "touches": str(int((dataset["episode_joint"].values == index).sum())),
+        "clearance": shown(float(cj.parameters(mechanism)[name].value), "m") if name in cj.parameters(mechanism) else "",
+    }
+    if "{error}" in machine.sentence and ideal is not None:
+        apart = (dataset["position"] - ideal["position"]).sel(point=machine.point).values[late]
+        found["error"] = shown(float(np.linalg.norm(apart, axis=-1).max()), "m")
+    if "{frequency}" in machine.sentence:
+        speed = dataset["velocity"].sel(point=machine.point, axis="y").values[late]
+        found["frequency"] = shown(frequency(dataset["time"].values[late], speed), "Hz")
+    return found
+
+
+def picture(machine: Machine, dataset: xr.Dataset, path: Path) -> None:
+    """A frame of its film: the machine, and a joint magnified."""
+    film = cj.animate(dataset, machine.joint)
+    figure = film.show(int(machine.at * (len(film) - 1)))
+    figure.savefig(path, dpi=80)
+    image = Image.open(path).convert("RGB")
+    image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
+    image.quantize(COLOURS).save(path, optimize=True)
+
+
+def entry(machine: Machine, images: Path = IMAGES) -> str:
+    """Run a machine, draw it, and give its section of the page."""
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        for file in cj.examples.path("arm").parent.iterdir():
+            if file.suffix in (".toml", ".urdf", ".csv"):
+                (Path(folder) / file.name).write_bytes(file.read_bytes())
+        began = time.perf_counter()
+        dataset = run(machine)
+        took = time.perf_counter() - began
+        ideal = run(machine, "--ideal") if "{error}" in machine.sentence else None
+        residual = float(dataset.attrs["energy_residual"])
+        assert residual < LARGEST_RESIDUAL, f"{machine.example}: energy residual {residual:.1e}"
+        said = machine.sentence.format(**numbers(machine, dataset, ideal))
+        picture(machine, dataset, images / f"gallery_{machine.example}.png")
+    print(f"{machine.example}: {took:.1f} s, energy residual {residual:.1e}. {said}", flush=True)
+    shell = f"clearance examples {machine.example}\n{machine.command}"
+    image = f"![{machine.title}](images/gallery_{machine.example}.png)"
+    return f"## {machine.title}\n\n{image}\n\n{said}\n\n```shell\n{shell}\n```\n"
+
+
+HEAD = """# Gallery: fifteen machines with play
+
+Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine on the left,
+and the pin in its sleeve on the right, with the play magnified. The two commands below a picture repeat the run;
+`clearance animate NAME.nc -o NAME.gif` makes a film of it. Errors are those against the same machine without play. The
+fall of pins from the middle of their sleeves is left out of the numbers, where a machine does not start settled.
+
+*This page is written by `make gallery`, with the numbers of its runs.*
+"""
+
+
+def main(wanted: list[str]) -> None:
+    """Write the page, or print some entries."""
+    cj.configure(cache=True)
+    chosen = [machine for machine in MACHINES if not wanted or machine.example in wanted]
+    with mpl.rc_context({"font.size": 9}):
+        entries = [entry(machine) for machine in chosen]
+    if not wanted:
+        PAGE.write_text("\n".join([HEAD, *entries]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
