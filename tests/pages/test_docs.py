@@ -18,6 +18,7 @@ import typer
 from places import ROOT
 from typer.testing import CliRunner
 
+import clearance_jax as cj
 from clearance_jax.cli.examples import needed
 from clearance_jax.cli.main import UsageError, app
 from clearance_jax.io.keys.reference import reference
