@@ -18,8 +18,8 @@ PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 demo: .venv/installed
 	mkdir -p out
-	$(BIN)/clearance simulate experiments/scenes/joint5_velocity_1.toml -o out/joint5.nc --plot out/joint5.png
-	$(BIN)/clearance simulate experiments/scenes/slider_crank.toml -o out/slider_crank.nc --plot out/slider_crank.png
+	$(BIN)/clearance simulate clearance_jax/examples/joint5_velocity_1.toml -o out/joint5.nc --plot out/joint5.png
+	$(BIN)/clearance simulate clearance_jax/examples/slider_crank.toml -o out/slider_crank.nc --plot out/slider_crank.png
 
 check: style types
 
@@ -36,7 +36,7 @@ wheel: .venv/installed
 	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheel .
 	$(PYTHON) -m venv out/wheel/venv
 	out/wheel/venv/bin/pip install --quiet --disable-pip-version-check out/wheel/*.whl
-	cd out/wheel && venv/bin/clearance simulate ../../experiments/scenes/slider_crank.toml --t1 2ms -o slider_crank.nc
+	cd out/wheel && venv/bin/clearance examples arm && venv/bin/clearance simulate arm.toml --t1 2ms -o arm.nc --plot arm.png
 
 # With the lowest versions that pyproject.toml names (`uv` resolves them): the quick part of the tests.
 lowest: .venv/installed

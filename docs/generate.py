@@ -15,10 +15,11 @@ SCENE_HEAD = """# Scene files: every key
 A scene is a TOML file: bodies, joints, points, and how to solve. Quantities carry their unit in a string
 (`"0.1 mm"`, `"5000 rpm"`, `"2.487e6 N/mm^1.5"`); any unit of the right dimension is accepted, the tables give the SI
 one. A number without dimension is bare. A key that is not here is refused, with the nearest one that is.
-[Scenes](../scenes.md) builds a scene step by step; `clearance examples` lists more of them.
+[Scenes](../scenes.md) builds a scene step by step; `clearance examples` lists more of them, and `clearance new NAME` writes one with comments.
 
-Editors with a TOML language server (Taplo, Even Better TOML) complete keys and check values by the schema
-`docs/reference/scene.schema.json`: write `#:schema PATH` in the first line of the file.
+Editors with a TOML language server (Taplo, Even Better TOML) complete keys and check values by a JSON schema, which is
+part of the package. The first line of a file says where it is: `#:schema PATH`, relative to the file, or an address that
+begins with `file://`. Neither needs a network. `clearance examples` and `clearance new` write this line.
 
 *This page is generated from the reader's own declarations.*
 """
@@ -28,7 +29,7 @@ A study asks something of a scene: metrics over numbers that vary (`sweep`), the
 hold (`design`), how a joint wears and how long it lasts (`wear`), numbers from measured motion (`calibrate`).
 `clearance run STUDY` does what it says. [Sweeps](../sweeps.md), [Tolerance design](../design.md), [Wear](../wear.md)
 and [Calibration](../calibration.md) say what the words mean.
-The schema for editors is `docs/reference/study.schema.json`.
+`clearance examples slider_crank_design` writes one, with its scene and the line that lets editors complete its keys.
 
 *This page is generated from the reader's own declarations.*
 """

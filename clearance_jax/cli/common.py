@@ -6,18 +6,16 @@ Modules that need JAX are imported inside the functions, so that the help does n
 import os
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.markup import escape
 from typer import Argument, Option
 
+from clearance_jax.cli.answer import answer, console, errors
 from clearance_jax.errors import ClearanceError, quote
-
-console, errors = Console(), Console(stderr=True)
 
 SCENE = Argument(..., metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")
 SETTINGS = Option(
@@ -46,6 +44,7 @@ def set_up() -> None:
 
 def read_scene(scene_file: Path) -> Any:
     """Read a scene, without the changes of the command's options."""
+    check_there(scene_file, "scene file")
     set_up()
     from clearance_jax.io.scene.scene import read_scene
 
@@ -88,6 +87,25 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
         raise ClearanceError(f"Cannot write `{path}`: its name must end in {', '.join(endings)}.")
 
 
+def check_there(path: Path, what: str) -> None:
+    """Raise `ClearanceError`, before anything slow is imported, if there is no such file."""
+    if "\0" not in str(path) and not os.path.exists(path):
+        hint = f" `clearance examples {path.stem}` writes the example of this name." if is_example(path) else ""
+        raise ClearanceError(f"Cannot read the {what} `{path}`: there is no such file.{hint}")
+
+
+def is_example(path: Path) -> bool:
+    """Whether an example has the name of a file."""
+    from clearance_jax.examples import names
+
+    return path.suffix.lower() in (".toml", ".urdf") and path.stem in names()
+
+
+def words(*allowed: str) -> Callable[[], list[str]]:
+    """What the shell completes as the value of an option."""
+    return lambda: list(allowed)
+
+
 def check_readable(path: Path) -> None:
     """Raise `ClearanceError` if there is no such file."""
     if "\0" in str(path) or not path.is_file():
@@ -108,9 +126,15 @@ def say(text: str) -> None:
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
+def note(text: str) -> None:
+    """Print what is no result on stderr."""
+    errors.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
 def warn(text: str) -> None:
     """Print a warning, if the text is not empty."""
     if text:
+        answer.setdefault("warnings", []).append(text)
         errors.print("warning:", style="yellow", end=" ")
         errors.print(text, soft_wrap=True, highlight=False, markup=False)
 
@@ -127,6 +151,7 @@ def aloud(*categories: type[Warning]) -> Iterator[None]:
 
 def say_written(what: str, path: Path) -> None:
     """Print where something was written."""
+    answer.setdefault("files", {})[what] = str(path)
     console.print(f"{what:<8} {escape(str(path))}", soft_wrap=True)
 
 

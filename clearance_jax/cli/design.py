@@ -6,7 +6,8 @@ from typing import Any
 import typer
 from rich.markup import escape
 
-from clearance_jax.cli.common import aloud, console, errors, say, say_written
+from clearance_jax.cli.answer import answer, console, errors, quantity
+from clearance_jax.cli.common import aloud, note, say, say_written
 from clearance_jax.cli.pace import Interruption, Pace, ProgressDisplay, shown_duration
 from clearance_jax.errors import wrong_value
 
@@ -36,9 +37,9 @@ def run_design(
     # One cluster for all that follows.
     with doubts, place_of(cluster) as place, shown, Interruption() as asked:
         pace, client, specification = Pace(asked.check), place.client, study.design.problem.specification
-        say(_preparation(specification.mechanism))
+        note(_preparation(specification.mechanism))
         if specification.manufacture.is_sampled:
-            say(f"Parts: {specification.manufacture}.")
+            note(f"Parts: {specification.manufacture}.")
         given = {**search, "record": record, "cluster": client}
         design = _search(study.design, {k: v for k, v in given.items() if v is not None}, shown, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
@@ -48,6 +49,10 @@ def run_design(
             findings = known_findings(design)
         else:
             findings = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
+    best = findings.design
+    values = {name: quantity(value, best.units[name]) for name, value in best.clearances.items()}
+    answer["design"] = {"feasible": best.feasible, "confirmed": findings.good, "stopped": best.stop_reason}
+    answer["design"] |= {"objective": best.objective, "variables": values, "because": best.deciders}
     for text in (*findings.notes, findings.fits, findings.tradeoff):
         if text is not None:
             say(str(text))
@@ -106,7 +111,7 @@ def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
     try:
         return study.problem.solve(progress=progress, **{**study.solve, **given})
     except KeyboardInterrupt:
-        say("Interrupted before the first design was evaluated: there is nothing to keep.")
+        note("Interrupted before the first design was evaluated: there is nothing to keep.")
         raise typer.Exit(130) from None
 
 
@@ -116,7 +121,7 @@ def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
 
     count = expected_evaluations(pace.count, design.specification.manufacture.among, **study.verify)
     seconds, done = pace.estimate(count), Pace(pace.check)
-    say(f"Verifying by another solver: some {count} evaluations, {shown_duration(seconds)} (Ctrl-C ends it).")
+    note(f"Verifying by another solver: some {count} evaluations, {shown_duration(seconds)} (Ctrl-C ends it).")
 
     def progress(_point):
         done.tick()

@@ -9,6 +9,7 @@ from rich.table import Table
 from typer import Option
 
 from clearance_jax.cli import common
+from clearance_jax.cli.answer import answer, quantity
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, is_robot, say_held, usual_end
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.units import format_quantity
@@ -54,7 +55,9 @@ def info(
     for line in _modes_words(mechanism):
         common.console.print(line, highlight=False)
     loops = ", the body of each loop once" if mechanism.form.is_table else ""
-    counted = f"{_operations(mechanism)} operations (compiler's count{loops})"
+    operations = _operations(mechanism)
+    answer.update({"mechanism": mechanism.name, "operations": operations, "parameters": _values(mechanism)})
+    counted = f"{operations} operations (compiler's count{loops})"
     common.console.print(f"one evaluation of the vector field: {counted}")
     for table in (_limits(mechanism), _parameters(mechanism)):
         if table.row_count:
@@ -71,6 +74,7 @@ def _print_terms(mechanism) -> None:
         common.console.print(escape(note), highlight=False, soft_wrap=True)
     memory = f"; {plan.remembered} memory variables" if plan.remembered else ""
     moving = ", ".join(plan.positions) or "nothing"
+    answer["states"] = plan.size
     common.console.print(f"states: {plan.size} (positions and speeds of {moving}{memory})")
     for joint in mechanism.clearance_joints():
         clearance = joint.clearance
@@ -135,6 +139,8 @@ def _modes_words(mechanism) -> Iterator[str]:
     except ClearanceError as error:
         yield f"modes of the play about its settled pose: none, for it cannot be settled ({escape(str(error))})"
         return
+    sizes = ({"frequency": quantity(mode.frequency, "Hz"), "damping_ratio": float(mode.ratio)} for mode in modes)
+    answer["modes"] = list(sizes)
     listed = ", ".join(f"{mode.frequency:.4g} Hz (damping ratio {mode.ratio:.2g})" for mode in modes[:MODES])
     more = f", and {len(modes) - MODES} faster ones" if len(modes) > MODES else ""
     yield f"modes of the play about its settled pose: {listed}{more}"
@@ -175,6 +181,12 @@ def _operations(mechanism) -> int:
     return int(cost.get("flops", 0))
 
 
+def _values(mechanism) -> dict[str, Any]:
+    from clearance_jax.parameters import parameters
+
+    return {name: {"value": leaf.value, "unit": leaf.unit} for name, leaf in parameters(mechanism).items()}
+
+
 def _parameters(mechanism) -> Table:
     import numpy as np
 
@@ -210,6 +222,7 @@ def say_budget(
 
     with common.errors.status("compiling and solving (of an arm this takes about a minute)"):
         budget = error_budget(mechanism, name, end, **{n: options[n] for n in KNOWN if n in options})
+    answer["budget"] = str(budget)
     common.say(str(budget))
     if plot is not None:
         from clearance_jax.report.design_figures import budget_figure

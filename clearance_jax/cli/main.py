@@ -10,7 +10,10 @@ import typer
 
 from clearance_jax._compile import files
 from clearance_jax._version import __version__
-from clearance_jax.cli.common import console, errors, say
+from clearance_jax.cli.answer import answer, answered, console, errors
+from clearance_jax.cli.check import check
+from clearance_jax.cli.common import say
+from clearance_jax.cli.examples import examples, new
 from clearance_jax.cli.info import info
 from clearance_jax.cli.plot import animate, plot
 from clearance_jax.cli.run import run
@@ -22,17 +25,20 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Mechanisms and robots with clearance joints.\n\n"
     "[bold]Examples[/bold]\n\n"
-    "clearance simulate experiments/scenes/slider_crank.toml -o out.nc --plot out.png\n\n"
-    "clearance simulate experiments/scenes/joint5_velocity_1.toml --set joint5.radial_clearance=0.2mm "
-    "--set joint5.friction.coefficient=0.3\n\n"
-    "clearance info experiments/scenes/four_bar.toml\n\n"
-    "clearance info experiments/scenes/arm_with_play.toml --budget --plot budget.png\n\n"
+    "clearance examples slider_crank\n\n"
+    "clearance simulate slider_crank.toml -o out.nc --plot out.png\n\n"
     "clearance plot out.nc -o out.png\n\n"
-    "clearance animate out.nc -o out.gif --magnify joint5\n\n"
-    "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial_clearance=0.05mm,pin_radius=20mm\n\n"
-    "clearance run optimize/studies/slider_crank.toml --report out.html\n\n"
-    "clearance run experiments/studies/slider_crank.toml -o out.zarr --plot pictures\n\n"
-    "clearance run experiments/studies/disc.toml -o out.nc --plot out.png",
+    "clearance animate out.nc -o out.gif --magnify wrist\n\n"
+    "clearance simulate slider_crank.toml --set wrist.radial_clearance=0.2mm --set wrist.friction.coefficient=0.1\n\n"
+    "clearance info slider_crank.toml\n\n"
+    "clearance examples arm_with_play; clearance info arm_with_play.toml --budget --plot budget.png\n\n"
+    "clearance simulate six_axes.urdf --clearance axis_5:radial_clearance=0.05mm,pin_radius=20mm\n\n"
+    "clearance examples slider_crank_design; clearance run slider_crank_design.toml --report out.html\n\n"
+    "clearance new press --kind slider-crank; clearance check press.toml",
+    epilog="[bold]Exit codes[/bold]\n\n"
+    "0: done. 1: done, but the answer is none (a motion that failed, a limit that no design holds). "
+    "2: wrong input, said in one sentence. 130: interrupted by Ctrl-C; what was done is kept.",
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -47,8 +53,11 @@ def cache(
         left = files.clear(programs) + files.jax_clear(jax)
         if left:
             raise ClearanceError(f"{left} files in `{programs}` and `{jax}` cannot be removed. Remove them by hand.")
+        answer["removed"] = {"programs": kept[0] + compiled[0], "bytes": kept[1] + compiled[1]}
         say(f"removed {kept[0] + compiled[0]} programs, {_bytes(kept[1] + compiled[1])}")
         return
+    folders = {"ready_to_run": (programs, kept), "jax": (jax, compiled)}
+    answer.update({k: {"folder": str(at), "programs": n[0], "bytes": n[1]} for k, (at, n) in folders.items()})
     say(f"ready to run {programs}: {kept[0]} programs, {_bytes(kept[1])} of at most {_bytes(files.LARGEST)}")
     say(f"JAX's cache  {jax}: {compiled[0]} programs, {_bytes(compiled[1])}")
     if why := files.unsafe(programs):
@@ -73,9 +82,9 @@ def about(
     """Options before the command."""
 
 
-COMMANDS = simulate, run, info, plot, animate, cache
+COMMANDS = examples, new, check, simulate, run, info, plot, animate, cache
 for command in COMMANDS:
-    app.command()(command)
+    app.command()(answered(command) if command in (check, simulate, run, info, cache) else command)
 
 
 # Typer's error for wrong arguments; its own message has no limit on its length.
@@ -91,7 +100,8 @@ def main() -> None:
     except UsageError as error:
         text = error.format_message().rstrip(".")
         if text.startswith("No such command"):
-            text += f". Allowed: {', '.join(command.__name__ for command in COMMANDS)} (`run` does what a study asks)"
+            allowed = ", ".join(command.__name__ for command in COMMANDS)
+            text += f"{'.' * (not text.endswith('?'))} Allowed: {allowed} (`run` does what a study asks)"
         _fail(f"{text}. See `clearance --help`.")
     except ClearanceError as error:
         _fail(str(error))

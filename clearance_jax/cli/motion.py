@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from clearance_jax.cli.common import say
+from clearance_jax.cli.common import note
 from clearance_jax.errors import ClearanceError
 from clearance_jax.units import to_si
 
@@ -41,7 +41,7 @@ def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechani
     what = "what is not driven" if loose or not every else "each"
     moving = f". {', '.join(loose)} cannot be held: what hangs on it moves freely, and falls" if loose else ""
     until = "" if seconds is None else f", for {seconds:g} s (`--t1` for another time)"
-    say(
+    note(
         f"{which}: {what} is held where it stands{until}{moving}. Drive joints by `--trajectory FILE` (a CSV table of "
         "times and joint values), or by a scene with a table `[robot]`."
     )

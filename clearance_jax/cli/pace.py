@@ -1,7 +1,9 @@
 """Progress display of a command, estimates of remaining time, and its interruption by Ctrl-C."""
 
 import itertools
+import os
 import signal
+import socket
 import statistics
 import sys
 import threading
@@ -11,6 +13,8 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from clearance_jax.cli.answer import errors
 
 # Without a terminal a line is written after every interval of this length [s].
 EVERY = 30.0
@@ -24,22 +28,31 @@ class Interruption:
 
     Python raises an interruption wherever the program is. After a long call of JAX that is often a callback of the
     garbage collector, where an exception is printed and dropped. So the signal is remembered, and raised again.
+    While JAX compiles or computes, Python raises nothing. So a thread hears the signal too: it says at once that the
+    command ends and what it does `until` then, and a second signal ends the process.
     """
 
-    def __init__(self):
-        self.heard = False
+    def __init__(self, until: str = "keeping what is done"):
+        self.heard, self.until = False, until
 
     def __enter__(self) -> "Interruption":
         self._hook, self._usual = sys.unraisablehook, {}
         sys.unraisablehook = self._forgotten
         if threading.current_thread() is threading.main_thread():  # other threads may not set handlers
             self._usual = {number: signal.signal(number, self._hear) for number in SIGNALS}
+            ear, self._mouth = socket.socketpair()
+            self._mouth.setblocking(False)
+            self._woken = signal.set_wakeup_fd(self._mouth.fileno(), warn_on_full_buffer=False)
+            threading.Thread(target=self._listen, args=(ear,), daemon=True).start()
         return self
 
     def __exit__(self, *_: Any) -> None:
         sys.unraisablehook = self._hook
         for number, usual in self._usual.items():
             signal.signal(number, signal.SIG_DFL if usual is None else usual)
+        if self._usual:
+            signal.set_wakeup_fd(self._woken)
+            self._mouth.close()  # which ends the thread
 
     def check(self) -> None:
         """Raise `KeyboardInterrupt` if the command was asked to end."""
@@ -49,6 +62,17 @@ class Interruption:
     def _hear(self, *_: Any) -> None:
         self.heard = True
         raise KeyboardInterrupt
+
+    def _listen(self, ear: socket.socket) -> None:
+        told = False
+        with ear:
+            while number := ear.recv(1):
+                if number[0] in SIGNALS and told:
+                    errors.show_cursor()
+                    os._exit(128 + number[0])
+                if number[0] in SIGNALS:
+                    told, what = True, f": {self.until}" if self.until else ""
+                    errors.print(f"interrupted{what}; Ctrl-C again leaves at once")
 
     def _forgotten(self, what: Any) -> None:
         # An interruption is remembered, so it is not printed.

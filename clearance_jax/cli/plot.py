@@ -53,7 +53,7 @@ def draw_sweep(dataset: Any, folder: Path) -> None:
 
 def plot(
     result_file: Path = Argument(
-        ..., metavar="RESULT", help="A result file of `simulate -o` or `wear`, or a store of `sweep`."
+        ..., metavar="RESULT", help="A motion of `simulate -o`, a life that wears or a store of a sweep of `run -o`."
     ),
     output: Path | None = Option(
         None,
@@ -66,6 +66,7 @@ def plot(
     """Draw the figure of a result file: its motion, where its pins bear, or a life of wear; or all pictures that fit a
     sweep, also one that is still running.
     """
+    common.check_there(result_file, "result file")
     from clearance_jax.report import figures, wear_figures
     from clearance_jax.results.store import load_dataset, open_sweep
 
@@ -103,10 +104,10 @@ def animate(
 
     An .mp4 needs the program ffmpeg. Ctrl-C leaves no half film.
     """
+    common.check_readable(result_file)
     from clearance_jax.report.film import animate as film_of
     from clearance_jax.results.store import load_dataset
 
-    common.check_readable(result_file)
     output = result_file.with_suffix(".gif") if output is None else output
     check_film(output)
     common.check_distinct(result=result_file, film=output)

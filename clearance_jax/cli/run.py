@@ -8,6 +8,7 @@ from typer import Argument, Exit, Option
 
 from clearance_jax._basis.extras import require
 from clearance_jax.cli import common
+from clearance_jax.cli.answer import answer, quantity
 from clearance_jax.cli.design import check_choices, run_design
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.cli.plot import check_film, check_folder, draw_sweep
@@ -36,9 +37,11 @@ def run(
     movie: Path | None = Option(None, help="Film of a life (.gif, or .mp4)."),
     report: Path | None = Option(None, help="Report of a design, with certificate, or of a calibration (.html)."),
     record: Path | None = Option(None, help="Keep every evaluated design in this file; go on from it if it exists."),
-    method: str | None = Option(None, help="Solver of a design (default: the study's, or slsqp)."),
+    method: str | None = Option(None, help="Search method of a design (default: the study's, or slsqp)."),
     fidelity: str | None = Option(
-        None, help="Model of the motion of a design: dynamics, quasi-static, auto (default: the study's)."
+        None,
+        help="Model of the motion of a design: dynamics, quasi-static, auto (default: the study's).",
+        autocompletion=common.words("dynamics", "quasi-static", "auto"),
     ),
     starts: int | None = Option(None, help="Number of starts, the first in the middle.", min=1),
     verify: bool = Option(True, help="Prove a design by another solver (takes a while)."),
@@ -55,6 +58,7 @@ def run(
     Ctrl-C keeps what is done: the best design so far; a store or a journal that `--resume` goes on with.
     """
     given = dict(locals())  # every option by its name
+    common.check_there(study_file, "study file")
     check_choices(method, fidelity)
     common.check_writable(report, (".html", ".htm"))
     common.check_writable(record)
@@ -127,11 +131,12 @@ def run_sweep(
             asked.check()
 
         try:
-            how = {"resume": resume, "cores": cores, "cluster": cluster, "plan": lambda plan: common.say(str(plan))}
+            how = {"resume": resume, "cores": cores, "cluster": cluster, "plan": lambda plan: common.note(str(plan))}
             dataset = swept(**study.sweep, store=output, **how, progress=progress)
         except KeyboardInterrupt:
-            common.say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
+            common.note(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
             raise Exit(130) from None
+    answer["sweep"] = {"samples": dataset.attrs["lanes"], "failed": dataset.attrs["failed"]}
     why = f": {dataset.attrs['failures']}" if dataset.attrs["failed"] else ""
     common.say(f"{dataset.attrs['lanes']} samples, {dataset.attrs['failed']} failed{why}")
     common.say_written("store", output)
@@ -157,8 +162,10 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
         try:
             calibration = calibrate(**given, progress=progress)
         except KeyboardInterrupt:
-            common.say("Interrupted before the first motion was compared: there is nothing to keep.")
+            common.note("Interrupted before the first motion was compared: there is nothing to keep.")
             raise Exit(130) from None
+    sizes = {name: quantity(value, calibration.units[name]) for name, value in calibration.values.items()}
+    answer["calibration"] = {"converged": calibration.converged, "values": sizes, "intervals": calibration.intervals}
     common.console.print(f"[bold]{escape(study.name)}[/bold]")
     common.say(calibration.message)
     if output is not None:

@@ -8,13 +8,14 @@ from rich.markup import escape
 from typer import Exit, Option
 
 from clearance_jax.cli import common
+from clearance_jax.cli.answer import answer, largest, quantity
 from clearance_jax.cli.motion import check_covered, driven_by, end_of, say_held, usual_end
 from clearance_jax.cli.pace import Interruption, ProgressDisplay
 from clearance_jax.cli.plot import check_film, write_film
 from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 
 # More steps than in Python's `simulate`: here the user sees the progress and can stop the solve.
-DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_000_000}
+DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "auto", "max_steps": 10_000_000}
 
 
 def simulate(
@@ -23,10 +24,20 @@ def simulate(
     t1: str | None = Option(None, help="End time with a unit, e.g. 0.5s (default: the scene's, or the trajectory's)."),
     rtol: float | None = Option(None, help="Accuracy, e.g. 1e-8 (default: the scene's)."),
     samples: int | None = Option(None, help="Number of output times.", min=2),
-    solver: str | None = Option(None, help="tsit5, dopri8 for rtol of 1e-6 or less, or auto."),
-    start: str | None = Option(None, help="Where pins start: centre, or settled at their walls."),
+    solver: str | None = Option(
+        None,
+        help="auto (by rtol; the default), tsit5, or dopri8 for rtol of 1e-6 or less.",
+        autocompletion=common.words("auto", "tsit5", "dopri8"),
+    ),
+    start: str | None = Option(
+        None,
+        help="Where pins start: centre, or settled at their walls.",
+        autocompletion=common.words("centre", "settled"),
+    ),
     fidelity: str | None = Option(
-        None, help="The model of the motion: dynamics, or quasi-static (a pose at every instant)."
+        None,
+        help="The model of the motion: dynamics, or quasi-static (a pose at every instant).",
+        autocompletion=common.words("dynamics", "quasi-static"),
     ),
     trajectory: Path | None = Option(None, help="Drives the joints that a CSV file of times and values names."),
     clearance: list[str] | None = common.CLEARANCES,
@@ -63,20 +74,22 @@ def simulate(
         shown.update("compiling and solving")
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
 
-        with Interruption() as asked:
+        with Interruption("keeping what was computed") as asked:
 
             def progress(done: float) -> None:
                 shown.update(part=done)
                 asked.check()
 
             result, solution = _solved(mechanism, end, solve, progress)
-        shown.update("observing", 0.0)
-        told = {"scene": scene.text, "settings": " ".join([*(settings or []), *(clearance or [])])}
-        told |= {"trajectory": "" if lead is None else str(lead.path), "solve": repr({"t1": end, **options})}
-        with common.aloud(ContactWarning):
-            dataset = to_dataset(mechanism, result, progress=lambda part: shown.update(part=part), **told)
+            asked.until = asked.until * asked.heard  # from here on nothing is kept that was not before
+            shown.update("observing", 0.0)
+            told = {"scene": scene.text, "settings": " ".join([*(settings or []), *(clearance or [])])}
+            told |= {"trajectory": "" if lead is None else str(lead.path), "solve": repr({"t1": end, **options})}
+            with common.aloud(ContactWarning):
+                dataset = to_dataset(mechanism, result, progress=lambda part: shown.update(part=part), **told)
     _report(mechanism, result, solution, dataset)
     _warn(mechanism, solution, dataset)
+    _answer(mechanism, result, solution, dataset, end, options)
     _write(dataset, output, plot, movie, magnify)
     if result.message:
         raise Exit(130 if result.message == "interrupted" else 1)
@@ -160,3 +173,21 @@ def _report(mechanism, result, solution, dataset) -> None:
         for point in dataset["point"].values:
             for name in ("speed", "acceleration"):
                 common.console.print(f"{point}: largest {name} {peak_words(dataset, name, point)}", soft_wrap=True)
+
+
+def _answer(mechanism: Any, result: Any, solution: Any, dataset: Any, end: float, options: dict[str, Any]) -> None:
+    """What `--json` prints: how the solve ended, the largest contact force, and the largest values of the samples."""
+    from clearance_jax.results.first_fall import loads
+    from clearance_jax.solve.settings import with_solver
+
+    reached, counts = float(result.time[-1]), ("accepted_steps", "rejected_steps", "cut_steps")
+    answer.update({"mechanism": mechanism.name, "result": dataset.attrs["result"], "result_code": int(solution.code)})
+    answer.update({"t1": quantity(end, "s"), "end_time": quantity(reached, "s")})
+    answer["options"] = with_solver(mechanism, options)
+    answer.update({name: dataset.attrs[name] for name in (*counts, "energy_residual")})
+    forces = loads(dataset) if "peak_force" in dataset else None
+    peaks = {} if forces is None else {"largest_force": forces.largest, "after_first_falls": forces.after}
+    for name, peak in peaks.items():
+        if peak is not None:
+            answer[name] = {**quantity(peak.force, "N"), "time": quantity(peak.time, "s"), "joint": str(peak.joint)}
+    answer["largest"] = largest(dataset)

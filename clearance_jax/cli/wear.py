@@ -8,7 +8,8 @@ from typing import Any
 import typer
 from rich.markup import escape
 
-from clearance_jax.cli.common import aloud, console, errors, say, write_dataset, write_figure
+from clearance_jax.cli.answer import answer, console, errors, quantity
+from clearance_jax.cli.common import aloud, note, say, write_dataset, write_figure
 from clearance_jax.cli.pace import Interruption, ProgressDisplay, shown_duration
 from clearance_jax.cli.plot import write_film
 from clearance_jax.errors import ClearanceError
@@ -42,7 +43,7 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
             if history is not None:
                 result = f"interrupted after {int(history.cycles[-1])} cycles"
                 write_dataset(_dataset(study, history, result=result), output)
-            say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
+            note(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
             raise typer.Exit(130) from None
     for line in _words(dataset):
         say(line)
@@ -87,6 +88,9 @@ def _words(dataset: Any) -> list[str]:
     told, last = dataset.attrs, dataset.isel(cycle=-1)
     deepest, first = float(last["deepest"]), float(dataset["radial_clearance"][0])
     lived, computed = told["cycles_lived"], told["cycles_computed"]
+    clearance = quantity(last["radial_clearance"], "m")
+    answer["wear"] = {"cycles_lived": lived, "deepest": quantity(deepest, "m"), "radial_clearance": clearance}
+    answer["wear"] |= {"life": told.get("life")} if "watched" in dataset else {}
     lines = [
         f"{lived} cycles lived, {computed} computed: {lived / max(computed, 1):.3g} times less than every one of them",
         f"worn off: {format_quantity(deepest, 'm')} at most, {1e9 * float(last['volume']):.6g} mm^3; radial clearance "

@@ -10,7 +10,7 @@ from typing import Any
 
 from clearance_jax.errors import suggest, unknown_name
 
-__all__ = ["names", "path"]
+__all__ = ["names", "path"]  # and a function for each example
 
 _FOLDER = Path(__file__).parent
 
@@ -28,13 +28,25 @@ def path(name: str) -> Path:
     **Raises:** `ClearanceError` for an unknown name.
     """
     tables = {each.name: each for each in _FOLDER.rglob("*.csv")}
-    if found := _files().get(name, tables.get(name)):
-        return found
+    if file := _files().get(name, tables.get(name)):
+        return file
     raise unknown_name(f"There is no example `{name}`.", name, _files())
 
 
+def kinds() -> tuple[str, ...]:
+    """The kinds of mechanism that `clearance new` begins with."""
+    return tuple(sorted(each.stem.removesuffix("_study") for each in (_FOLDER / "new").glob("*_study.toml")))
+
+
+def template(kind: str) -> dict[str, str]:
+    """The files of a kind by their names, with NAME for the name of a new mechanism."""
+    several = [each for each in (_FOLDER / "new").iterdir() if each.stem in (kind, f"{kind}_study")]
+    return {each.name: each.read_text(encoding="utf-8") for each in sorted(several)}
+
+
 def _files() -> dict[str, Path]:
-    return {each.stem: each for ending in ("toml", "urdf") for each in _FOLDER.rglob(f"*.{ending}")}
+    places = (_FOLDER, _FOLDER / "studies")
+    return {each.stem: each for at in places for ending in ("toml", "urdf") for each in at.glob(f"*.{ending}")}
 
 
 def _reader(file: Path) -> Callable[[], Any]:

@@ -80,8 +80,8 @@ class SolveOptions(TypedDict, total=False):
     - `rtol`: the relative accuracy (1e-8), at least 1e-14: 64-bit numbers resolve no less. Absolute tolerances follow
       from it and from the lengths and speeds of the scene.
     - `atol`: absolute tolerances in their place, one number for each state component `[q, v, memory]`, shape (n,).
-    - `solver`: "tsit5", "dopri8" (for rtol of 1e-6 or less), "auto" (one of the two, by `rtol`; whatever
-      is kept of the solve names the one that was chosen), or an explicit Runge-Kutta solver of diffrax.
+    - `solver`: "auto" (one of the next two, by `rtol`; whatever is kept of the solve names the one that was chosen),
+      "tsit5", "dopri8" (for rtol of 1e-6 or less), or an explicit Runge-Kutta solver of diffrax.
     - `y0`: start from this state, shape (n,), instead of the mechanism's initial one.
     - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`), and falls to the wall;
       "settled": every pin starts at the wall where the reaction of the ideal joint presses it, and moves along with the
@@ -123,7 +123,7 @@ class Settings(NamedTuple):
     save_at: Array | None = None
     rtol: Any = 1e-8
     atol: Array | None = None
-    solver: Any = "tsit5"
+    solver: Any = AUTO
     y0: Array | None = None
     start: str = CENTRE
     locate_events: bool = True
@@ -166,15 +166,19 @@ def settings_of(
     for name, word, words in (("start", asked.start, STARTS), ("fidelity", asked.fidelity, FIDELITIES)):
         if word not in words:
             raise wrong_value(f"`{name}`", " or ".join(words), word)
-    solver = choose_solver(mechanism, asked.rtol) if _is_auto(asked.solver) else asked.solver
+    solver = asked.solver
+    if _is_auto(solver):
+        # Who named none gets one, also where JAX traces `rtol`.
+        unnamed = "solver" not in given and isinstance(asked.rtol, Tracer)
+        solver = LOW if unnamed else choose_solver(mechanism, asked.rtol)
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
     y0, save_at = _initial(mechanism, asked.y0), _times(asked.save_at, t0, t1)
     return asked._replace(solver=solver, t0=t0, rtol=rtol, atol=atol, y0=y0, save_at=save_at)
 
 
 def with_solver(model: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options with the solver that "auto" stands for, to tell solves apart by their options."""
-    if not _is_auto(options.get("solver")):
+    """Options with the solver that "auto", the default, stands for, to tell solves apart by their options."""
+    if not _is_auto(options.get("solver", Settings().solver)):
         return dict(options)
     rtol = options.get("rtol", Settings().rtol)
     return {**options, "solver": choose_solver(model, rtol)}

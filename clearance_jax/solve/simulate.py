@@ -41,7 +41,7 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
       (samples,), in any order; `None`: only the end.
     - `rtol`: the relative accuracy, at least 1e-14. Absolute tolerances follow from it and from the lengths and speeds
       of the scene.
-    - `solver`: "tsit5", "dopri8" (for rtol of 1e-6 or less), "auto" (one of the two, by `rtol`), or an
+    - `solver`: "auto" (one of the next two, by `rtol`), "tsit5", "dopri8" (for rtol of 1e-6 or less), or an
       explicit Runge-Kutta solver of diffrax.
     - `throw`: raise an error if the solve fails; if false, return what was computed. Inside jit, vmap or a derivative
       nothing is raised: every number of a solve that fails, and its derivative, is NaN, and `Solution.code` says why.

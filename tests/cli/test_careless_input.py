@@ -281,12 +281,13 @@ def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tm
 
 
 def test_an_unknown_command_is_answered_with_those_there_are(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["clearance", "optimize", "study.toml"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "No such command 'optimize'. Allowed: simulate, run, info, plot, animate, cache (`run` does what" in said
+    for word, hint in (("optimize", "No such command 'optimize'."), ("simulat", "Did you mean 'simulate'?")):
+        monkeypatch.setattr(sys, "argv", ["clearance", word, "study.toml"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"{hint} Allowed: examples, new, check, simulate, run, info, plot, animate, cache (`run` does" in said
 
 
 def test_play_that_rings_is_answered_with_what_damps_it(monkeypatch):

@@ -19,6 +19,8 @@ import pytest
 import typer
 from places import ROOT
 
+import clearance_jax as cj
+from clearance_jax.cli.examples import needed
 from clearance_jax.cli.main import UsageError, app
 from clearance_jax.io.keys.reference import reference
 from clearance_jax.io.scene.scene import load_scene
@@ -213,6 +215,10 @@ def checked(line: str, made: set[str], whole: bool = True) -> None:
         assert any(words[1] in parameter.opts for parameter in COMMANDS.params) or words[1] == "--help", line
         return
     assert words[1] in COMMANDS.commands, line
+    if words[1] == "examples":
+        made |= {name for example in words[2:] if not example.isupper() for name in needed(cj.examples.path(example))}
+    if words[1] == "new":
+        made |= {f"{words[2]}.toml", f"{words[2]}_study.toml"}
     command = COMMANDS.commands[words[1]]
     known = {option for parameter in command.params for option in parameter.opts}
     try:

@@ -314,7 +314,7 @@ def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
         ("bound (until)", "", {"until": wear.Deepest(2e-7)}),
         ("bound (until)", "<lambda> (until)` is", {"until": lambda depth: depth[0] - 1e-7}),
         ("by", "", {"by": ("wear.coefficient",)}),
-        ("solver", "", {"solver": "auto"}),
+        ("solver", "", {"solver": "tsit5"}),
     ):
         with refused(path, name) as caught:
             lived(**other)

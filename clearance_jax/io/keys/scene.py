@@ -68,9 +68,9 @@ SOLVING = table(
     "The same in a scene and in a study.",
     rtol=quantity("accuracy: the relative tolerance of the solve", "1e-8", absent="1e-8", least=SMALLEST, below=1.0),
     solver=Word(
-        "the solver: `dopri8` for rtol of 1e-6 or less, or `auto`, which chooses by rtol",
+        "the solver: `dopri8` for rtol of 1e-6 or less, `tsit5`, or `auto`, which chooses by rtol",
         '"dopri8"',
-        "tsit5",
+        "auto",
         allowed=SOLVER_WORDS,
     ),
     start=Word(
