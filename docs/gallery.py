@@ -13,7 +13,7 @@ from typing import NamedTuple
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import clearance_jax as cj
 
@@ -21,6 +21,8 @@ DOCS = Path(__file__).parent
 PAGE, IMAGES = DOCS / "gallery.md", DOCS / "images"
 WIDEST, COLOURS = 760, 48
 """Of a picture [pixels], and its number of colours."""
+FILM = 620
+"""Of the film [pixels]."""
 LARGEST_RESIDUAL = 1e-4
 """A run with a larger energy residual is not shown."""
 
@@ -143,6 +145,21 @@ def entry(machine: Machine, images: Path = IMAGES) -> str:
     return f"## {machine.title}\n\n{image}\n\n{said}\n\n```shell\n{shell}\n```\n"
 
 
+def front(path: Path = IMAGES / "front.gif") -> None:
+    """The film of the front page: a revolution of the slider-crank, small enough to be kept with the source."""
+    crank, revolution = cj.examples.slider_crank(), 0.012
+    dataset = cj.to_dataset(crank, cj.trace(crank, 2 * revolution, rtol=1e-8, save_at=1001))
+    film = cj.animate(dataset, "wrist", span=(revolution, 2 * revolution), slowdown=300.0, fps=12.0)
+    with tempfile.TemporaryDirectory() as folder:
+        whole = Image.open(film.save(Path(folder) / "whole.gif"))
+        frames = []
+        for image in ImageSequence.Iterator(whole):
+            small = image.convert("RGB")
+            small.thumbnail((FILM, FILM), Image.Resampling.LANCZOS)
+            frames.append(small.quantize(24, dither=Image.Dither.NONE))
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=83, loop=0, optimize=True)
+
+
 HEAD = """# Gallery: fifteen machines with play
 
 Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine on the left,
@@ -161,6 +178,7 @@ def main(wanted: list[str]) -> None:
     with mpl.rc_context({"font.size": 9}):
         entries = [entry(machine) for machine in chosen]
     if not wanted:
+        front()
         PAGE.write_text("\n".join([HEAD, *entries]), encoding="utf-8")
 
 

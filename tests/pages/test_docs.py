@@ -185,7 +185,6 @@ def test_commands_that_are_not_of_the_library_are_there():
 
 
 COMMANDS: Any = typer.main.get_command(app)
-PACKAGED = {file.name for file in EXAMPLES.rglob("*.*")}
 # What a command reads, beside its argument.
 READ = ("trajectory",)
 
@@ -232,7 +231,7 @@ def checked(line: str, made: set[str], whole: bool = True) -> None:
         if not isinstance(given, Path):
             continue
         if parameter.param_type_name == "argument" or parameter.name in READ:
-            is_there = given.name in PACKAGED or (ROOT / given).exists() or str(given) in made
+            is_there = (ROOT / given).exists() or str(given) in made
             assert is_there or given.stem.isupper(), f"{line}: there is no {given}"
         else:
             made.add(str(given))
