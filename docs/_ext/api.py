@@ -37,7 +37,7 @@ def page(name: Name, table: str) -> str:
         if name.kind == "class" and (members := name.members()):
             lines.append(f"   :members: {', '.join(members)}")
     head = ["---", "orphan: true", "---", "", f"# `{name.short}`", "", f"In [](/{TABLES}/{table}).", ""]
-    return "\n".join([*head, "```{eval-rst}", *lines, "```", "", *example(name.full)])
+    return "\n".join([*head, "```{eval-rst}", *lines, "```", "", *example(name)])
 
 
 def write_pages(app) -> None:

@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 def pages() -> list[Path]:
     """The pages whose code runs."""
-    found = sorted(DOCS.glob("*.md")) + sorted((DOCS / "tutorials").glob("*.md"))
+    found = [*sorted(DOCS.glob("*.md")), *sorted((DOCS / "tutorials").glob("*.md")), DOCS / "reference" / "uses.md"]
     return [page for page in found if any(block.runs for block in blocks(page.read_text(encoding="utf-8")))]
 
 
@@ -121,9 +121,9 @@ def setup(app):
 
 
 if __name__ == "__main__":
-    # `make outputs`: those that are kept run again, or the pages that are named; with the seconds that each took.
-    wanted = {DOCS / name for name in sys.argv[1:]}
-    for one in pages():
-        if one in wanted or (not wanted and place(one, KEPT).exists()):
-            wrong = run(one, KEPT)
-            print(wrong or f"{one.name}: {json.loads(place(one, KEPT).read_text(encoding='utf-8'))['seconds']} s")
+    # `make outputs`: those that are kept run again, or the pages that are named; says the seconds that each took.
+    wanted = [DOCS / name for name in sys.argv[1:]] or [page for page in pages() if place(page, KEPT).exists()]
+    for one in wanted:
+        wrong = run(one, KEPT)
+        took = "" if wrong else f"{json.loads(place(one, KEPT).read_text(encoding='utf-8'))['seconds']} s"
+        print(wrong or f"{one.name}: {took}", flush=True)

@@ -7,12 +7,13 @@ makes the values that the statement needs. Names that no guide uses have their u
 
 import ast
 import functools
+import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from names import addresses
+from names import Name, addresses, public_names
 from runner import ROOT, blocks
 
 DOCS = ROOT / "docs"
@@ -91,11 +92,30 @@ def uses() -> dict[str, Use]:
     return best
 
 
-def example(full: str) -> list[str]:
+def _kin(name: Name) -> Iterator[Name]:
+    """Names whose use shows this one too: functions that return it, and classes that inherit from it."""
+    for other in public_names():
+        if inspect.isclass(other.thing):
+            methods = (vars(other.thing).get(member) for member in other.members())
+            given = [getattr(method, "__annotations__", {}).get("return") for method in methods]
+            if name.kind == "class" and other is not name and issubclass(other.thing, name.thing):
+                yield other
+        else:
+            given = [getattr(other.thing, "__annotations__", {}).get("return")]
+        if name.name in (word for one in given for word in re.findall(r"\w+", getattr(one, "__name__", str(one)))):
+            yield other
+
+
+def example(name: Name) -> list[str]:
     """The lines of an example, in Markdown; none where no page uses the name."""
-    use = uses().get(full)
+    use, said = uses().get(name.full), "**Example**, from"
     if use is None:
-        return []
+        for other in _kin(name):
+            if use := uses().get(other.full):
+                said = f"**Example**, of `{other.short}`, from"
+                break
+        else:
+            return []
     title = re.search(r"^# (.*)$", (DOCS / f"{use.page}.md").read_text(encoding="utf-8"), re.MULTILINE)
-    said = f"**Example**, from [{title[1] if title else use.page}](/{use.page}.md), which is run by the tests:"
-    return ["", said, "", "```python", *use.code.splitlines(), "```", ""]
+    link = f"[{title[1] if title else use.page}](/{use.page}.md)"
+    return ["", f"{said} {link}, whose code the tests run:", "", "```python", *use.code.splitlines(), "```", ""]
