@@ -66,7 +66,9 @@ def run(page: Path, folder: Path) -> str:
 
 
 def run_missing(app) -> None:
-    """Run every page that has no outcomes of its code."""
+    """Run every page that has no outcomes of its code; `-D outputs_run=0` leaves it out, for a quick look."""
+    if not app.config.outputs_run:
+        return
     missing = [page for page in pages() if outcomes(page) is None]
     for page in missing:
         if place(page, KEPT).exists():
@@ -115,6 +117,7 @@ def _shown(one: dict[str, Any], folder: Path) -> nodes.container:
 
 def setup(app):
     """Called by Sphinx."""
+    app.add_config_value("outputs_run", True, "env", bool)
     app.connect("builder-inited", run_missing)
     app.add_transform(Outputs)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -98,7 +98,7 @@ def _kin(name: Name) -> Iterator[Name]:
         if inspect.isclass(other.thing):
             methods = (vars(other.thing).get(member) for member in other.members())
             given = [getattr(method, "__annotations__", {}).get("return") for method in methods]
-            if name.kind == "class" and other is not name and issubclass(other.thing, name.thing):
+            if name.kind == "class" and other is not name and name.thing in other.thing.__mro__:
                 yield other
         else:
             given = [getattr(other.thing, "__annotations__", {}).get("return")]
