@@ -17,7 +17,7 @@ import shlex
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -100,6 +100,11 @@ def command(words: list[str]) -> str:
     return result.stdout
 
 
+def takes_minutes(words: list[str]) -> bool:
+    """Whether a command is of an arm with play in space: it is not run for a page, which shows what it is asked."""
+    return words[1] != "examples" and any(word.endswith(".urdf") or "arm_with_play" in word for word in words)
+
+
 def is_figure(value: Any) -> bool:
     """Whether it is a figure of matplotlib, which is not imported for this question."""
     return any(kind.__module__ == "matplotlib.figure" for kind in type(value).__mro__)
@@ -113,13 +118,8 @@ class Outcome(NamedTuple):
     pictures: list[str]
 
 
-def run_page(
-    text: str, folder: Path, title: str = "page", passed_over: Callable[[list[str]], bool] = lambda words: False
-) -> Iterator[Outcome]:
-    """Run a page in a folder, which must be the current one; the outcomes of its blocks, in order.
-
-    **Arguments:** `passed_over` says which commands are left out.
-    """
+def run_page(text: str, folder: Path, title: str = "page") -> Iterator[Outcome]:
+    """Run a page in a folder, which must be the current one; the outcomes of its blocks, in order."""
     names: dict[str, Any] = {"__name__": "example"}
     for number, block in enumerate(blocks(text)):
         if block.name:
@@ -132,7 +132,7 @@ def run_page(
                 value = python(block.text, names, title)
             else:
                 for words in commands(block.text):
-                    said.write("" if passed_over(words) else command(words))
+                    said.write("" if takes_minutes(words) else command(words))
         pictures = [path.name for path, stamp in _pictures(folder).items() if before.get(path) != stamp]
         if is_figure(value):
             pictures.append(f"figure_{number}.png")

@@ -121,11 +121,6 @@ def test_the_scene_of_the_readme_is_the_one_that_its_examples_load():
 # Commands and Python -------------------------------------------------------------------------------------------------
 
 
-def takes_minutes(words: list[str]) -> bool:
-    """Whether a command is of an arm with play, which takes minutes: `clearance_jax` is asked by its kin elsewhere."""
-    return words[1] != "examples" and any(word.endswith(".urdf") or "arm_with_play" in word for word in words)
-
-
 def words_of(text: str) -> str:
     """An outcome without its numbers and spaces: these differ from one machine to the next."""
     return " ".join(re.sub(r"[-+]?\d[\d.,e+-]*|nan|inf", " # ", re.sub(r"[\[\]()|-]", " ", text)).split())
@@ -136,7 +131,7 @@ def words_of(text: str) -> str:
 def test_code_of_a_page_runs_in_an_empty_folder(path, empty):
     """Every command and every block of Python, in the order of the page; what is kept of it says the same."""
     text = path.read_text(encoding="utf-8")
-    found = list(runner.run_page(text, empty, title(path), takes_minutes))
+    found = list(runner.run_page(text, empty, title(path)))
     assert found
     kept = outputs.place(path, outputs.KEPT) if DOCS in path.parents else None
     if kept is None or not kept.exists():
