@@ -1,8 +1,9 @@
 """The gallery: `python docs/gallery.py` (`make gallery`) runs every machine by the command that its entry shows, draws
 its picture to docs/images, and writes docs/gallery.md with the numbers of these runs. Names of examples as arguments run
-these alone and print what they give.
+these alone (`front`: the film of the front page).
 """
 
+import re
 import sys
 import tempfile
 import time
@@ -46,36 +47,35 @@ class Machine(NamedTuple):
     @property
     def command(self) -> str:
         """The command that runs it, in a folder that has the example."""
-        return " ".join(["clearance simulate", f"{self.example}.toml", self.options, f"-o {self.example}.nc"]).replace("  ", " ")
+        return " ".join(filter(None, ["clearance simulate", f"{self.example}.toml", self.options, f"-o {self.example}.nc"])).replace("  ", " ")
 
 
 MACHINES = (
-    Machine("slider_crank", "Slider-crank", "At 5000 rpm with {clearance} of play the piston is up to {error} from its ideal place, and its pin meets the sleeve with up to {force}.", "wrist", "piston", 0.012),
-    Machine("four_bar", "Four-bar linkage", "With {clearance} of play in its knuckle the rocker's tip is up to {error} from its ideal place, and the pin bears up to {force}.", "knuckle", "tip", 0.1),
-    Machine("press", "Knuckle-joint press", "Under 20 kN at the bottom of the stroke the die is up to {error} from its ideal place, and the pin of the ram bears {force}.", "wrist", "die", 0.02, 0.66),
+    Machine("slider_crank", "Slider-crank", "At 5000 rpm with {clearance} of play, the piston's pin meets its sleeve with up to {force}.", "wrist", "piston", 0.012),
+    Machine("four_bar", "Four-bar linkage", "With {clearance} of play in its knuckle, the pin bears up to {force} at 600 rpm.", "knuckle", "tip", 0.1),
+    Machine("press", "Knuckle-joint press", "While the ram presses with 20 kN at the bottom of its stroke, its pin bears up to {force}.", "wrist", "die", 0.02, 0.66),
     Machine("squeezer", "Andrews' squeezer", "With 20 um of play where three rods meet, one of these joints touches {touches} times in 30 ms and bears up to {force}.", "knot_6", "knot", 0.0, 0.5, "--clearance knot_6:radial_clearance=0.02mm,pin_radius=3mm"),
-    Machine("governor", "Shaft governor", "While the shaft speeds up and slows down, a flyweight's pin bears up to {force}, and the weight is up to {error} from its ideal place.", "left_pin", "weight", 0.03, 0.5),
-    Machine("excavator", "Excavator arm", "With 0.5 mm and 1 mm of play in its two pins, the tooth is up to {error} from its ideal place, and the bucket's pin bears {force}.", "bucket_pin", "tooth", 0.0, 0.4),
-    Machine("landing_gear", "Landing gear", "While the leg retracts, the pin of the brace bears up to {force}, and the wheel is up to {error} from its ideal place.", "brace_pin", "wheel", 0.05, 0.45),
-    Machine("tool_changer", "Tool-changing robot", "With {clearance} of play in the wrist of a robot that carries 300 kg, the cutter is up to {error} from its ideal place.", "joint5", "end", 0.1, 0.4),
-    Machine("ur5_play", "Arm of the UR5's layout", "With {clearance} of play in its elbow the tool is up to {error} from its ideal place.", "elbow", "tool", 0.0, 0.5),
-    Machine("scara", "SCARA", "With {clearance} of play in each joint, the spindle is up to {error} from its ideal place during a swing of 0.3 s.", "elbow", "spindle", 0.02),
-    Machine("five_bar", "Five-bar parallel robot", "With {clearance} of play where its rods meet, the tool is up to {error} from its ideal place.", "tip_pin", "tool", 0.05),
-    Machine("gripper", "Parallel gripper", "With {clearance} of play in one pin of each jaw, a tip is up to {error} from its ideal place under a grip of 60 N.", "left_pin", "left_tip", 0.02, 0.8),
-    Machine("bearing", "Rotor in a ball bearing", "In a bearing of group C3 the unbalanced shaft is up to {error} from the centre at 3000 rpm, and the bearing bears {force}.", "bearing", "shaft", 0.02),
-    Machine("disc_worn", "Worn disc", "On a sleeve that is worn by some micrometres, the rim of a disc is {error} from its ideal place.", "pin", "rim"),
+    Machine("governor", "Shaft governor", "While the shaft speeds up and slows down, the pin of a flyweight bears up to {force}.", "left_pin", "weight", 0.03),
+    Machine("excavator", "Excavator arm", "Against a soil force of 3.6 kN the pin of the bucket, with {clearance} of play, bears up to {force}.", "bucket_pin", "tooth", 0.0, 0.4),
+    Machine("landing_gear", "Landing gear", "While the leg retracts in one second, the pin of its brace bears up to {force} and touches {touches} times.", "brace_pin", "wheel", 0.05, 0.45),
+    Machine("tool_changer", "Tool-changing robot", "With {clearance} of play in the wrist of a robot that carries 300 kg, its pin bears up to {force}.", "joint5", "end", 0.1, 0.4),
+    Machine("ur5_play", "Arm of the UR5's layout", "With {clearance} of play in its elbow, the pin bears up to {force} in a move of 0.3 s.", "elbow", "tool"),
+    Machine("scara", "SCARA", "With {clearance} of play in each joint, the pin of the elbow bears up to {force} in a swing of 0.3 s.", "elbow", "spindle", 0.02),
+    Machine("five_bar", "Five-bar parallel robot", "The pin where the rods meet has {clearance} of play, touches {touches} times in 0.3 s and bears up to {force}.", "tip_pin", "tool", 0.05),
+    Machine("gripper", "Parallel gripper", "A jaw that holds a part with 60 N presses its pin, which has {clearance} of play, with up to {force}.", "left_pin", "left_tip", 0.02, 0.8),
+    Machine("bearing", "Rotor in a ball bearing", "An unbalanced rotor of 4 kg loads a bearing of group C3 with up to {force} at 3000 rpm.", "bearing", "shaft", 0.02),
+    Machine("disc_worn", "Worn disc", "A disc of 20 kg rests on a sleeve that is worn by some micrometres, with up to {force}.", "pin", "rim"),
     Machine("hinge", "Squeaking hinge", "A dry hinge that turns at 0.3 rad/s squeaks at {frequency}: its friction falls with the slip.", "hinge", "edge", 0.1),
 )  # fmt: skip
 
 
-def run(machine: Machine, *more: str) -> xr.Dataset:
+def run(machine: Machine) -> xr.Dataset:
     """The dataset of its command, in the current folder."""
     from typer.testing import CliRunner
 
     from clearance_jax.cli.main import app
 
-    words = [*machine.command.split()[1:], *more]
-    result = CliRunner().invoke(app, words)
+    result = CliRunner().invoke(app, machine.command.split()[1:])
     if result.exit_code:
         raise SystemExit(f"{machine.command}: {result.output}{result.exception!r}")
     return cj.load_dataset(f"{machine.example}.nc")
@@ -94,25 +94,30 @@ def frequency(time: np.ndarray, signal: np.ndarray) -> float:
     return float(np.fft.rfftfreq(signal.size, time[1] - time[0])[np.argmax(share[1:]) + 1])
 
 
-def numbers(machine: Machine, dataset: xr.Dataset, ideal: xr.Dataset | None) -> dict[str, str]:
+def numbers(machine: Machine, dataset: xr.Dataset) -> dict[str, str]:
     """What its sentence may name."""
     late = dataset["time"].values >= machine.since
     force = dataset["contact_force"].sel(joint=machine.joint).values[late].max()
     index = list(dataset["joint"].values).index(machine.joint)
-    mechanism = cj.load(f"{machine.example}.toml")
+    found = {"force": shown(float(force), "N"), "touches": str(int((dataset["episode_joint"].values == index).sum()))}
     name = f"{machine.joint}.radial_clearance"
-    found = {
-        "force": shown(float(force), "N"),
-        "touches": str(int((dataset["episode_joint"].values == index).sum())),
-        "clearance": shown(float(cj.parameters(mechanism)[name].value), "m") if name in cj.parameters(mechanism) else "",
-    }
-    if "{error}" in machine.sentence and ideal is not None:
-        apart = (dataset["position"] - ideal["position"]).sel(point=machine.point).values[late]
-        found["error"] = shown(float(np.linalg.norm(apart, axis=-1).max()), "m")
+    known = cj.parameters(cj.load(cj.examples.path(machine.example)))
+    if name in known:
+        found["clearance"] = shown(float(known[name].value), "m")
     if "{frequency}" in machine.sentence:
         speed = dataset["velocity"].sel(point=machine.point, axis="y").values[late]
         found["frequency"] = shown(frequency(dataset["time"].values[late], speed), "Hz")
     return found
+
+
+def sentence(machine: Machine, dataset: xr.Dataset) -> str:
+    """What its run found; with the error of its point, where the dataset has it."""
+    said = machine.sentence.format(**numbers(machine, dataset))
+    if "position_error" in dataset:
+        late = dataset["time"].values >= machine.since
+        error = float(dataset["position_error"].sel(point=machine.point).values[late].max())
+        said += f" Its point `{machine.point}` is up to {shown(error, 'm')} from its place on the machine without play."
+    return said
 
 
 def picture(machine: Machine, dataset: xr.Dataset, path: Path) -> None:
@@ -125,24 +130,39 @@ def picture(machine: Machine, dataset: xr.Dataset, path: Path) -> None:
     image.quantize(COLOURS).save(path, optimize=True)
 
 
-def entry(machine: Machine, images: Path = IMAGES) -> str:
-    """Run a machine, draw it, and give its section of the page."""
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        for file in cj.examples.path("arm").parent.iterdir():
-            if file.suffix in (".toml", ".urdf", ".csv"):
-                (Path(folder) / file.name).write_bytes(file.read_bytes())
-        began = time.perf_counter()
-        dataset = run(machine)
-        took = time.perf_counter() - began
-        ideal = run(machine, "--ideal") if "{error}" in machine.sentence else None
-        residual = float(dataset.attrs["energy_residual"])
-        assert residual < LARGEST_RESIDUAL, f"{machine.example}: energy residual {residual:.1e}"
-        said = machine.sentence.format(**numbers(machine, dataset, ideal))
-        picture(machine, dataset, images / f"gallery_{machine.example}.png")
-    print(f"{machine.example}: {took:.1f} s, energy residual {residual:.1e}. {said}", flush=True)
+def section(machine: Machine, dataset: xr.Dataset, images: Path = IMAGES) -> str:
+    """Draw a machine, and give its section of the page."""
+    residual = float(dataset.attrs["energy_residual"])
+    assert residual < LARGEST_RESIDUAL, f"{machine.example}: energy residual {residual:.1e}"
+    picture(machine, dataset, images / f"gallery_{machine.example}.png")
+    said = sentence(machine, dataset)
+    print(f"{machine.example}: energy residual {residual:.1e}. {said}", flush=True)
     shell = f"clearance examples {machine.example}\n{machine.command}"
     image = f"![{machine.title}](images/gallery_{machine.example}.png)"
     return f"## {machine.title}\n\n{image}\n\n{said}\n\n```shell\n{shell}\n```\n"
+
+
+def entry(machine: Machine) -> str:
+    """Run a machine in an empty folder, and give its section of the page."""
+    from clearance_jax.cli.examples import needed
+
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        for name, text in needed(cj.examples.path(machine.example)).items():
+            Path(name).write_text(text, encoding="utf-8")
+        began = time.perf_counter()
+        dataset = run(machine)
+        print(f"{machine.example}: {time.perf_counter() - began:.1f} s", flush=True)
+        return section(machine, dataset)
+
+
+def write(sections: dict[str, str]) -> None:
+    """Write the page, with sections that it has and does not get anew as they are."""
+    old = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+    for found in re.split(r"^(?=## )", old, flags=re.MULTILINE)[1:]:
+        title = found.splitlines()[0].removeprefix("## ")
+        sections.setdefault(title, found.rstrip() + "\n")
+    ordered = [sections[machine.title] for machine in MACHINES if machine.title in sections]
+    PAGE.write_text("\n".join([HEAD, *ordered]), encoding="utf-8")
 
 
 def front(path: Path = IMAGES / "front.gif") -> None:
@@ -160,26 +180,26 @@ def front(path: Path = IMAGES / "front.gif") -> None:
         frames[0].save(path, save_all=True, append_images=frames[1:], duration=83, loop=0, optimize=True)
 
 
-HEAD = """# Gallery: fifteen machines with play
+HEAD = """# Gallery: machines with play
 
-Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine on the left,
-and the pin in its sleeve on the right, with the play magnified. The two commands below a picture repeat the run;
-`clearance animate NAME.nc -o NAME.gif` makes a film of it. Errors are those against the same machine without play. The
-fall of pins from the middle of their sleeves is left out of the numbers, where a machine does not start settled.
+Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine, and beside it
+the pin in its sleeve, with the play magnified. The commands below a picture repeat the run; `clearance animate NAME.nc -o
+NAME.gif` makes a film of it. The fall of pins from the middle of their sleeves is left out of the numbers, where a
+machine does not start settled.
 
 *This page is written by `make gallery`, with the numbers of its runs.*
 """
 
 
 def main(wanted: list[str]) -> None:
-    """Write the page, or print some entries."""
+    """Run all machines, or those that are named, and write the page."""
     cj.configure(cache=True)
-    chosen = [machine for machine in MACHINES if not wanted or machine.example in wanted]
     with mpl.rc_context({"font.size": 9}):
-        entries = [entry(machine) for machine in chosen]
-    if not wanted:
-        front()
-        PAGE.write_text("\n".join([HEAD, *entries]), encoding="utf-8")
+        for machine in MACHINES:
+            if not wanted or machine.example in wanted:
+                write({machine.title: entry(machine)})
+        if not wanted or "front" in wanted:
+            front()
 
 
 if __name__ == "__main__":
