@@ -1,12 +1,13 @@
-"""The gallery: `python docs/gallery.py` (`make gallery`) runs every machine by the command that its entry shows, draws
-its picture to docs/images, and writes docs/gallery.md with the numbers of these runs. Names of examples as arguments run
-these alone (`front`: the film of the front page).
+"""The gallery: `python docs/gallery.py` (`make gallery`) runs every machine of docs/gallery.toml by the command that
+its entry shows, draws its picture to docs/images, and writes docs/gallery.md with the numbers of these runs. Names of
+examples as arguments run these alone (`front`: the film of the front page).
 """
 
 import re
 import sys
 import tempfile
 import time
+import tomllib
 from contextlib import chdir
 from pathlib import Path
 from typing import NamedTuple
@@ -19,7 +20,7 @@ from PIL import Image, ImageSequence
 import clearance_jax as cj
 
 DOCS = Path(__file__).parent
-PAGE, IMAGES = DOCS / "gallery.md", DOCS / "images"
+LIST, PAGE, IMAGES = DOCS / "gallery.toml", DOCS / "gallery.md", DOCS / "images"
 WIDEST, COLOURS = 760, 48
 """Of a picture [pixels], and its number of colours."""
 FILM = 620
@@ -47,26 +48,12 @@ class Machine(NamedTuple):
     @property
     def command(self) -> str:
         """The command that runs it, in a folder that has the example."""
-        return " ".join(filter(None, ["clearance simulate", f"{self.example}.toml", self.options, f"-o {self.example}.nc"])).replace("  ", " ")
+        return " ".join(
+            filter(None, ["clearance simulate", f"{self.example}.toml", self.options, f"-o {self.example}.nc"])
+        ).replace("  ", " ")
 
 
-MACHINES = (
-    Machine("slider_crank", "Slider-crank", "At 5000 rpm with {clearance} of play, the piston's pin meets its sleeve with up to {force}.", "wrist", "piston", 0.012),
-    Machine("four_bar", "Four-bar linkage", "With {clearance} of play in its knuckle, the pin bears up to {force} at 600 rpm.", "knuckle", "tip", 0.1),
-    Machine("press", "Knuckle-joint press", "While the ram presses with 20 kN at the bottom of its stroke, its pin bears up to {force}.", "wrist", "die", 0.02, 0.66),
-    Machine("squeezer", "Andrews' squeezer", "With 20 um of play where three rods meet, one of these joints touches {touches} times in 30 ms and bears up to {force}.", "knot_6", "knot", 0.0, 0.5, "--clearance knot_6:radial_clearance=0.02mm,pin_radius=3mm"),
-    Machine("governor", "Shaft governor", "While the shaft speeds up and slows down, the pin of a flyweight bears up to {force}.", "left_pin", "weight", 0.03),
-    Machine("excavator", "Excavator arm", "Against a soil force of 3.6 kN the pin of the bucket, with {clearance} of play, bears up to {force}.", "bucket_pin", "tooth", 0.0, 0.4),
-    Machine("landing_gear", "Landing gear", "While the leg retracts in one second, the pin of its brace bears up to {force} and touches {touches} times.", "brace_pin", "wheel", 0.05, 0.45),
-    Machine("tool_changer", "Tool-changing robot", "With {clearance} of play in the wrist of a robot that carries 300 kg, its pin bears up to {force}.", "joint5", "end", 0.1, 0.4),
-    Machine("ur5_play", "Arm of the UR5's layout", "With {clearance} of play in its elbow, the pin bears up to {force} in a move of 0.3 s.", "elbow", "tool"),
-    Machine("scara", "SCARA", "With {clearance} of play in each joint, the pin of the elbow bears up to {force} in a swing of 0.3 s.", "elbow", "spindle", 0.02),
-    Machine("five_bar", "Five-bar parallel robot", "The pin where the rods meet has {clearance} of play, touches {touches} times in 0.3 s and bears up to {force}.", "tip_pin", "tool", 0.05),
-    Machine("gripper", "Parallel gripper", "A jaw that holds a part with 60 N presses its pin, which has {clearance} of play, with up to {force}.", "left_pin", "left_tip", 0.02, 0.8),
-    Machine("bearing", "Rotor in a ball bearing", "An unbalanced rotor of 4 kg loads a bearing of group C3 with up to {force} at 3000 rpm.", "bearing", "shaft", 0.02),
-    Machine("disc_worn", "Worn disc", "A disc of 20 kg rests on a sleeve that is worn by some micrometres, with up to {force}.", "pin", "rim"),
-    Machine("hinge", "Squeaking hinge", "A dry hinge that turns at 0.3 rad/s squeaks at {frequency}: its friction falls with the slip.", "hinge", "edge", 0.1),
-)  # fmt: skip
+MACHINES = tuple(Machine(**one) for one in tomllib.loads(LIST.read_text(encoding="utf-8"))["machine"])
 
 
 def run(machine: Machine) -> xr.Dataset:
@@ -182,9 +169,9 @@ def front(path: Path = IMAGES / "front.gif") -> None:
 
 HEAD = """# Gallery: machines with play
 
-Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine, and beside it
-the pin in its sleeve, with the play magnified. The commands below a picture repeat the run; `clearance animate NAME.nc -o
-NAME.gif` makes a film of it. The fall of pins from the middle of their sleeves is left out of the numbers, where a
+Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine, and beside
+it the pin in its sleeve, with the play magnified. The commands below a picture repeat the run, and
+`clearance animate NAME.nc -o NAME.gif` makes a film of it. The fall of pins from the middle of their sleeves is left out of the numbers, where a
 machine does not start settled.
 
 *This page is written by `make gallery`, with the numbers of its runs.*

@@ -15,11 +15,12 @@ SCENE_HEAD = """# Scene files: every key
 A scene is a TOML file: bodies, joints, points, and how to solve. Quantities carry their unit in a string
 (`"0.1 mm"`, `"5000 rpm"`, `"2.487e6 N/mm^1.5"`); any unit of the right dimension is accepted, the tables give the SI
 one. A number without dimension is bare. A key that is not here is refused, with the nearest one that is.
-[Scenes](../scenes.md) builds a scene step by step; `clearance examples` lists more of them, and `clearance new NAME` writes one with comments.
+[Scenes](../scenes.md) builds a scene step by step; `clearance examples` lists more of them, and `clearance new NAME`
+writes one with comments.
 
 Editors with a TOML language server (Taplo, Even Better TOML) complete keys and check values by a JSON schema, which is
-part of the package. The first line of a file says where it is: `#:schema PATH`, relative to the file, or an address that
-begins with `file://`. Neither needs a network. `clearance examples` and `clearance new` write this line.
+part of the package. The first line of a file says where it is: `#:schema PATH`, relative to the file, or an address
+that begins with `file://`. Neither needs a network. `clearance examples` and `clearance new` write this line.
 
 *This page is generated from the reader's own declarations.*
 """

@@ -2,11 +2,11 @@
 
 The commands are those that the pages name in their first lines (`python -m experiments.batches --save`). They run one
 after another, each in a process of its own, and the time that each took goes to out/pages.md. A page that cannot be
-written here is passed over, with the reason: it needs a GPU, or a package that is not installed. A command that fails
-leaves what it has found, and the others go on.
+written here is passed over, with the reason: it needs a GPU, or a package that is not installed. A command that
+fails leaves what it has found, and the others go on.
 
-`--list` prints the commands, with the commit and the verdict of each page, and runs nothing. Names of pages as arguments
-run these alone.
+`--list` prints the commands, with the commit and the verdict of each page, and runs nothing. Names of pages as
+arguments run these alone.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """Runs the code that a page shows, as its reader would: in page order, in one folder that is empty at first.
 
-What runs: blocks of Python, in one namespace, and lines of `sh` that call `clearance`. Files that a page shows with their
-name in the first line (`# name.toml`) are written where they stand. A block's outcome is what it prints, what its last
-line is worth (as in a notebook), and the pictures that it draws or writes. The site (`outputs.py`) and the tests of
+What runs: blocks of Python, in one namespace, and lines of `sh` that call `clearance`. Files that a page shows with
+their name in the first line (`# name.toml`) are written where they stand. A block's outcome is what it prints, what its
+last line is worth (as in a notebook), and the pictures that it draws or writes. The site (`outputs.py`) and the tests of
 the pages use this one runner.
 """
 
@@ -96,7 +96,9 @@ def command(words: list[str]) -> str:
 
     result = CliRunner().invoke(app, words[1:], env={"COLUMNS": "110", "NO_COLOR": "1"})
     if result.exit_code:
-        raise RuntimeError(f"{shlex.join(words)} ended with code {result.exit_code}:\n{result.output}{result.exception!r}")
+        raise RuntimeError(
+            f"{shlex.join(words)} ended with code {result.exit_code}:\n{result.output}{result.exception!r}"
+        )
     return result.stdout
 
 

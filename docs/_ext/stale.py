@@ -63,7 +63,8 @@ def verdict(text: str) -> str:
         return ""
     commit = found[2] if found else old[1] if old else ""
     if _git("cat-file", "-e", f"{commit}^{{commit}}") is None:
-        return f"Whether the code of this page has changed since commit {commit} cannot be known here: git or the commit is not there."
+        known = "cannot be known here: git or the commit is not there."
+        return f"Whether the code of this page has changed since commit {commit} {known}"
     own = measured(found[1]) if found else frozenset()
     files = [LIBRARY, *(str(path.relative_to(ROOT)) for path in sorted(own))]
     since = (_git("log", "--format=%h %cs", f"{commit}..HEAD", "--", *files) or "").splitlines()
@@ -74,7 +75,8 @@ def verdict(text: str) -> str:
         newest, day = since[0].split()
         s = "s" if len(since) > 1 else ""
         parts.append(
-            f"The code that this page measures has changed since: {len(since)} commit{s}, the last one {newest} of {day}. "
+            f"The code that this page measures has changed since: {len(since)} commit{s}, the last one {newest} "
+            f"of {day}. "
             f"The figures are those of commit {commit}."
         )
     return " ".join(parts) or "The code that this page measures has not changed since."

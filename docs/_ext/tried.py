@@ -65,7 +65,11 @@ def _statements(text: str) -> Iterator[tuple[str, set[str]]]:
         _imports(tree, known)
         # A module that is a variable of the page: `design = cj.design`.
         for node in tree.body:
-            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and (value := _called(node.value)):
+            if (
+                isinstance(node, ast.Assign)
+                and isinstance(node.targets[0], ast.Name)
+                and (value := _called(node.value))
+            ):
                 known[node.targets[0].id] = value
         lines = block.text.splitlines()
         for node in tree.body:

@@ -151,7 +151,9 @@ def test_every_page_shows_what_its_code_gives(path):
     for block in runner.blocks(text):
         if block.language == "python":
             tree = ast.parse(block.text)
-            shows = any(isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print" for node in ast.walk(tree))
+            shows = any(
+                isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print" for node in ast.walk(tree)
+            )
             last = isinstance(tree.body[-1], ast.Expr)
             assert shows or last, f"{title(path)}: nothing is shown by\n{block.text}"
 
@@ -336,7 +338,11 @@ def test_bold_letters_are_characters_of_their_own():
     """MathML Core drops `mathvariant="bold"`, so nothing bold may depend on it."""
     made = mathml.converted(r"\mathbf e = \boldsymbol\omega \times \mathbf{t}_1 + \mathbf A\, q_x", "inline")
     assert "bold" not in made
-    for letter in ("\N{MATHEMATICAL BOLD SMALL E}", "\N{MATHEMATICAL BOLD ITALIC SMALL OMEGA}", "\N{MATHEMATICAL BOLD CAPITAL A}"):
+    for letter in (
+        "\N{MATHEMATICAL BOLD SMALL E}",
+        "\N{MATHEMATICAL BOLD ITALIC SMALL OMEGA}",
+        "\N{MATHEMATICAL BOLD CAPITAL A}",
+    ):
         assert letter in made
     assert "<mi>q</mi>" in made
     for path in PAGES:
@@ -410,7 +416,9 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(tmp_path)]
     built = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert built.returncode == 0, built.stderr[-2000:]
-    index = json.loads((tmp_path / "searchindex.js").read_text(encoding="utf-8").removeprefix("Search.setIndex(").rstrip(")\n"))
+    index = json.loads(
+        (tmp_path / "searchindex.js").read_text(encoding="utf-8").removeprefix("Search.setIndex(").rstrip(")\n")
+    )
     for word in (word for phrase in SYNONYMS for word in re.findall(r"\w+", phrase)):
         # The search of the site looks for the beginnings of words, without their endings.
         places = [term for term in {**index["terms"], **index["titleterms"]} if term.startswith(word.rstrip("es")[:5])]
