@@ -171,8 +171,8 @@ HEAD = """# Gallery: machines with play
 
 Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine, and beside
 it the pin in its sleeve, with the play magnified. The commands below a picture repeat the run, and
-`clearance animate NAME.nc -o NAME.gif` makes a film of it. The fall of pins from the middle of their sleeves is left out of the numbers, where a
-machine does not start settled.
+`clearance animate NAME.nc -o NAME.gif` makes a film of it. The fall of pins from the middle of their sleeves is left
+out of the numbers, where a machine does not start settled.
 
 *This page is written by `make gallery`, with the numbers of its runs.*
 """

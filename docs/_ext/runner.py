@@ -1,9 +1,9 @@
 """Runs the code that a page shows, as its reader would: in page order, in one folder that is empty at first.
 
 What runs: blocks of Python, in one namespace, and lines of `sh` that call `clearance`. Files that a page shows with
-their name in the first line (`# name.toml`) are written where they stand. A block's outcome is what it prints, what its
-last line is worth (as in a notebook), and the pictures that it draws or writes. The site (`outputs.py`) and the tests of
-the pages use this one runner.
+their name in the first line (`# name.toml`) are written where they stand. A block's outcome is what it prints, what
+its last line is worth (as in a notebook), and the pictures that it draws or writes. The site (`outputs.py`) and the
+tests of the pages use this one runner.
 """
 
 import ast
