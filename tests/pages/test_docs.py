@@ -379,6 +379,15 @@ def test_every_benchmark_page_has_a_title_and_a_command():
     assert stems - {"allocations", "derivatives"} <= set(known)
 
 
+def test_every_section_of_the_gallery_is_a_machine_of_its_list():
+    machines = tomllib.loads((DOCS / "gallery.toml").read_text(encoding="utf-8"))["machine"]
+    assert len(machines) >= 15
+    heads = re.findall(r"^## (.*)$", (DOCS / "gallery.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert heads == [machine["title"] for machine in machines if machine["title"] in heads]
+    for machine in machines:
+        assert machine["example"] in cj.examples.names()
+
+
 SYNONYMS = ("backlash", "lash", "slop", "free play", "bushing", "hysteresis", "monte carlo", "tolerance stack-up")
 
 
