@@ -23,7 +23,7 @@ DOCS = Path(__file__).parent
 LIST, PAGE, IMAGES = DOCS / "gallery.toml", DOCS / "gallery.md", DOCS / "images"
 WIDEST, COLOURS = 760, 48
 """Of a picture [pixels], and its number of colours."""
-FILM = 620
+FILM = 560
 """Of the film [pixels]."""
 LARGEST_RESIDUAL = 1e-4
 """A run with a larger energy residual is not shown."""
@@ -156,15 +156,15 @@ def front(path: Path = IMAGES / "front.gif") -> None:
     """The film of the front page: a revolution of the slider-crank, small enough to be kept with the source."""
     crank, revolution = cj.examples.slider_crank(), 0.012
     dataset = cj.to_dataset(crank, cj.trace(crank, 2 * revolution, rtol=1e-8, save_at=1001))
-    film = cj.animate(dataset, "wrist", span=(revolution, 2 * revolution), slowdown=300.0, fps=12.0)
+    film = cj.animate(dataset, "wrist", span=(revolution, 2 * revolution), slowdown=300.0, fps=7.0)
     with tempfile.TemporaryDirectory() as folder:
         whole = Image.open(film.save(Path(folder) / "whole.gif"))
         frames = []
         for image in ImageSequence.Iterator(whole):
             small = image.convert("RGB")
             small.thumbnail((FILM, FILM), Image.Resampling.LANCZOS)
-            frames.append(small.quantize(24, dither=Image.Dither.NONE))
-        frames[0].save(path, save_all=True, append_images=frames[1:], duration=83, loop=0, optimize=True)
+            frames.append(small.quantize(32, dither=Image.Dither.NONE))
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=143, loop=0, optimize=True)
 
 
 HEAD = """# Gallery: machines with play
