@@ -76,7 +76,7 @@ docs: .venv/installed reference
 reference: .venv/installed
 	$(BIN)/python docs/generate.py
 
-# What long pages show below their code, kept in docs/outputs; `PAGES="wear.md"` runs these alone.
+# What long pages show below their code, kept in docs/outputs; `PAGES="wear.md"` runs these alone, `PAGES=all` all pages.
 outputs: .venv/installed
 	$(BIN)/python docs/_ext/outputs.py $(PAGES)
 

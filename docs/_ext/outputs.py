@@ -126,6 +126,7 @@ def setup(app):
 if __name__ == "__main__":
     # `make outputs`: those that are kept run again, or the pages that are named; says the seconds that each took.
     wanted = [DOCS / name for name in sys.argv[1:]] or [page for page in pages() if place(page, KEPT).exists()]
+    wanted = pages() if sys.argv[1:] == ["all"] else wanted
     for one in wanted:
         wrong = run(one, KEPT)
         took = "" if wrong else f"{json.loads(place(one, KEPT).read_text(encoding='utf-8'))['seconds']} s"
