@@ -9,7 +9,7 @@ export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 # A file's tests share programs, and so stay in one process; the files that take longest begin.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test tests quick nightly account check style types wheel lowest docs reference pictures notebooks viewer clean
+.PHONY: demo test tests quick nightly account check style types wheel lowest docs reference outputs gallery pictures notebooks pages viewer clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -76,6 +76,13 @@ docs: .venv/installed reference
 reference: .venv/installed
 	$(BIN)/python docs/generate.py
 
+# What long pages show below their code, kept in docs/outputs; `PAGES="wear.md"` runs these alone, `PAGES=all` all pages.
+outputs: .venv/installed
+	$(BIN)/python docs/_ext/outputs.py $(PAGES)
+
+gallery: .venv/installed
+	$(BIN)/python docs/gallery.py
+
 pictures: .venv/installed
 	$(BIN)/python docs/pictures.py
 
@@ -85,6 +92,10 @@ notebooks: .venv/installed
 # The script of `clearance view`, from viewer/src and three.js: into clearance_jax/viewer/static. It needs node and npm.
 viewer:
 	cd viewer && npm ci --no-audit --no-fund && npm run build
+
+# Every benchmark page anew, one command after another: hours. out/pages.md has the time of each.
+pages: .venv/installed
+	$(BIN)/python -m experiments.pages
 
 # Compiled programs stay: the next clone needs them. `rm -r ~/.cache/clearance_jax` removes them.
 clean:

@@ -17,8 +17,8 @@ for notebook in (HERE.parent / "experiments" / "notebooks").glob("*.ipynb"):
 
 project = "clearance_jax"
 author = "the authors of clearance_jax"
-extensions = ["myst_nb", "mathml", "api"]
-exclude_patterns = ["_build", "_ext"]
+extensions = ["myst_nb", "mathml", "api", "outputs", "stale"]
+exclude_patterns = ["_build", "_ext", "_outputs", "outputs"]
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import clearance_jax as cj
+from experiments.titles import title
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "benchmarks"
@@ -84,10 +85,10 @@ def stem(name: str) -> str:
 
 def head_of(name: str, doc: str) -> str:
     """What stands above what an experiment finds, by its module's name and documentation."""
-    title = stem(name).replace("_", " ").capitalize().replace("Gpu", "GPU")
+    heading = title(stem(name))
     where = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     stamp = f"*Written by `python -m {name} --save` at commit {commit()}; {where}.*"
-    return "\n".join([f"# {title}\n", doc.strip() + "\n", stamp + "\n"])
+    return "\n".join([f"# {heading}\n", doc.strip() + "\n", stamp + "\n"])
 
 
 def command(main: Callable, doc: str | None, quick: str = "a tiny version of each") -> None:

@@ -20,6 +20,7 @@ from names import Name, addresses, defined_in, public_names, tables
 from sphinx.errors import ExtensionError
 from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.docutils import SphinxDirective
+from tried import example
 
 FOLDER, TABLES = "reference/names", "reference/python"
 CLASSES = {name.full: name for name in public_names() if name.kind == "class"}
@@ -36,7 +37,7 @@ def page(name: Name, table: str) -> str:
         if name.kind == "class" and (members := name.members()):
             lines.append(f"   :members: {', '.join(members)}")
     head = ["---", "orphan: true", "---", "", f"# `{name.short}`", "", f"In [](/{TABLES}/{table}).", ""]
-    return "\n".join([*head, "```{eval-rst}", *lines, "```", ""])
+    return "\n".join([*head, "```{eval-rst}", *lines, "```", "", *example(name)])
 
 
 def write_pages(app) -> None:

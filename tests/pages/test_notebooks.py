@@ -1,12 +1,20 @@
 """Every notebook runs from top to bottom, in its own folder and from the top; its own assertions are the test."""
 
+import importlib
 import re
+import sys
 from pathlib import Path
+from typing import Any
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
 from places import ROOT
+
+import clearance_jax as cj
+
+sys.path.append(str(ROOT / "docs"))
+execute_docs: Any = importlib.import_module("execute")
 
 NOTEBOOKS = sorted((ROOT / "experiments" / "notebooks").glob("*.ipynb"))
 
@@ -44,7 +52,7 @@ def test_notebook_finds_its_scenes_from_the_top(path, monkeypatch):
     """Its first cell, which reads them, without a kernel."""
     notebook = nbformat.read(path, as_version=4)
     first = next(cell.source for cell in notebook.cells if cell.cell_type == "code")
-    assert "cj.load" in first
+    assert "cj.examples" in first
     monkeypatch.chdir(ROOT)
     # What begins with % is IPython's.
     exec(compile(re.sub("(?m)^%", "#", first), path.stem, "exec"), {"__name__": "notebook"})
@@ -57,3 +65,21 @@ def test_notebook_is_published_with_its_outputs(path):
     assert pictures(notebook)
     assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")
     assert path.stat().st_size < 400_000
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_outputs_of_a_notebook_are_of_its_code(path):
+    notebook = nbformat.read(path, as_version=4)
+    assert notebook.metadata.get("outputs", {}).get("code") == execute_docs.code_key(notebook), "run `make notebooks`"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_takes_public_names_only(path):
+    """What it imports of the library is the library, or one of its public modules or names."""
+    for cell in nbformat.read(path, as_version=4).cells:
+        for module, names in re.findall(r"(?m)^from (clearance_jax[.\w]*) import (.*)$", cell.source):
+            home: Any = cj
+            for part in module.split(".")[1:]:
+                home = getattr(home, part)
+            assert all(name.split()[0] in home.__all__ for name in names.split(", ")), f"{module}: {names}"
+            assert module == "clearance_jax" or module.split(".")[1] in cj.__all__, module
