@@ -67,12 +67,12 @@ def simulate(
                 asked.check()
 
             result, solution = _solved(mechanism, end, solve, progress)
-            asked.until = asked.until * asked.heard  # an interruption from here on keeps nothing
+            if not asked.heard:
+                asked.until = ""  # an interruption from here on keeps nothing
             shown.update("observing", 0.0)
             told = {"scene": scene.text, "settings": " ".join([*(settings or []), *(clearance or [])])}
             told |= {"trajectory": "" if lead is None else str(lead.path), "solve": repr({"t1": end, **options})}
-            ideal = None if result.message else _ideal_motion(mechanism, solution, solve)
-            dataset = _observed(mechanism, result, ideal, shown, told)
+            dataset = _observed(mechanism, (result, solution), solve, shown, told)
     _report(mechanism, result, solution, dataset)
     _warn(mechanism, solution, dataset)
     _answer(mechanism, result, solution, dataset, end, options)
@@ -81,10 +81,12 @@ def simulate(
         raise Exit(130 if result.message == "interrupted" else 1)
 
 
-def _observed(mechanism: Any, result: Any, ideal: Any, shown: ProgressDisplay, told: dict[str, str]) -> Any:
+def _observed(mechanism: Any, solved: tuple, solve: dict[str, Any], shown: ProgressDisplay, told: dict) -> Any:
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.episodes import ContactWarning
 
+    result, solution = solved
+    ideal = None if result.message else _ideal_motion(mechanism, solution, solve)
     with common.aloud(ContactWarning):
         return to_dataset(mechanism, result, ideal=ideal, progress=lambda part: shown.update(part=part), **told)
 

@@ -32,9 +32,9 @@ from clearance_jax.results.play import JointPlay, require_joint
 MOVIES = (".gif", ".mp4")
 FPS, DPI = 20.0, 80
 STYLE = LOOK | {"axes.grid": False}
-# Colours of a GIF (of 256 the last marks pixels that do not change, which makes the file smaller); the number of frames
-# from which they are chosen.
-COLOURS, LOOKED_AT = 255, 10
+# Colours of a GIF (of 256 the last marks pixels that do not change, which makes the file smaller), those of them chosen
+# because they are frequent, and the number of frames from which they are chosen.
+COLOURS, FREQUENT, LOOKED_AT = 255, 192, 10
 _BITS = np.array([1 << 16, 1 << 8, 1])
 # Default length of a film [s]. It is slowed by a round factor that makes it no longer.
 LASTS = 10.0
@@ -54,12 +54,18 @@ def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> N
 
 
 def _palette(frames: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """The most frequent colours: areas keep theirs, blurred edges get the nearest one."""
+    """The most frequent colours, so that areas keep theirs; of those on blurred edges the ones farthest from all."""
     seen = np.concatenate([colours for colours, _ in frames])
     counts = np.concatenate([np.bincount(which.ravel()) for _, which in frames])
     colours, which = np.unique(seen, return_inverse=True)
     totals = np.bincount(which, counts)
-    return _parts(colours[np.argsort(-totals, kind="stable")[:COLOURS]])
+    every = _parts(colours)
+    chosen = list(np.argsort(-totals, kind="stable")[:FREQUENT])
+    away = np.asarray(KDTree(every[chosen]).query(every)[0])
+    while len(chosen) < min(COLOURS, len(colours)):
+        chosen.append(np.argmax(away))
+        away = np.minimum(away, np.linalg.norm(every - every[chosen[-1]], axis=1))
+    return every[chosen]
 
 
 def _paint(colours: np.ndarray, which: np.ndarray, palette: np.ndarray) -> Image.Image:

@@ -94,7 +94,7 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
             # One joint's shares of the time stand in the legend; of several they would not be the same.
             label = words if len(joints) > 1 else with_share(words, bearing.share(chosen))
             bars = factor * np.stack([bearing.begin, bearing.end - bearing.begin], axis=1)[chosen]
-            low = row + TALL / 2 - (0.0 if words == FACES[0] else height)
+            low = row + TALL / 2 - (0.0 if words == FACES[0] else float(height))
             known = None if label in labelled else label
             axis.broken_barh(bars, (low, height), facecolors=colour, lw=0, label=known)
             labelled.add(label)

@@ -16,7 +16,7 @@ from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.episodes import ContactWarning, doubt, restitutions
 from clearance_jax.results.first_fall import first_falls_over
-from clearance_jax.results.ideal import ideal_places, position_errors
+from clearance_jax.results.ideal import against_ideal
 from clearance_jax.results.peaks import of_points, peaks
 from clearance_jax.results.places import mark_labels
 from clearance_jax.results.play import outline_attributes
@@ -130,11 +130,8 @@ def to_dataset(
             rest(1.0)
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
-    of_ideal = ideal_places(mechanism, time, y, ideal)
-    if of_ideal.at is not None:
-        seen["ideal_mark_position"] = of_ideal.at
-        if mechanism.points:
-            seen["position_error"] = position_errors(mechanism, seen["position"], of_ideal.at)
+    errors, unknown = against_ideal(mechanism, time, y, seen, ideal)
+    seen |= errors
     labelled = labels(mechanism) | mark_labels(mechanism)
     after = extremes.pop("after", None)
     data = _variables("time", seen, VARIABLES, labelled) | _variables("step", steps, STEPS, labelled)
@@ -150,8 +147,7 @@ def to_dataset(
     attrs |= {"energy_residual": float(solved.energy_residual)}
     attrs |= _numbers(mechanism)
     validity = "" if solved.validity is None else str(solved.validity)
-    more = {"notes": "; ".join(mechanism.notes), "start": solved.rests, "validity": validity}
-    more |= {"ideal": of_ideal.reason}
+    more = {"notes": "; ".join(mechanism.notes), "start": solved.rests, "validity": validity, "ideal": unknown}
     return xr.Dataset(data, coords, attrs | {name: text for name, text in more.items() if text} | provenance)
 
 

@@ -1,6 +1,6 @@
 """Where the ideal mechanism has its marks while the actual one moves: what errors in a dataset refer to."""
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,37 +17,40 @@ FREE = (
 )
 
 
-class IdealPlaces(NamedTuple):
-    """Places `at` [m], (times, marks, axes), of marks on the ideal mechanism; `None`: not known, and `reason` why."""
+def against_ideal(
+    mechanism: Mechanism, time: np.ndarray, y: np.ndarray, seen: dict[str, Any], ideal: Solution | None
+) -> tuple[dict[str, np.ndarray], str]:
+    """The variables of a dataset that refer to the ideal mechanism, at the times [s] of states `y`; if there are none,
+    why.
 
-    at: np.ndarray | None
-    reason: str = ""
-
-
-def ideal_places(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, ideal: Solution | None) -> IdealPlaces:
-    """The places of all marks on the ideal mechanism at the times [s] of states `y`.
-
-    **Arguments:** `ideal`: the motion of `mechanism.ideal()` at these times, where it moves freely.
+    **Arguments:** `seen`: the other variables; `ideal`: the motion of `mechanism.ideal()` at these times, where it
+    moves freely.
 
     **Raises:** `ClearanceError` for an `ideal` at other times.
     """
+    at, reason = _places(mechanism, time, y, ideal)
+    if at is None:
+        return {}, reason
+    names = [mark.name for mark in marks(mechanism)]
+    out = {"ideal_mark_position": at}
+    if mechanism.points:
+        apart = seen["position"] - at[:, [names.index(point.name) for point in mechanism.points]]
+        out["position_error"] = np.linalg.norm(apart, axis=-1)
+    return out, ""
+
+
+def _places(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, ideal: Solution | None) -> tuple[Any, str]:
+    """The places of all marks on the ideal mechanism [m], (times, marks, axes); or `None`, and why."""
     if not mechanism.clearance_joints():
-        return IdealPlaces(None, "the mechanism is ideal itself")
+        return None, "the mechanism is ideal itself"
     if ideal is not None:
         if np.shape(ideal.time) != time.shape or not np.array_equal(np.asarray(ideal.time), time):
-            raise ClearanceError("`ideal` has other times than the solution. Solve it with the same `save_at`.").about(
-                "ideal"
-            )
-        return IdealPlaces(blocks.in_blocks(blocks.mark_places, mechanism.ideal(), time, np.asarray(ideal.y)))
+            text = "`ideal` has other times than the solution. Solve it with the same `save_at`."
+            raise ClearanceError(text).about("ideal")
+        return blocks.in_blocks(blocks.mark_places, mechanism.ideal(), time, np.asarray(ideal.y)), ""
     try:
         if freedom(mechanism.ideal()) > 0:
-            return IdealPlaces(None, FREE)
+            return None, FREE
     except ClearanceError as error:
-        return IdealPlaces(None, str(error))
-    return IdealPlaces(blocks.in_blocks(blocks.ideal_mark_places, mechanism, time, y))
-
-
-def position_errors(mechanism: Mechanism, positions: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The distance [m], (times, points), of each named point from its place among the ideal marks `at`."""
-    names = [mark.name for mark in marks(mechanism)]
-    return np.linalg.norm(positions - at[:, [names.index(point.name) for point in mechanism.points]], axis=-1)
+        return None, str(error)
+    return blocks.in_blocks(blocks.ideal_mark_places, mechanism, time, y), ""

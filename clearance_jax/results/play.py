@@ -242,7 +242,7 @@ def loads_by_direction(dataset: xr.Dataset, joint: str) -> tuple[np.ndarray, np.
     """Times [s], contact forces [N] of a pin, and in which direction [rad] in the sleeve's axes it is deepest in the
     wall. **Raises** as `station_paths`.
     """
-    time, force = _series(dataset, joint, "contact_force")
+    time, force = series(dataset, joint, "contact_force")
     paths = station_paths(dataset, joint)
     deepest = np.argmax([path.penetration for path in paths], axis=0)
     x, y = np.stack([path.places for path in paths])[deepest, np.arange(len(time))].T
