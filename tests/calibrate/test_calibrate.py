@@ -511,7 +511,7 @@ PLAY, FRICTION = "hip.radial_clearance", "hip.friction.coefficient"
 
 def written(folder: Path, old: str = "", new: str = "", data: str = "") -> Path:
     """The study of the repository, changed."""
-    text = STUDY.read_text().replace("../scenes/arm.toml", str(SCENES / "arm.toml"))
+    text = STUDY.read_text().replace("../arm.toml", str(SCENES / "arm.toml"))
     assert old in text
     (folder / "arm_measured.csv").write_text(data or STUDY.with_name("arm_measured.csv").read_text())
     path = folder / "study.toml"

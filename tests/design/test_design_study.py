@@ -74,7 +74,7 @@ def test_a_study_is_the_problem_it_says(study):
     assert limit.metric.signal.point == "piston"
     np.testing.assert_allclose(problem.conditions["slow"]["drive.main.speed"], 100 * np.pi)
     np.testing.assert_allclose(problem.costs[0](2e-5), 5.0)
-    assert (problem.t1, problem.rtol, problem.solver) == (pytest.approx(1e-3), 1e-7, "tsit5")
+    assert (problem.t1, problem.rtol, problem.solver) == (pytest.approx(1e-3), 1e-7, "dopri8")
     assert problem.cost_unit == "EUR"
     assert loaded.solve == {"method": "slsqp"}
     assert loaded.verify == {"sweep": 3}
