@@ -5,10 +5,12 @@
 
 import json
 import re
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
 HERE = Path(__file__).parent / "reference"
+sys.path.insert(0, str(HERE.parent / "_ext"))
 
 SCENE_HEAD = """# Scene files: every key
 
@@ -65,7 +67,7 @@ def anchor(title: str) -> str:
 
 def keys_page(head: str, file: str) -> str:
     """Every table of one kind of file, each key a row; where a table has the keys of another one too, a link to it."""
-    from clearance_jax.io.keys.reference import reference
+    from key_reference import reference
 
     tables, parts = reference(), [head]
     home = {one.title: one.file for one in reversed(tables)}
@@ -99,7 +101,7 @@ def keys_page(head: str, file: str) -> str:
 
 def pages() -> dict[str, str]:
     """Every generated file by its name."""
-    from clearance_jax.io.keys.reference import schema
+    from key_reference import schema
 
     return {
         **{f"{file}.schema.json": json.dumps(schema(file), indent=1) + "\n" for file in ("scene", "study")},
@@ -110,7 +112,7 @@ def pages() -> dict[str, str]:
 
 def write() -> None:
     """Write every page that has changed."""
-    from clearance_jax.io.keys.reference import reference
+    from key_reference import reference
 
     HERE.mkdir(exist_ok=True)
     for file in ("scene", "study"):

@@ -1,16 +1,20 @@
 """What the fuzzer tries: shipped scenes and studies with a few things changed, trajectories, command lines on them."""
 
 import collections
+import importlib
 import random
+import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from clearance_jax.io.keys.reference import reference
 from tests.fuzz_trajectories import trajectory
 from tests.fuzz_urdf import urdf
 from tests.places import ROOT
+
+sys.path.append(str(ROOT / "docs" / "_ext"))  # for `python -m tests.fuzz`
+reference: Any = importlib.import_module("key_reference").reference
 
 SCENES = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
 STUDIES = sorted((ROOT / "optimize" / "studies").glob("*.toml"))

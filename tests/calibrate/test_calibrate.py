@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from key_reference import example
 from places import ROOT, refused
 from scipy import stats
 from typer.testing import CliRunner
@@ -22,7 +23,6 @@ from clearance_jax.calibrate.result import Minimum, doubts
 from clearance_jax.calibrate.run import search, settle, starts_of
 from clearance_jax.cli.main import app
 from clearance_jax.io.keys import study as calibrate_keys
-from clearance_jax.io.keys.reference import example
 from clearance_jax.solve.settings import settings_of
 
 search_module = importlib.import_module("clearance_jax.calibrate.run")

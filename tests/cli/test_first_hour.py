@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from key_reference import schema
 from places import ROOT, refused
 from typer.testing import CliRunner
 
@@ -17,7 +18,6 @@ import clearance_jax as cj
 from clearance_jax.cli.main import app
 from clearance_jax.cli.simulate import simulate
 from clearance_jax.examples import kinds
-from clearance_jax.io.keys.reference import schema
 from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS, STARTS
 
 EXAMPLES = ROOT / "clearance_jax" / "examples"

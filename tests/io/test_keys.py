@@ -7,6 +7,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from key_reference import example, reference, schema
 from places import ROOT, refused
 
 import clearance_jax as cj
@@ -19,7 +20,6 @@ from clearance_jax.io.keys import study as study_keys
 from clearance_jax.io.keys import wear as wear_keys
 from clearance_jax.io.keys.declare import Keys
 from clearance_jax.io.keys.kinds import Key
-from clearance_jax.io.keys.reference import example, reference, schema
 from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.io.study.study import load_study
 from clearance_jax.io.table import TomlTable

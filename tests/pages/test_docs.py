@@ -17,12 +17,12 @@ import jax
 import jax.numpy as jnp
 import pytest
 import typer
+from key_reference import reference
 from places import ROOT
 
 import clearance_jax as cj
 from clearance_jax.cli.examples import needed
 from clearance_jax.cli.main import UsageError, app
-from clearance_jax.io.keys.reference import reference
 from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.io.study.study import load_study
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, Geometry

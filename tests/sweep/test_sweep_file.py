@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from key_reference import example
 from places import ROOT, refused
 from typer.testing import CliRunner
 
@@ -14,7 +15,6 @@ import clearance_jax as cj
 from clearance_jax.cli.main import app
 from clearance_jax.io.keys import metric as metric_keys
 from clearance_jax.io.keys import study as study_keys
-from clearance_jax.io.keys.reference import example
 from clearance_jax.io.study.study import load_study
 
 SCENE = ROOT / "experiments/scenes/slider_crank.toml"

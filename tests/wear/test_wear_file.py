@@ -7,6 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from key_reference import example
 from places import SCENES, refused
 from typer.testing import CliRunner
 
@@ -16,7 +17,6 @@ from clearance_jax.cli.main import app
 from clearance_jax.io.keys import play as play_keys
 from clearance_jax.io.keys import study as study_keys
 from clearance_jax.io.keys import wear as wear_keys
-from clearance_jax.io.keys.reference import example
 from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.io.study.study import load_study
 from clearance_jax.io.study.wear import WearAsked
