@@ -230,7 +230,7 @@ def _spoiled(path: Path, rng: random.Random) -> bytes:
 def _with_scene(tree: dict[str, Any], path: Path) -> dict[str, Any]:
     """What a file says, with a study's scene found from wherever the study is put."""
     if "scene" in tree:
-        tree["scene"] = str((path.parent / tree["scene"]).resolve())
+        tree["scene"] = str((path.resolve().parent / tree["scene"]).resolve())
     return tree
 
 
