@@ -88,7 +88,9 @@ def test_workers_here_run_failed_lanes_again(tmp_path):
     path, axes = tmp_path / "a.zarr", {"wrist.radial_clearance": np.linspace(1e-4, 5e-4, 128)}
 
     def run(**options):
-        return cj.sweep(cj.load(SCENE), axes, {"end": "piston.position"}, 5e-4, rtol=1e-6, max_steps=82, **options)
+        return cj.sweep(
+            cj.load(SCENE), axes, {"end": "piston.position"}, 5e-4, rtol=1e-6, solver="tsit5", max_steps=82, **options
+        )
 
     def both(**options):
         return run(cores=1, again={"max_steps": 88}, **options)
