@@ -182,8 +182,8 @@ def doubt(joint: str, restitution: np.ndarray) -> str:
 
 
 def _powers(seen: StepEnds, spans: Spans, inside: Look) -> tuple[ContactPowers, np.ndarray]:
-    """The powers at the step ends, inside the first and last steps, and in the middle of an impact's other ones; and the
-    places of the step ends among them.
+    """The powers at the step ends, inside the first and last steps, and in the middle of an impact's other ones; and
+    the places of the step ends among them.
     """
     first, last = spans.first[spans.first > 0], spans.last[~spans.lasting]
     known, here = np.ones(seen.time.size, bool), np.arange(seen.time.size)
