@@ -22,12 +22,12 @@ class View:
     """A page that shows a motion. Make one with `cj.view`. A notebook shows it by itself.
 
     - `title`: of the page.
-    - `page`: its HTML.
+    - `html`: the whole page.
     - `fidelity`: how many samples it keeps, and how far lines between them are from all samples [m].
     """
 
-    def __init__(self, title: str, page: str, fidelity: Fidelity):
-        self.title, self.page, self.fidelity = title, page, fidelity
+    def __init__(self, title: str, html: str, fidelity: Fidelity):
+        self.title, self.html, self.fidelity = title, html, fidelity
 
     def save(self, path: str | Path) -> Path:
         """Write the page. It is written completely or not at all.
@@ -37,7 +37,7 @@ class View:
         path = Path(path)
         partial = path.with_name(f".partial.{path.name}")
         try:
-            partial.write_text(self.page, encoding="utf-8")
+            partial.write_text(self.html, encoding="utf-8")
             partial.replace(path)
         except OSError as error:
             raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another path.") from None
@@ -46,12 +46,12 @@ class View:
         return path
 
     def __repr__(self) -> str:
-        return f"View of {self.title}, {len(self.page) / 1e6:.2f} MB. {self.fidelity}"
+        return f"View of {self.title}, {len(self.html) / 1e6:.2f} MB. {self.fidelity}"
 
     def _repr_html_(self) -> str:
         style = f"width:100%;height:{HEIGHT}px;border:1px solid #dce2e8"
         title = html.escape(self.title)
-        return f'<iframe title="{title}" style="{style}" srcdoc="{html.escape(self.page)}"></iframe>'
+        return f'<iframe title="{title}" style="{style}" srcdoc="{html.escape(self.html)}"></iframe>'
 
 
 def view(
