@@ -287,7 +287,8 @@ def test_an_unknown_command_is_answered_with_those_there_are(monkeypatch, capsys
             main()
         assert ended.value.code == 2
         said = " ".join(capsys.readouterr().err.split())
-        assert f"{hint} Allowed: examples, new, check, simulate, run, info, plot, animate, view, cache (`run` does" in said
+        commands = "examples, new, check, simulate, run, info, plot, animate, view, cache"
+        assert f"{hint} Allowed: {commands} (`run` does" in said
 
 
 def test_play_that_rings_is_answered_with_what_damps_it(monkeypatch):
