@@ -31,6 +31,8 @@ class Overview(AbstractFigure):
 
     The error is that of each named point against the ideal mechanism. Of more than six joints with play it shows those
     with the largest forces. Without play it is `motion`.
+
+    **Arguments:** `dataset`, `narrow`: as `AbstractFigure.draw`.
     """
 
     name = "overview"
@@ -43,7 +45,10 @@ class Overview(AbstractFigure):
 
 
 class MotionFigure(AbstractFigure):
-    """Coordinates, speeds and accelerations of points, efforts of drives or reactions in joints, paths of points."""
+    """Coordinates, speeds and accelerations of points, efforts of drives or reactions in joints, paths of points.
+
+    **Arguments:** `dataset`, `narrow`: as `AbstractFigure.draw`.
+    """
 
     name = "motion"
 
@@ -73,6 +78,8 @@ class PolarLoad(AbstractFigure):
     """From which direction, how hard and how long each pin is loaded after the first fall.
 
     The direction is that from the middle of the sleeve to the deepest contact, in the axes of the sleeve.
+
+    **Arguments:** `dataset`, `narrow`: as `AbstractFigure.draw`.
     """
 
     name = "polar_load"
@@ -103,7 +110,10 @@ class SpectrumFigure(AbstractFigure):
 
 
 class EpisodesFigure(AbstractFigure):
-    """Impact speed, largest force and restitution of every contact episode over the time of its first touch."""
+    """Impact speed, largest force and restitution of every contact episode over the time of its first touch.
+
+    **Arguments:** `dataset`, `narrow`: as `AbstractFigure.draw`.
+    """
 
     name = "episodes"
 
