@@ -43,6 +43,13 @@ from .mechanism.body import Point as Point
 from .mechanism.body import Spring as Spring
 from .mechanism.body import Torque as Torque
 from .mechanism.body import Wrench as Wrench
+from .mechanism.couplings import Belt as Belt
+from .mechanism.couplings import Coupling as Coupling
+from .mechanism.couplings import Differential as Differential
+from .mechanism.couplings import Gear as Gear
+from .mechanism.couplings import Planetary as Planetary
+from .mechanism.couplings import Rack as Rack
+from .mechanism.couplings import Screw as Screw
 from .mechanism.imperfections import Compliance as Compliance
 from .mechanism.imperfections import with_compliance as with_compliance
 from .mechanism.imperfections import with_misalignment as with_misalignment

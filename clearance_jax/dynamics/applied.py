@@ -12,6 +12,7 @@ from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import frames, spring_state
 from clearance_jax.mechanism.actuators import AbstractActuator, is_instant
 from clearance_jax.mechanism.body import GROUND, Wrench
+from clearance_jax.mechanism.followers import fold, unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import Acting, State, effort_sources, layout, parts
 from clearance_jax.mechanism.tree.compounds import Ball
@@ -23,6 +24,7 @@ Measured = dict[str, tuple[Term, Term]]
 
 def measure(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measured:
     """Position and velocity of every coordinate that encoders can see."""
+    mechanism, state, *_ = unfold(mechanism, time, state)
     free = {part.coordinate.name: part for part in parts(mechanism)}
     out: Measured = {}
     for c in mechanism.coordinates():
@@ -36,6 +38,13 @@ def measure(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measure
 
 def exert(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
     """Efforts of actuators, controllers and dampers of balls, by free velocity."""
+    whole = unfold(mechanism, time, state)
+    efforts = exert_each(whole.mechanism, time, whole.state)
+    return fold(whole.weights, efforts, layout(mechanism).free) if whole.weights else efforts
+
+
+def exert_each(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
+    """`exert` of a mechanism without couplings."""
     efforts: list[Term] = [0.0] * layout(mechanism).free
     for part in parts(mechanism):
         motion = part.coordinate.motion

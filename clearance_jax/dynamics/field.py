@@ -4,7 +4,7 @@ It reads as the physics does: where everything is, what the joints exert, the eq
 laws' memories, the energy balance. The mechanism is an argument, so that no solve traces it again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -14,16 +14,18 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Rows, Scalar
 from clearance_jax._compile.solo import whole
-from clearance_jax.dynamics.applied import load_power
+from clearance_jax.dynamics.applied import exert_each, load_power
 from clearance_jax.dynamics.equations import Balance, balance
+from clearance_jax.dynamics.forms.coupled import CoupledFrames
 from clearance_jax.dynamics.forms.frames import Frames, rotors
 from clearance_jax.dynamics.kinematics import frames, relative_motions, spring_state
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
+from clearance_jax.mechanism.followers import relations_of, unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, parts, position_rates, vector
 from clearance_jax.mechanism.tree.compounds import Ball
-from clearance_jax.spatial import Term, plus, put, times, total
+from clearance_jax.spatial import Term, minus, plus, put, times, total
 
 # Quadratures beside the state. `absorbed_work` is what contacts and dampers take up; less the contacts' elastic energy
 # it is the damping loss. The loss itself is not integrated: its rate would contain the rate of the elastic energy, also
@@ -46,7 +48,7 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     absorbed: Term = total(action.absorbed_power for action in now.actions.values())
     friction: Term = total(action.friction_power for action in now.actions.values())
     # The joints' losses are part of the efforts, but not work.
-    damped, rubbed = joint_losses(mechanism, state)
+    damped, rubbed = joint_losses(mechanism, time, state)
     drive, absorbed, friction = plus(drive, plus(damped, rubbed)), plus(absorbed, damped), plus(friction, rubbed)
     for spring in mechanism.springs:
         absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
@@ -54,8 +56,9 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 
-def joint_losses(mechanism: PreparedMechanism, state: State) -> tuple[Term, Term]:
-    """Powers lost in damping and in friction of free coordinates [W]: of lossy actuators and of balls."""
+def joint_losses(mechanism: PreparedMechanism, time: Scalar, state: State) -> tuple[Term, Term]:
+    """Powers lost in damping and in friction of coordinates [W]: of lossy actuators and of balls."""
+    mechanism, state, *_ = unfold(mechanism, time, state)
     damped, rubbed = [], []
     for part in parts(mechanism):
         motion = part.coordinate.motion
@@ -68,10 +71,57 @@ def joint_losses(mechanism: PreparedMechanism, state: State) -> tuple[Term, Term
 
 
 def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:
-    """Driving force and speed of every prescribed coordinate."""
-    if all(coordinate.motion.is_free for coordinate in mechanism.coordinates()):
+    """Driving force and speed of every prescribed coordinate that follows no other."""
+    driven = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
+    if not driven:
         return []
-    return now.motion.drive_forces([*now.pairs, *now.closing], now.acceleration)
+    forces = dict(zip(driven, now.motion.drive_forces([*now.pairs, *now.closing], now.acceleration), strict=True))
+    if not mechanism.couplings:
+        return [*forces.values()]
+    needed = carrying_efforts(mechanism, now, forces)
+    for name, relation in relations_of(mechanism).items():
+        forces.pop(name, None)
+        for leader in relation.terms.keys() & forces.keys():
+            effort, speed = forces[leader]
+            forces[leader] = plus(effort, times(relation.terms[leader], needed[name])), speed
+    return [*forces.values()]
+
+
+def carrying_efforts(
+    mechanism: PreparedMechanism, now: Balance, forces: Mapping[str, tuple[Term, Term]], efforts: Sequence[Term] = ()
+) -> dict[str, Term]:
+    """By follower the effort that makes it follow, without that of what follows it; `forces`: of the prescribed
+    coordinates; `efforts`: of actuators on all others.
+    """
+    moved = [c.name for c in mechanism.moved_coordinates() for _ in c.velocities]
+    out = {
+        coupling.follower: forces[coupling.follower][0]
+        for coupling in mechanism.couplings
+        if coupling.follower in forces
+    }
+    if isinstance(now.motion, CoupledFrames) and len(out) < len(mechanism.couplings):
+        load = now.motion.whole_load([*now.pairs, *now.closing], now.acceleration)
+        for i in now.motion.followers:
+            out[moved[i]] = minus(0.0, plus(load[i], efforts[i] if efforts else 0.0))
+    return out
+
+
+def mesh_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> list[Term]:
+    """By coupling what it exerts on its follower, with what that passes on to its own followers [N m or N]."""
+    driven = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
+    pairs = [*now.pairs, *now.closing]
+    forces = dict(zip(driven, now.motion.drive_forces(pairs, now.acceleration), strict=True)) if driven else {}
+    whole = unfold(mechanism, time, state)
+    own = carrying_efforts(mechanism, now, forces, exert_each(whole.mechanism, time, whole.state))
+    done: dict[str, Term] = {}
+
+    def of(name: str) -> Term:
+        if name not in done:
+            passed = [times(dict(c.terms)[name], of(c.follower)) for c in mechanism.couplings if name in dict(c.terms)]
+            done[name] = plus(own[name], total(passed))
+        return done[name]
+
+    return [of(coupling.follower) for coupling in mechanism.couplings]
 
 
 class Energies(NamedTuple):
@@ -100,8 +150,9 @@ def energies(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Energies:
     state = layout(mechanism).split(y)
     motion = frames(mechanism, time, state)
     kinetic, potential = motion.energies()
-    for i, inertia in rotors(mechanism).items():
-        kinetic = plus(kinetic, 0.5 * inertia * state.v[i] ** 2)
+    whole = unfold(mechanism, time, state)
+    for i, inertia in rotors(whole.mechanism).items():
+        kinetic = plus(kinetic, 0.5 * inertia * whole.state.v[i] ** 2)
     springs: Term = 0.0
     for spring in mechanism.springs:
         springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)

@@ -10,6 +10,7 @@ from clearance_jax._basis.numerics import safe_sqrt, safe_unit
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax._compile.alike import stack_trees
 from clearance_jax._compile.barriers import share, with_barriers
+from clearance_jax.dynamics.forms.coupled import coupled
 from clearance_jax.dynamics.forms.frames import Extra, Frames
 from clearance_jax.dynamics.forms.table import TabledFrames
 from clearance_jax.dynamics.forms.written_out import write_out
@@ -23,6 +24,7 @@ from clearance_jax.dynamics.relative_motion import (
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Spring
+from clearance_jax.mechanism.followers import unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
@@ -44,8 +46,10 @@ from clearance_jax.spatial import (
 
 def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
     """Pose and motion of every body, in the form of the mechanism's equations."""
+    whole = unfold(mechanism, time, state)
     form = TabledFrames if mechanism.is_tabled else write_out
-    return form(mechanism, time, state)
+    tree = form(whole.mechanism, time, whole.state, whole.accelerations)
+    return coupled(mechanism, whole, tree) if whole.weights else tree
 
 
 Groups: TypeAlias = Sequence[int | Sequence[int]]
@@ -63,7 +67,9 @@ class PinMotion(NamedTuple):
 
 def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, PinMotion]:
     """Kinematics of every clearance joint: in the tree from its own coordinates, which keep a small play's digits."""
-    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state), mechanism.clearance_joints())
+    in_tree = tree_relative_motions(
+        mechanism, time, coordinate_values(mechanism, time, state), mechanism.clearance_joints()
+    )
     out = {}
     for joint in mechanism.clearance_joints():
         pin, rotation = pin_and_axes(joint, motion)
@@ -111,7 +117,9 @@ def relative_motions(
 ) -> list[Relative]:
     """The relative motion in every clearance joint; `motion`: the frames of all bodies, if they are known."""
     state = layout(mechanism).split(y)
-    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state), mechanism.clearance_joints())
+    in_tree = tree_relative_motions(
+        mechanism, time, coordinate_values(mechanism, time, state), mechanism.clearance_joints()
+    )
     loops = loop_plays(mechanism, time, state, motion)
     motions = {name: at.now for name, at in in_tree.items()} | {name: at.relative for name, (at, _) in loops.items()}
     return [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
@@ -137,7 +145,7 @@ def relative_accelerations(
     """The relative motion in every clearance joint and its rate, from a state and its slope; or of groups of them."""
     plan, joints = layout(mechanism), mechanism.clearance_joints()
     state, speeds = plan.split(y), tuple(slope[i] for i in range(plan.v.start, plan.v.stop))
-    values, loops = coordinate_values(mechanism, state, speeds), loop_plays(mechanism, time, state)
+    values, loops = coordinate_values(mechanism, time, state, speeds), loop_plays(mechanism, time, state)
     groups = range(len(joints)) if groups is None else groups
     in_tree = tree_relative_motions(mechanism, time, values, [joints[i] for i in groups if isinstance(i, int)])
 

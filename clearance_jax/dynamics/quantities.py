@@ -15,12 +15,14 @@ from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.shapes import TreeShape, tree_shape
+from clearance_jax.dynamics.applied import exert_each
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.field import BALANCE_TERMS, drive_forces, energies, read_balance
+from clearance_jax.dynamics.field import BALANCE_TERMS, drive_forces, energies, mesh_efforts, read_balance
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.laws._friction import speed_of
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
+from clearance_jax.mechanism.followers import unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, actuated_coordinates, layout, parts
 from clearance_jax.spatial import Vector, add, as_array, length_of, rotation_vector, scale
@@ -42,7 +44,11 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
         out["drive_force"] = as_array([effort for effort, _ in efforts])
     moved = actuated_coordinates(mechanism)
     if moved:
-        out["actuator_effort"] = as_array([now.efforts[part.v.start] for part in moved])
+        whole = unfold(mechanism, time, state)
+        every = exert_each(whole.mechanism, time, whole.state) if whole.weights else now.efforts
+        out["actuator_effort"] = as_array([every[part.v.start] for part in moved])
+    if mechanism.couplings:
+        out["torque"] = as_array(mesh_efforts(mechanism, time, state, now))
     energy = energies(time, y, mechanism)
     out |= {"kinetic_energy": energy.kinetic, "potential_energy": energy.potential, "elastic_energy": energy.elastic}
     if y.shape[0] > plan.size:
@@ -104,6 +110,7 @@ def point_motions(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array
 
 def coordinate_values(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Array]:
     """Position and velocity of every coordinate, prescribed ones too; of a ball its rotation vector and spin."""
+    mechanism, state, *_ = unfold(mechanism, time, state)
     free = iter(parts(mechanism))
     q, v = [], []
     for coordinate in mechanism.coordinates():
@@ -162,6 +169,7 @@ OBSERVED = {
     ),
     "drive_force": Variable(("drive",), "see drive_unit", "effort of a prescribed coordinate"),
     "actuator_effort": Variable(("actuated",), "see actuated_unit", "effort of actuators and controllers"),
+    "torque": Variable(("coupling",), "see coupling_unit", "what a coupling exerts on its follower"),
     "kinetic_energy": Variable((), "J", "kinetic energy"),
     "potential_energy": Variable((), "J", "potential energy of weight"),
     "elastic_energy": Variable((), "J", "elastic energy of contacts and springs"),
@@ -181,7 +189,9 @@ OF_COORDINATES = {"q": "position", "v": "velocity"}
 def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     """By name: a dimension and the labels of its entries."""
     coordinates = list(mechanism.coordinates())
-    driven = [c for c in coordinates if not c.motion.is_free]
+    followers = [coupling.follower for coupling in mechanism.couplings]
+    driven = [c for c in coordinates if not c.motion.is_free and c.name not in followers]
+    slides = {c.name for c in coordinates if c.slides is not None}
     moved = actuated_coordinates(mechanism)
     kinds = ["rad" if c.slides is None else "m" for c in coordinates for _ in c.velocities]
     return {
@@ -195,6 +205,8 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
         "any_joint": ("any_joint", [j.name for j in mechanism.all_joints()]),
         "drive": ("drive", [c.name for c in driven]),
         "drive_unit": ("drive", ["N m" if c.slides is None else "N" for c in driven]),
+        "coupling": ("coupling", [coupling.name for coupling in mechanism.couplings]),
+        "coupling_unit": ("coupling", ["N" if name in slides else "N m" for name in followers]),
         "actuated": ("actuated", [part.coordinate.name for part in moved]),
         "actuated_unit": ("actuated", ["N m" if part.coordinate.slides is None else "N" for part in moved]),
     }
@@ -260,7 +272,7 @@ def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, QuantityEntry]]
     for joint, names in plan.memories:
         for name in names:
             yield f"{joint}.{name}", QuantityEntry("state", (), "", plan.index(joint, name))
-    kinds = {c.name: "N m" if c.slides is None else "N" for c, *_ in parts(mechanism)}
+    kinds = {c.name: "N m" if c.slides is None else "N" for c in mechanism.moved_coordinates()}
     for holder, names in plan.efforts:
         for name in names:
             yield f"{holder}.{name}", QuantityEntry("state", (), kinds[name], plan.index(holder, name))

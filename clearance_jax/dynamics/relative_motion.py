@@ -11,11 +11,12 @@ from clearance_jax._compile.alike import results_together, side_by_side
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
+from clearance_jax.mechanism.followers import spread, unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.mechanism.tree.frame import Frame
 from clearance_jax.mechanism.tree.moved import FrameStep, Moved, Values, carry, steps
-from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
+from clearance_jax.spatial import Matrix, Term, Vector, is_zero, minus, plus, product
 
 
 class RelativeMotion(NamedTuple):
@@ -25,13 +26,23 @@ class RelativeMotion(NamedTuple):
     rate: Relative
 
 
-def coordinate_values(mechanism: PreparedMechanism, state: State, accelerations: Rows | None = None) -> Values:
-    """The motion of every free coordinate by name; without acceleration by default."""
-    out = {}
-    for c, q, v in parts(mechanism):
-        still = (0.0,) * (v.stop - v.start)
-        out[c.name] = Moved(v.start, state.q[q], state.v[v], still if accelerations is None else accelerations[v])
-    return out
+def coordinate_values(
+    mechanism: PreparedMechanism, time: Scalar, state: State, accelerations: Rows | None = None
+) -> Values:
+    """The motion of every coordinate that no drive prescribes, by name; free ones without acceleration by default."""
+    whole = unfold(mechanism, time, state)
+    if accelerations is None:
+        return moved_values(whole.mechanism, whole.state, whole.accelerations)
+    if not whole.weights:
+        return moved_values(mechanism, state, accelerations)
+    added = spread(whole.weights, accelerations)
+    rates = [plus(given, more) for given, more in zip(whole.accelerations, added, strict=True)]
+    return moved_values(whole.mechanism, whole.state, rates)
+
+
+def moved_values(mechanism: PreparedMechanism, state: State, accelerations: Sequence[Term]) -> Values:
+    """The motion of every free coordinate, by name, with these accelerations."""
+    return {c.name: Moved(v.start, state.q[q], state.v[v], tuple(accelerations[v])) for c, q, v in parts(mechanism)}
 
 
 def tree_relative_motions(

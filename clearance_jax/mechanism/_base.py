@@ -14,6 +14,7 @@ from clearance_jax.errors import unknown_name
 from clearance_jax.mechanism.actuators import instants
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController, Reference
+from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.form import Columns, EquationForm, columns_of, is_less_by_blocks
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree.coordinate import Coordinate
@@ -75,11 +76,19 @@ class AbstractMechanism(Parametrised):
     assemble: eqx.AbstractVar[bool]
     wrenches: eqx.AbstractVar[tuple[Wrench, ...]]
     controllers: eqx.AbstractVar[tuple[AbstractController, ...]]
+    couplings: eqx.AbstractVar[tuple[Coupling, ...]]
 
     def units_within(self, member):
-        if not isinstance(member, Reference):
+        if isinstance(member, Reference):
+            return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
+        if not isinstance(member, Coupling):
             return {}
-        return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
+        kinds = {c.name: "rad" if c.slides is None else "m" for c in self.coordinates()}
+        unit, out = kinds[member.follower], {}
+        for word, name in (("leader", member.leader), ("second", member.second)):
+            other = kinds.get(name or "", unit)
+            out[f"follower/{word}"] = "" if other == unit else f"{unit}/{other}"
+        return out | {"follower": unit}
 
     def coordinates(self) -> Iterator[Coordinate]:
         """Every elementary coordinate of the tree, in order; axes in those of its joint's sleeve."""
@@ -87,7 +96,12 @@ class AbstractMechanism(Parametrised):
             yield from joint.own_coordinates()
 
     def free_coordinates(self) -> tuple[Coordinate, ...]:
-        """The free coordinates, which are states."""
+        """The free coordinates that follow no other, which are states."""
+        followers = {coupling.follower for coupling in self.couplings}
+        return tuple(c for c in self.moved_coordinates() if c.name not in followers)
+
+    def moved_coordinates(self) -> tuple[Coordinate, ...]:
+        """The coordinates that no drive prescribes: states, and what follows them."""
         return tuple(c for c in self.coordinates() if c.motion.is_free)
 
     def clearance_joints(self) -> tuple[ClearanceJoint, ...]:
@@ -160,7 +174,7 @@ class AbstractMechanism(Parametrised):
     @property
     def form(self) -> EquationForm:
         """The form of its equations of motion."""
-        free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
+        free = sum(len(coordinate.velocities) for coordinate in self.moved_coordinates())
         conditions = sum(loop.joint_constraint().count for loop in self.closures())
         every = len(list(self.coordinates()))
         columns = self.columns.values()
@@ -199,7 +213,7 @@ def drive_breaks(mechanism: AbstractMechanism) -> Array:
 
 def sampling_periods(mechanism: AbstractMechanism) -> tuple[float, ...]:
     """The sampling periods [s]."""
-    periods = [actuator.sampling_period() for c in mechanism.free_coordinates() for actuator in c.motion.actuators]
+    periods = [actuator.sampling_period() for c in mechanism.moved_coordinates() for actuator in c.motion.actuators]
     periods += [controller.period for controller in mechanism.controllers]
     return tuple(sorted({period for period in periods if period is not None}))
 

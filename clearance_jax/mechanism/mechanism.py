@@ -11,6 +11,8 @@ from clearance_jax.joints.presets import PlayNumbers
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.couplings import Coupling
+from clearance_jax.mechanism.followers import mark_followers, with_followed_drives
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.structure import check_model, check_structure
@@ -32,7 +34,8 @@ class Mechanism(AbstractMechanism):
     - `joints`: the tree. Each joint places a body that no earlier joint has placed, parents first.
     - `loops`: joints between bodies that the tree has placed already. An ideal one is a constraint. One with clearance
       only exerts the forces of its contacts.
-    - `springs`, `points`, `wrenches` (external loads), `controllers`: further parts, as their classes say.
+    - `springs`, `points`, `wrenches` (external loads), `controllers`, `couplings` (gears and the like): further parts,
+      as their classes say.
     - `gravity`: acceleration of free fall [m/s^2].
     - `name`: what reports call the mechanism.
     - `notes`: what is to be known of it, for instance what in its file was not read; in sentences.
@@ -53,6 +56,10 @@ class Mechanism(AbstractMechanism):
     wrenches: tuple[Wrench, ...] = ()
     controllers: tuple[AbstractController, ...] = ()
     notes: tuple[str, ...] = eqx.field(static=True, default=())
+    couplings: tuple[Coupling, ...] = ()
+
+    def __post_init__(self):
+        self.joints = mark_followers(self)
 
     def __check_init__(self):
         check_structure(self)
@@ -111,16 +118,17 @@ class Mechanism(AbstractMechanism):
     def without_drives(self, names: Collection[str]) -> "Mechanism":
         """The same mechanism with the named coordinates free: without their drives and actuators.
 
-        **Raises:** `ClearanceError` for an unknown coordinate, and for one whose drive gives way: free its motor.
+        **Raises:** `ClearanceError` for an unknown coordinate, for one whose drive gives way (free its motor), and for
+        one that follows another (free that one).
         """
-        check_freed(self.all_joints(), names)
+        check_freed(self.all_joints(), names, {coupling.follower for coupling in self.couplings})
         return self._with_joints(lambda joint: with_drives(joint, dict.fromkeys(names)))
 
     def prepare(self) -> PreparedMechanism:
         """The mechanism as a solve uses it: a `PreparedMechanism`, with everything that depends on its numbers only."""
         ready = PreparedMechanism(
             self.bodies,
-            tuple(joint.prepare() for joint in self.joints),
+            tuple(joint.prepare() for joint in with_followed_drives(self)),
             tuple(loop.prepare() for loop in self.loops),
             self.springs,
             self.points,
@@ -128,6 +136,7 @@ class Mechanism(AbstractMechanism):
             self.assemble,
             tuple(wrench.prepare() for wrench in self.wrenches),
             tuple(c.prepare(self._model_of(c).prepare().without_sampling()) for c in self.controllers),
+            self.couplings,
         )
         return ready.as_table() if self.form.is_table else ready
 

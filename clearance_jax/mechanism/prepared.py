@@ -10,6 +10,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism._base import AbstractMechanism, sampling_periods
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree.links import ONCE, Links, links_of
 from clearance_jax.mechanism.tree.tree import AbstractJoint
@@ -35,6 +36,7 @@ class PreparedMechanism(AbstractMechanism):
     assemble: bool = eqx.field(static=True)
     wrenches: tuple[Wrench, ...]
     controllers: tuple[AbstractController, ...]
+    couplings: tuple[Coupling, ...] = ()
     chosen: Array | None = None
     links: Links | None = None
 

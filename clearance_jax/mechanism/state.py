@@ -3,7 +3,7 @@
 Positions and velocities are counted apart: an orientation in space has four numbers and three rates.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ class State(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """An actuator or a controller: its name, the free coordinates that it acts on, and its sampling period."""
+    """An actuator or a controller: its name, the coordinates that it acts on, and its sampling period."""
 
     name: str
     coordinates: tuple[str, ...]
@@ -44,7 +44,7 @@ def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
     """Everything that exerts efforts."""
     out = [
         Acting(f"{c.name}.actuator{i}", (c.name,), actuator)
-        for c in mechanism.free_coordinates()
+        for c in mechanism.moved_coordinates()
         for i, actuator in enumerate(c.motion.actuators)
     ]
     controlled = [Acting(c.name, tuple(r.name for r in c.references), c) for c in mechanism.controllers]
@@ -52,9 +52,9 @@ def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
 
 
 def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ...]":
-    """The free coordinates on which something exerts efforts."""
+    """The coordinates on which something exerts efforts, with their slices among all that no drive prescribes."""
     names = {name for source in effort_sources(mechanism) for name in source.coordinates}
-    return tuple(part for part in parts(mechanism) if part.coordinate.name in names)
+    return tuple(part for part in moved_parts(mechanism) if part.coordinate.name in names)
 
 
 class Layout(NamedTuple):
@@ -138,8 +138,17 @@ class StateSlices(NamedTuple):
 
 def parts(mechanism: AbstractMechanism) -> tuple[StateSlices, ...]:
     """Every free coordinate with its slices."""
+    return _slices(mechanism.free_coordinates())
+
+
+def moved_parts(mechanism: AbstractMechanism) -> tuple[StateSlices, ...]:
+    """Every coordinate that no drive prescribes, with its slices in an unfolded state (see `unfold`)."""
+    return _slices(mechanism.moved_coordinates())
+
+
+def _slices(coordinates: Iterable[Coordinate]) -> tuple[StateSlices, ...]:
     out, q, v = [], 0, 0
-    for c in mechanism.free_coordinates():
+    for c in coordinates:
         out.append(StateSlices(c, slice(q, q + len(c.positions)), slice(v, v + len(c.velocities))))
         q, v = out[-1].q.stop, out[-1].v.stop
     return tuple(out)

@@ -9,11 +9,13 @@ from jax.core import Tracer
 
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.mechanism.body import GROUND, Body, Spring
+from clearance_jax.mechanism.body import GROUND, Body, Motor, Spring
 from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.couplings import Coupling, Follows, check_couplings, leaders_of
 from clearance_jax.mechanism.placement import Inertia, Position
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic, Revolute
+from clearance_jax.mechanism.variants import gives_way
 
 RESERVED = (GROUND, "gravity", "drive", "target")
 # Degrees of freedom between two frames.
@@ -27,7 +29,8 @@ def check_structure(mechanism: AbstractMechanism) -> None:
     _check_tree(bodies, joints, loops)
     _check_attached(bodies, mechanism.springs, (*mechanism.points, *mechanism.wrenches))
     _check_payloads(bodies, joints)
-    _check_control(mechanism.controllers, tuple(mechanism.coordinates()))
+    _check_coupled(mechanism)
+    _check_control(mechanism.controllers, tuple(mechanism.coordinates()), mechanism.couplings)
     if not mechanism.is_plane:
         _check_tilting(bodies, joints)
         _check_loose(loops)
@@ -38,7 +41,12 @@ def _check_names(mechanism: AbstractMechanism) -> None:
     parts = (*mechanism.bodies, *mechanism.all_joints(), *mechanism.springs, *mechanism.points, *mechanism.wrenches)
     motors = [joint.motor for joint in mechanism.joints if isinstance(joint, Revolute | Prismatic)]
     seen: set[str] = set()
-    for part in (*parts, *mechanism.controllers, *(motor for motor in motors if motor is not None)):
+    for part in (
+        *parts,
+        *mechanism.couplings,
+        *mechanism.controllers,
+        *(motor for motor in motors if motor is not None),
+    ):
         if part.name in seen or part.name in RESERVED:
             raise ClearanceError(f"The name `{part.name}` is used twice or reserved. Rename one of the parts.")
         seen.add(part.name)
@@ -139,10 +147,28 @@ def _check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> 
             raise ClearanceError(f"`{body.name}.put_down` must be later than `{body.name}.picked_up`.")
 
 
-def _check_control(controllers: Sequence[AbstractController], coordinates: Sequence[Coordinate]) -> None:
+def _check_coupled(mechanism: AbstractMechanism) -> None:
+    """Raise where a coupling does not fit, or where an actuator acts on a follower that nothing can give way to."""
+    every = list(mechanism.coordinates())
+    motors = {c.name for c in every if isinstance(c.motion, Motor) or gives_way(c.motion)}
+    driven = {c.name for c in every if c.motion.drive is not None and not isinstance(c.motion.drive, Follows)}
+    known = {c.name: c.play is None and not c.is_ball for c in every}
+    check_couplings(mechanism.couplings, known, driven, motors)
+    for c in every:
+        roots = leaders_of(c.name, mechanism.couplings) if c.motion.actuators else ()
+        if driven.intersection(roots):
+            leader = min(driven.intersection(roots))
+            text = f"`{c.name}` follows the driven `{leader}`, so it takes no actuators, friction or springs."
+            raise ClearanceError(text)
+
+
+def _check_control(
+    controllers: Sequence[AbstractController], coordinates: Sequence[Coordinate], couplings: Sequence[Coupling]
+) -> None:
     """Raise where an actuator measures, or a controller commands, a coordinate that it cannot."""
     every = {c.name: c for c in coordinates if not c.is_ball}
-    free = {name for name, c in every.items() if c.motion.is_free and c.play is None}
+    followers = {coupling.follower for coupling in couplings}
+    free = {name for name, c in every.items() if c.motion.is_free and c.play is None and name not in followers}
     for c in every.values():
         if c.motion.actuators and not c.motion.is_free:
             raise ClearanceError(

@@ -63,10 +63,12 @@ def without_sampling(joint: AbstractJoint) -> AbstractJoint:
     return with_motions(joint, change)
 
 
-def check_freed(joints: Iterable[AbstractJoint], names: Collection[str]) -> None:
-    """Raise for an unknown coordinate and for one whose drive gives way."""
+def check_freed(joints: Iterable[AbstractJoint], names: Collection[str], followers: Collection[str]) -> None:
+    """Raise for an unknown coordinate, for one whose drive gives way, and for one that follows another."""
     known = drivable(joints)
     for name in names:
+        if name in followers:
+            raise ClearanceError(f"`{name}` follows another coordinate by a coupling. Free that one.").about(name)
         _check_driven(known, name, "be freed", "without drives its spring would be gone. Free")
 
 

@@ -1,5 +1,6 @@
 """Kinematics of the links of a table: a loop over them, starting at the ground."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -39,8 +40,8 @@ class Given(NamedTuple):
     spins: list[Array]
 
 
-def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State) -> Given:
-    """The motion of the links' coordinates, from drives and the state."""
+def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State, known: Sequence[Term]) -> Given:
+    """The motion of the links' coordinates, from drives and the state; `known`: accelerations of its velocities."""
     free = {part.coordinate.name: part for part in parts(mechanism)}
     moved, turned = [], {}
     for i, c in enumerate(plan.coordinates):
@@ -53,7 +54,7 @@ def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state:
             turned[i] = matrix(of_quaternion(w, x, y, z))
             spin = as_array(state.v[part.v])
         else:
-            q, v = state.q[part.q.start], state.v[part.v.start]
+            q, v, a = state.q[part.q.start], state.v[part.v.start], known[part.v.start]
         moved.append((q, v, a, spin))
     values, rates, accelerations, spins = (list(each) for each in zip(*moved, strict=True))
     return Given(values, rates, accelerations, turned, spins)
@@ -67,9 +68,9 @@ class Swept(NamedTuple):
     motions: Motions
 
 
-def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar, state: State) -> Swept:
-    """Pose and motion of all links."""
-    count, now = len(plan.coordinates), given_motion(mechanism, plan, time, state)
+def sweep(plan: Order, links: Links, now: Given) -> Swept:
+    """Pose and motion of all links, whose coordinates move as `given_motion` says."""
+    count = len(plan.coordinates)
     turning = np.array([float(c.turns is not None and not c.swings) for c in plan.coordinates])
     sliding = np.array([float(c.slides is not None) for c in plan.coordinates])
     q, v, a = as_array(now.values), as_array(now.rates), as_array(now.accelerations)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
-from clearance_jax.dynamics.forms.link_motion import sweep
+from clearance_jax.dynamics.forms.link_motion import given_motion, sweep
 from clearance_jax.dynamics.forms.recursion import Tree, factor_tree
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -84,13 +84,14 @@ class TabledFrames(Frames):
 
     is_solved_implicitly: ClassVar[bool] = False
 
-    def __init__(self, mechanism: PreparedMechanism, time: Scalar, state: State):
+    def __init__(self, mechanism: PreparedMechanism, time: Scalar, state: State, accelerations: Sequence[Term]):
         self.mechanism = mechanism
         self.plan: Order = order(mechanism.joints)
         self.masks: Masks = masks(self.plan)
         links = mechanism.links or links_of(mechanism.bodies, mechanism.joints)
         self.links = links
-        self.rates, local, self.motions = sweep(mechanism, self.plan, links, time, state)
+        given = given_motion(mechanism, self.plan, time, state, accelerations)
+        self.rates, local, self.motions = sweep(self.plan, links, given)
         self._frames: dict[str, tuple[Frame, ColumnArrays]] = {}
         carriers = np.array([self.plan.carriers[body.name] for body in mechanism.bodies])
         # The carrier of a body fixed to the ground is the ground, behind all links.

@@ -11,7 +11,7 @@ world's origin. Only free coordinates have rows; `drive_forces` projects the sam
 ones.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -32,7 +32,7 @@ from clearance_jax.dynamics.forms.articulated import (
 )
 from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
 from clearance_jax.dynamics.forms.inertia import BodyMotion, motion_of_body
-from clearance_jax.dynamics.relative_motion import coordinate_values
+from clearance_jax.dynamics.relative_motion import moved_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND, Body
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -279,9 +279,9 @@ class WrittenOut(Module, Frames):
         return sum(every, jnp.zeros(()))
 
 
-def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> WrittenOut:
-    """Pose and motion of every body: one sweep from the ground."""
-    values = coordinate_values(mechanism, state)
+def write_out(mechanism: PreparedMechanism, time: Scalar, state: State, accelerations: Sequence[Term]) -> WrittenOut:
+    """Pose and motion of every body: one sweep from the ground; `accelerations`: that are known."""
+    values = moved_values(mechanism, state, accelerations)
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
         frame = place(joint, out[joint.parent], time, values)

@@ -1,0 +1,269 @@
+"""Couplings: linear relations of joint coordinates, which gears, racks, screws, belts and differentials make.
+
+A coordinate follows one or two others: q = ratio * q_leader + second_ratio * q_second + offset. It is no state: place,
+velocity and acceleration follow exactly, so nothing drifts. Its inertia, and the forces on it, act on its leaders
+through the ratio. Angles are those of the joints, so each is relative to the body that carries the joint: on a carrier
+that turns, the relation of the wheels is that in the carrier's axes (Willis).
+"""
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+
+from clearance_jax._basis.types import Scalar
+from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
+from clearance_jax.parameters import Parametrised, describe, physical
+from clearance_jax.spatial import Term, plus, times
+
+# Of a preset: also a plain one.
+Number = float | int | Scalar
+# A wheel with fewer teeth cannot mesh.
+LEAST_TEETH = 5
+
+
+class Coupling(Parametrised):
+    """A coordinate that follows others: q_follower = ratio * q_leader + second_ratio * q_second + offset.
+
+    `Gear`, `Rack`, `Screw`, `Belt`, `Differential` and `Planetary` make couplings from what a drawing says.
+
+    **Arguments:**
+
+    - `name`: of the coupling. `NAME.torque` is what it exerts on the follower [N m], of a slide [N].
+    - `follower`, `leader`, `second`: names of coordinates of the tree. The follower has no drive. It may lead others.
+    - `ratio`, `second_ratio`: rates of the follower by those of its leaders, in [1], [m/rad] or [rad/m].
+    - `offset` [rad or m]: the follower's value where its leaders are zero.
+
+    **Raises:** `ClearanceError`, from the mechanism, for unknown coordinates, play, balls, a follower that a drive
+    prescribes, and circles.
+    """
+
+    name: str = eqx.field(static=True)
+    follower: str = describe("the coordinate that follows", '"wheel"', static=True)
+    leader: str = describe("the coordinate that it follows", '"pinion"', static=True)
+    ratio: Scalar = physical("follower/leader", "its rate by that of the leader", "-0.5")
+    offset: Scalar = physical("follower", "its value where its leaders are zero", '"10 deg"', default=0.0)
+    second: str | None = describe(
+        "another coordinate that it follows", '"ring"', "one leader", static=True, default=None
+    )
+    second_ratio: Scalar | None = physical(
+        "follower/second", "its rate by that of the second one", "0.7", "one leader", default=None
+    )
+
+    def __check_init__(self):
+        if (self.second is None) != (self.second_ratio is None):
+            text = f"Coupling `{self.name}` needs `second` and `second_ratio`, or neither of them."
+            raise ClearanceError(text).about(f"{self.name}.second_ratio")
+
+    @property
+    def terms(self) -> tuple[tuple[str, Scalar], ...]:
+        """Each leader with its ratio."""
+        first = (self.leader, self.ratio)
+        return (
+            (first,) if self.second is None or self.second_ratio is None else (first, (self.second, self.second_ratio))
+        )
+
+
+def _teeth(name: str, **counts: int) -> None:
+    for what, count in counts.items():
+        if isinstance(count, bool) or int(count) != count or count < LEAST_TEETH:
+            raise wrong_value(f"`{name}.{what}`", f"a whole number of at least {LEAST_TEETH}", count, name=what)
+
+
+def _positive(name: str, **numbers: float | int) -> None:
+    for what, number in numbers.items():
+        if not number > 0:
+            raise wrong_value(f"`{name}.{what}`", "greater than 0", number, name=what)
+
+
+def Gear(
+    name: str, follower: str, leader: str, teeth: Sequence[int], *, internal: bool = False, offset: Number = 0.0
+) -> Coupling:
+    """A pair of gears with parallel axes, or of bevel gears.
+
+    **Arguments:** `name`, `follower`, `leader`, `offset`: as in `Coupling`; `teeth`: numbers of teeth of the leader and
+    of the follower; `internal`: whether one of them is a ring with teeth inside. Such a pair turns the same way, any
+    other pair opposite ways. (Of bevel gears the sign depends on how their axes point: `internal` changes it.)
+
+    **Raises:** `ClearanceError` for fewer than 5 teeth.
+    """
+    first, second = teeth
+    _teeth(name, teeth=first)
+    _teeth(name, teeth=second)
+    return Coupling(name, follower, leader, (1 if internal else -1) * first / second, offset)
+
+
+def Rack(name: str, follower: str, leader: str, radius: Number, *, offset: Number = 0.0) -> Coupling:
+    """A rack, the slide `follower`, moved by a pinion: x = radius q.
+
+    **Arguments:** `name`, `follower`, `leader`, `offset` [m]: as in `Coupling`; `radius` [m]: pitch radius of the
+    pinion, module times teeth / 2; negative where the rack moves the other way.
+    """
+    return Coupling(name, follower, leader, radius, offset)
+
+
+def Screw(name: str, follower: str, leader: str, lead: Number, *, offset: Number = 0.0) -> Coupling:
+    """A screw: the slide `follower` moves by `lead` [m] a turn of the leader (negative: a left-hand thread)."""
+    return Coupling(name, follower, leader, lead / (2 * math.pi), offset)
+
+
+def Belt(
+    name: str, follower: str, leader: str, radii: Sequence[float | int], *, crossed: bool = False, offset: Number = 0.0
+) -> Coupling:
+    """A belt or a chain without slip.
+
+    **Arguments:** `name`, `follower`, `leader`, `offset`: as in `Coupling`; `radii`: of the leader's and of the
+    follower's pulley, or their numbers of teeth; `crossed`: whether the belt is, and turns the follower the other way.
+
+    **Raises:** `ClearanceError` for a radius that is not positive.
+    """
+    first, second = radii
+    _positive(name, radii=first)
+    _positive(name, radii=second)
+    return Coupling(name, follower, leader, (-1 if crossed else 1) * first / second, offset)
+
+
+def Differential(name: str, cage: str, left: str, right: str, *, follower: str | None = None) -> Coupling:
+    """A bevel differential: the cage turns by the mean of its side gears, whose angles are against the same body as the
+    cage's. `follower`: which of the three follows the others (default: the cage).
+
+    **Raises:** `ClearanceError` for a follower that is none of them.
+    """
+    return _solved(name, {cage: 1.0, left: -0.5, right: -0.5}, follower or cage)
+
+
+def Planetary(
+    name: str, sun: str, ring: str, carrier: str, teeth: Sequence[int], *, follower: str | None = None
+) -> Coupling:
+    """A planetary train by Willis' formula, with angles against the same body: q_sun + R q_ring = (1 + R) q_carrier,
+    R = z_ring / z_sun.
+
+    **Arguments:** `name`; `sun`, `ring`, `carrier`: names of coordinates; `teeth`: of the sun and of the ring;
+    `follower`: which of the three follows the others (default: the carrier). Planets are gears of their own, on the
+    carrier.
+
+    **Raises:** `ClearanceError` for fewer than 5 teeth, a ring not larger than the sun, and a follower that is none of
+    the three.
+    """
+    z_sun, z_ring = teeth
+    _teeth(name, teeth=z_sun)
+    _teeth(name, teeth=z_ring)
+    if z_ring <= z_sun:
+        raise wrong_value(f"`{name}.teeth`", "more on the ring than on the sun", list(teeth), name="teeth")
+    ratio = z_ring / z_sun
+    return _solved(name, {sun: 1.0, ring: ratio, carrier: -(1 + ratio)}, follower or carrier)
+
+
+def _solved(name: str, factors: Mapping[str, float], follower: str) -> Coupling:
+    """The coupling of sum k_i q_i = 0."""
+    if follower not in factors:
+        raise unknown_name(f"The follower of coupling `{name}` must be one of its own.", follower, factors)
+    (leader, ratio), (second, second_ratio) = (
+        (other, -factor / factors[follower]) for other, factor in factors.items() if other != follower
+    )
+    return Coupling(name, follower, leader, ratio, second=second, second_ratio=second_ratio)
+
+
+class Relation(NamedTuple):
+    """A follower's value by coordinates that follow none: the sum of `terms` (a factor by name) and an `offset`."""
+
+    terms: dict[str, Term]
+    offset: Term
+
+
+def relations(couplings: Sequence[Coupling], springs: Mapping[str, str]) -> dict[str, Relation]:
+    """By follower its relation; a link's angle is the sum of its motor's and its spring's (`springs`: motors of links
+    whose drive gives way).
+    """
+    by_name, out = {c.follower: c for c in couplings}, {}
+
+    def of(name: str) -> Relation:
+        if name not in by_name:
+            return Relation({name: 1.0} | ({springs[name]: 1.0} if name in springs else {}), 0.0)
+        if name not in out:
+            terms: dict[str, Term] = {}
+            offset: Term = by_name[name].offset
+            for leader, ratio in by_name[name].terms:
+                inner = of(leader)
+                offset = plus(offset, times(ratio, inner.offset))
+                for root, factor in inner.terms.items():
+                    terms[root] = plus(terms.get(root, 0.0), times(ratio, factor))
+            out[name] = Relation(terms, offset)
+        return out[name]
+
+    return {name: of(name) for name in by_name}
+
+
+class Following(AbstractMotionLaw):
+    """The motion of a follower whose leaders are all driven, by the couplings' numbers (`relations`)."""
+
+    factors: tuple[Term, ...]
+    laws: tuple[AbstractMotionLaw, ...]
+    offset: Term
+
+    def __call__(self, time):
+        whole: list[Term] = [self.offset, 0.0, 0.0]
+        for factor, law in zip(self.factors, self.laws, strict=True):
+            whole = [plus(term, times(factor, now)) for term, now in zip(whole, law(time), strict=True)]
+        return whole[0], whole[1], whole[2]
+
+
+class Follows(AbstractMotionLaw):
+    """Stands for the motion of a follower whose leaders are all driven: preparing the mechanism puts `Following` in its
+    place.
+    """
+
+    def __call__(self, time):
+        raise ClearanceError("A follower's motion is known where its mechanism is prepared.")
+
+
+def check_couplings(
+    couplings: Sequence[Coupling], known: Mapping[str, bool], driven: Collection[str], elastic: Collection[str]
+) -> None:
+    """Raise where couplings do not fit: names, circles, drives. `known`: every coordinate of the tree by name, and
+    whether it may be coupled (it is neither play nor a ball); `driven`: those that a drive prescribes; `elastic`: those
+    of a drive that gives way.
+    """
+    by_name: dict[str, Coupling] = {}
+    for coupling in couplings:
+        what = f"Coupling `{coupling.name}`"
+        for name in (coupling.follower, *(leader for leader, _ in coupling.terms)):
+            if name not in known:
+                allowed = [other for other, may in known.items() if may]
+                raise unknown_name(f"{what} names `{name}`, but the tree has no such coordinate.", name, allowed)
+            if not known[name]:
+                raise ClearanceError(f"{what} names `{name}`, which is play, or no single angle or length.").about(name)
+        if coupling.follower in by_name:
+            both = f"`{by_name[coupling.follower].name}` and `{coupling.name}`"
+            text = f"`{coupling.follower}` follows by the couplings {both}. Leave one of them."
+            raise ClearanceError(text).about(coupling.follower)
+        if coupling.follower in driven:
+            text = f"{what} moves `{coupling.follower}`, which has a drive too: leave one of them."
+            raise ClearanceError(text).about(coupling.follower)
+        if coupling.follower in elastic:
+            text = f"{what} moves `{coupling.follower}`, whose own drive gives way: leave one of them."
+            raise ClearanceError(text).about(coupling.follower)
+        by_name[coupling.follower] = coupling
+    for coupling in couplings:
+        for names in _ways(coupling.follower, by_name):
+            if names[-1] in names[:-1]:
+                circle = " follows ".join(f"`{name}`" for name in names[names.index(names[-1]) :])
+                text = f"Coupling `{coupling.name}` goes round in a circle: {circle}. Let one of them lead."
+                raise ClearanceError(text).about(coupling.follower)
+
+
+def _ways(name: str, by_name: Mapping[str, Coupling], before: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The ways from a follower to what leads it in the end, or to a name that was passed before."""
+    way = (*before, name)
+    if name in before or name not in by_name:
+        yield way
+        return
+    for leader, _ in by_name[name].terms:
+        yield from _ways(leader, by_name, way)
+
+
+def leaders_of(name: str, couplings: Sequence[Coupling]) -> set[str]:
+    """What a coordinate follows in the end; itself, if it follows nothing."""
+    return {way[-1] for way in _ways(name, {coupling.follower: coupling for coupling in couplings})}
