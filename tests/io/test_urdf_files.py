@@ -8,7 +8,7 @@ from clearance_jax.errors import LONGEST, ClearanceError
 from clearance_jax.io.urdf.bodies import mass_matrix, merge
 from clearance_jax.io.urdf.elements import read_xml
 from clearance_jax.io.urdf.file import read_urdf
-from clearance_jax.io.urdf.robot import rotation_of, rpy_of
+from clearance_jax.io.urdf.robot import Mimic, rotation_of, rpy_of
 from clearance_jax.mechanism.body import Limits
 from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO, hinge, link, robot
 from tests.urdf_reference import homogeneous, poses, pseudo_inertia, tree
@@ -90,6 +90,24 @@ def test_bad_files_are_refused_by_name(case, written):
     assert ARM.count(old) >= 1
     said = refused(written(ARM.replace(old, new, 1)), words)
     assert "line" in said or "robot" in said
+
+
+@pytest.mark.parametrize(
+    ("numbers", "expected"),
+    [
+        ("", Mimic("shoulder", 1.0, 0.0)),
+        ('multiplier="-2" offset="0.25"', Mimic("shoulder", -2.0, 0.25)),
+        ('multiplier="0"', Mimic("shoulder", 0.0, 0.0)),
+    ],
+)
+def test_what_a_joint_follows(written, numbers, expected):
+    _, robot = read_urdf(written(ARM.replace(AXIS, f'{AXIS}<mimic joint="shoulder" {numbers}/>')))
+    assert [joint.mimic for joint in robot.joints] == [None, expected, None]
+
+
+@pytest.mark.parametrize("number", ['multiplier="nan"', 'offset="1e999"', 'offset="two"', 'multiplier=""'])
+def test_what_a_joint_follows_is_finite(written, number):
+    refused(written(ARM.replace(AXIS, f'{AXIS}<mimic joint="shoulder" {number}/>')), f"`{number.split('=')[0]}` of")
 
 
 def test_joints_that_mimic_in_a_circle(written):

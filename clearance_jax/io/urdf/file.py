@@ -134,15 +134,14 @@ def _limits(element: xml.Element, kind: str, where: str) -> Limits | None:
     return Limits(lower, upper, *most)
 
 
-def _mimic(element: xml.Element, kind: str, where: str) -> str | None:
+def _mimic(element: xml.Element, kind: str, where: str) -> parts.Mimic | None:
     mimic = xml.only(element, "mimic", where)
     if mimic is None or kind == "fixed":  # who fixes a joint of a gripper often leaves its <mimic> there
         return None
     if kind not in parts.MAY_MIMIC:
         raise ClearanceError(f"{where} is {kind}: it has no single coordinate to follow another's. Remove <mimic>.")
-    for key in ("multiplier", "offset"):  # only checked: joints that follow others are not made yet
-        xml.number(mimic, key, where, 0.0)
-    return xml.text(mimic, "joint", where)
+    multiplier, offset = xml.number(mimic, "multiplier", where, 1.0), xml.number(mimic, "offset", where, 0.0)
+    return parts.Mimic(xml.text(mimic, "joint", where), multiplier, offset)
 
 
 # What dialects add ----------------------------------------------------------------------------------------------------

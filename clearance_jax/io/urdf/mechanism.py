@@ -83,10 +83,10 @@ def read_robot(
         for joint in robot.joints if mimic == "refuse" else ():
             if joint.mimic is not None:
                 raise ClearanceError(
-                    f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic}` (<mimic>), and such joints are "
-                    "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
-                    "joint."
-                ).about(joint.name, joint.mimic)
+                    f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic.joint}` (<mimic>), and such joints "
+                    "are not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix "
+                    "the joint."
+                ).about(joint.name, joint.mimic.joint)
         return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector))
 
 

@@ -46,9 +46,19 @@ class Link(NamedTuple):
     links: tuple[str, ...] = ()
 
 
+class Mimic(NamedTuple):
+    """What a joint's coordinate follows: that of the `joint` of this name, times the `multiplier` plus the `offset`
+    [rad or m]. With a multiplier of 0 it stays at the offset.
+    """
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
 class Joint(NamedTuple):
     """A joint, one of `KINDS`. Its frame is the child's; at zero this has the pose `xyz`, `rpy` in the parent's frame.
-    `axis`: a unit vector there; `mimic`: the joint that its coordinate follows; `damping` [N m s/rad or N s/m];
+    `axis`: a unit vector there; `mimic`: what its coordinate follows; `damping` [N m s/rad or N s/m];
     `friction` [N m or N]; `stiffness` of a spring [N m/rad or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or
     kg]: inertia of its motor, seen through its gears.
     """
@@ -61,7 +71,7 @@ class Joint(NamedTuple):
     rpy: Triple
     axis: Triple
     limits: Limits | None
-    mimic: str | None
+    mimic: Mimic | None
     damping: float
     friction: float
     line: int
@@ -226,10 +236,12 @@ def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
 
 def _check_mimics(joints: Mapping[str, Joint]) -> None:
     for joint in joints.values():
-        followed = joint.mimic
-        if followed is not None and followed not in joints:
+        if joint.mimic is None:
+            continue
+        followed = joint.mimic.joint
+        if followed not in joints:
             raise unknown_name(f"{_say(joint)} mimics `{followed}`, which is no joint.", followed, joints)
-        if followed is not None and joints[followed].kind not in MAY_MIMIC:
+        if joints[followed].kind not in MAY_MIMIC:
             raise ClearanceError(
                 f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
                 "follow. Name another joint."
@@ -237,7 +249,8 @@ def _check_mimics(joints: Mapping[str, Joint]) -> None:
     led: set[str] = set()  # by a joint that follows none
     for joint in joints.values():
         followers = [joint.name]
-        while followers[-1] not in led and (leader := joints[followers[-1]].mimic) is not None:
+        while followers[-1] not in led and (mimic := joints[followers[-1]].mimic) is not None:
+            leader = mimic.joint
             if leader in followers and len(followers) == 1:
                 raise ClearanceError(f"{_say(joint)} mimics itself. Name another joint, or remove <mimic>.")
             if leader in followers:
