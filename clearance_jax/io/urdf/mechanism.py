@@ -16,13 +16,14 @@ from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Link, Robot, Triple, is_identity, rpy_of, triple
 from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point
+from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Gravity, Inertia, Orientation, Position, as_axis
 from clearance_jax.mechanism.tree.compounds import Ball, Free, Planar
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
 
 BASES = ("fixed", "free")
-MIMICS = ("refuse", "independent")
+MIMICS = ("follow", "independent")
 EARTH = (0.0, 0.0, -9.81)
 
 
@@ -32,7 +33,7 @@ def load_urdf(
     base: str = "fixed",
     gravity: Any = EARTH,
     end_effector: str | Sequence[str] | None = None,
-    mimic: str = "refuse",
+    mimic: str = "follow",
 ) -> Mechanism:
     """The mechanism of a robot's URDF file.
 
@@ -48,8 +49,8 @@ def load_urdf(
     - `gravity` [m/s^2], three numbers: along the axes of the root link as it is at the start.
     - `end_effector`: a link, or several, whose frames become points of the mechanism, under the name of the link (if a
       body has this name, `NAME_frame`). By default every link at the end of a limb.
-    - `mimic`: "refuse": a file with joints that follow another one is refused. "independent": each of them moves by
-      itself.
+    - `mimic`: "follow": a joint with `<mimic>` follows the other one, by a coupling `NAME_mimic`. "independent": it
+      moves by itself.
 
     **Raises:** `ClearanceError` naming the file, the line, the element and the fix, for whatever is wrong or missing.
 
@@ -71,7 +72,7 @@ def warn_of_notes(path: str | Path, mechanism: Mechanism) -> None:
 
 
 def read_robot(
-    path: str | Path, base: str = "fixed", gravity: Any = EARTH, end_effector: Any = None, mimic: str = "refuse"
+    path: str | Path, base: str = "fixed", gravity: Any = EARTH, end_effector: Any = None, mimic: str = "follow"
 ) -> tuple[str, Mechanism]:
     """As `load_urdf`, with the file's text."""
     for name, word, allowed in (("base", base, BASES), ("mimic", mimic, MIMICS)):
@@ -80,13 +81,8 @@ def read_robot(
     text, robot = read_urdf(path)
     with naming(f"`{path}`"), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a robot is loaded inside a jitted function.
-        for joint in robot.joints if mimic == "refuse" else ():
-            if joint.mimic is not None:
-                raise ClearanceError(
-                    f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic.joint}` (<mimic>), and such joints "
-                    "are not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix "
-                    "the joint."
-                ).about(joint.name, joint.mimic.joint)
+        if mimic == "independent":
+            robot = robot._replace(joints=tuple(joint._replace(mimic=None) for joint in robot.joints))
         return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector))
 
 
@@ -139,12 +135,18 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     named = unique_names((joint.name for joint in joints), "joint", taken)
     points = unique_names(_ends(robot, whole, free) if asked is None else asked, "frame", taken)
     frames = {name: whole.frames[link] for link, name in points.items()}
+    followers = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
+    couplings = unique_names((f"{named[name]}_mimic" for name in followers), "coupling", taken)
     return Mechanism(
         tuple(_body(body, bodies[name]) for name, body in moving.items()),
         tuple(joint_of(joint, named[joint.name], bodies[joint.parent], bodies[joint.child]) for joint in joints),
         points=tuple(Point(name, bodies[on], *place_of(pose)) for name, (on, pose) in frames.items()),
         gravity=gravity,
         name=robot.name,
+        couplings=tuple(
+            Coupling(name, named[follower], named[mimic.joint], mimic.multiplier, mimic.offset)
+            for name, (follower, mimic) in zip(couplings.values(), followers.items(), strict=True)
+        ),
         notes=(f"not read: {', '.join(robot.unread)}",) if robot.unread else (),
     )
 
