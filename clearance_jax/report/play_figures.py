@@ -130,13 +130,6 @@ def _draw_orbits(figure: Any, paths: list[pins.PinPath], row: int) -> None:
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
-def pin_path(axis: Any, dataset: xr.Dataset, joint: str) -> None:
-    """The pin centre's path inside the clearance circle, with colours and markers by contact state."""
-    draw_states(axis, dataset, joint, shares=True)
-    axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
-    legend_below(axis, 2, fontsize=8)
-
-
 def draw_states(axis: Any, dataset: xr.Dataset, joint: str, shares: bool) -> None:
     """Draw a pin's path; `shares`: label the states with their fractions of the time."""
     path = pins.middle_path(dataset, joint)
