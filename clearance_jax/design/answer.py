@@ -131,12 +131,12 @@ class Design:
             raise ClearanceError(f"There is no feasible design to verify: {self.lack}.")
         if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
             raise ClearanceError("Of chosen classes neither other starts nor prices are looked for: leave these out.")
-        least = None
-        if self.classes is not None:
-            least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
-        certificate = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
-        optimality = "" if self.classes is None else self.classes.optimality
-        return dataclasses.replace(certificate, optimality=optimality)
+        asked = self.specification, self.method, self.evaluation
+        if self.classes is None:
+            return certify(*asked, place=place, **options)
+        least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
+        certificate = certify(*asked, least=least, place=place, **options)
+        return dataclasses.replace(certificate, optimality=self.classes.optimality)
 
     @property
     def mechanism(self) -> Mechanism:

@@ -4,7 +4,6 @@ A limit that must hold while a joint wears needs many motions one after another.
 this process.
 """
 
-import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -58,10 +57,6 @@ class Simulations:
 
     def sizes(self) -> list[int]:
         """The number of values of each metric."""
-        return self._sizes
-
-    @functools.cached_property
-    def _sizes(self) -> list[int]:
         questions = (Question(self.mechanism, {"": m.base_metric}, self.t1, self.solve) for m in self.metrics)
         counts = [int(np.prod(shapes_of(question, ()).values[""].shape)) for question in questions]
         return [count * len(self._aged[i].cycles) if i in self._aged else count for i, count in enumerate(counts)]
