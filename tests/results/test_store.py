@@ -9,13 +9,19 @@ from clearance_jax.results.store import load_dataset, save, whole_file
 pytestmark = pytest.mark.quick
 
 
+def write(path, text, error=None, *words):
+    with whole_file(path, *words) as partial:
+        partial.write_text(text)
+        if error is not None:
+            raise error
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError])
 def test_what_is_not_finished_leaves_the_old_file(tmp_path, error):
     path = tmp_path / "result.txt"
-    path.write_text("old")
-    with pytest.raises(error), whole_file(path) as partial:
-        partial.write_text("new, but half")
-        raise error
+    write(path, "old")
+    with pytest.raises(error):
+        write(path, "new, but half", error)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -33,11 +39,8 @@ def test_a_dataset_whose_writing_is_interrupted_leaves_nothing(tmp_path, monkeyp
 
 def test_a_path_below_a_file_is_refused_in_words(tmp_path):
     (tmp_path / "file").write_text("")
-    with (
-        pytest.raises(ClearanceError) as error,
-        whole_file(tmp_path / "file" / "page.html", "the report ", "Take another") as partial,
-    ):
-        partial.write_text("page")
+    with pytest.raises(ClearanceError) as error:
+        write(tmp_path / "file" / "page.html", "page", None, "the report ", "Take another")
     assert str(error.value).startswith("Cannot write the report `")
     assert str(error.value).endswith("Not a directory. Take another.")
 
