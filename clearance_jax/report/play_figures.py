@@ -9,33 +9,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report import style
 from clearance_jax.report.panels import flights, heading, time_axis
-from clearance_jax.report.style import (
-    BLUE,
-    GREEN,
-    NARROW,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    STYLED,
-    fit,
-    legend_below,
-    panel_grid,
-)
+from clearance_jax.report.style import NARROW, STYLED, fit, legend_below, panel_grid
 from clearance_jax.results import play as pins
 from clearance_jax.results.places import names_of
 
 # Words, colour and marker of the states of a path.
-STATES = (("free", SKY, ""), ("contact", GREEN, "o"), ("impact", RED, "^"))
-BEARING = {0: ("apart", SKY, ""), 1: ("bears here", RED, "o")}
+STATES = (("free", style.SKY, ""), ("contact", style.GREEN, "o"), ("impact", style.RED, "^"))
+BEARING = {0: ("apart", style.SKY, ""), 1: ("bears here", style.RED, "o")}
 # Words, colours and heights (as parts of a joint's row) of the bars of contact patterns, faces apart. A joint without
 # edges has only the first and `TOUCHING`. Heights are for those who do not see the colours.
-PATTERNS = ("apart", "0.8", 0.12), ("at one edge", ORANGE, 0.3), ("along a line", GREEN, 0.45)
+PATTERNS = ("apart", "0.8", 0.12), ("at one edge", style.ORANGE, 0.3), ("along a line", style.GREEN, 0.45)
 TALL = 0.6
-PATTERNS += (("at two opposite edges", RED, TALL),)
-TOUCHING = ("in contact", BLUE, TALL)
-FACES = ("on a face", PURPLE, 0.16)
+PATTERNS += (("at two opposite edges", style.RED, TALL),)
+TOUCHING = ("in contact", style.BLUE, TALL)
+FACES = ("on a face", style.PURPLE, 0.16)
 # Most orbits in a row, on a narrow screen; the least share of the time that is shown as a number.
 ROW, FEW, TOLD = 4, 2, 0.005
 # Most joints whose paths are shown: those with the largest forces.
