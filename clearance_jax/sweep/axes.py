@@ -311,10 +311,8 @@ def sobol_samples(scatter: Mapping[str, Any], count: int, seed: int = 0) -> dict
         check_scatter(name, law)
     width = len(scatter)
     unit = sample_points("sobol", 2 * width, count, seed)
-    halves = unit[:, :width], unit[:, width:]
-    ours, others = (
-        np.stack([law.ppf(x) for law, x in zip(scatter.values(), half.T, strict=True)], 1) for half in halves
-    )
+    laws, halves = scatter.values(), (unit[:, :width], unit[:, width:])
+    ours, others = (np.stack([law.ppf(x) for law, x in zip(laws, half.T, strict=True)], 1) for half in halves)
     mixed = [np.where(np.arange(width) == i, others, ours) for i in range(width)]
     every = np.concatenate([ours, others, *mixed])
     return {name: every[:, i] for i, name in enumerate(scatter)}
