@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.answers import SolvePlace, place_of
+from clearance_jax.ask.answers import place_of
 from clearance_jax.design.asked.classes import ChosenClasses, least_ends
 from clearance_jax.design.asked.specification import Specification
 from clearance_jax.design.judge.verify import Certificate, certify, judge_of, moved_inside
@@ -126,7 +126,7 @@ class Design:
             design = self.with_note(moved, evaluation=point, method=method)
             return design, design._certificate(place, fresh=fresh, **options)
 
-    def _certificate(self, place: SolvePlace, **options: Any) -> Certificate:
+    def _certificate(self, place: Any, **options: Any) -> Certificate:
         if not self.feasible:
             raise ClearanceError(f"There is no feasible design to verify: {self.lack}.")
         if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
