@@ -64,7 +64,7 @@ def _program(specification: Specification, simulations: Simulations, **options: 
         # A program with derivatives is compiled once gradients were asked for. With few variables it then also gives
         # values: to compile another one for values alone would cost more than it saves.
         gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
-        return _point(specification, x, *simulations.together(specification.values(x), scenarios, gradient))
+        return _evaluate(specification, x, gradient, scenarios, simulations)
 
     def several(points):
         # One batch: every point is a scenario of the first one, with factors on its variables.
@@ -77,7 +77,7 @@ def _program(specification: Specification, simulations: Simulations, **options: 
     drawn = dataclasses.replace(specification, manufacture=specification.manufacture.without_margin)
 
     def fresh(x, samples, seed):
-        return _point(drawn, x, *simulations.together(drawn.values(x), scenarios_of(drawn, samples, seed), True))
+        return _evaluate(drawn, x, True, scenarios_of(drawn, samples, seed), simulations)
 
     program = Program(
         evaluate,
@@ -139,6 +139,12 @@ def _identity(specification: Specification, simulations: Simulations) -> dict[st
         asked["manufacture"] = AsDesigned()
     solving = simulations.solve._asdict() | {"fidelity": specification.fidelity}
     return described | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
+
+
+def _evaluate(
+    specification: Specification, x, gradient, scenarios: Sequence[Scenario], simulations: Simulations
+) -> Evaluation:
+    return _point(specification, x, *simulations.together(specification.values(x), scenarios, gradient))
 
 
 def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray | None) -> Evaluation:
