@@ -15,8 +15,8 @@ from clearance_jax import laws
 from clearance_jax.laws import Geometry
 from clearance_jax.mechanism.motion.motion_laws import Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.report import figures
-from clearance_jax.report.play_figures import pin_path
-from clearance_jax.report.style import BLUE, RED, STYLED
+from clearance_jax.report.play_figures import draw_states
+from clearance_jax.report.style import BLUE, RED, STYLED, legend_below
 
 IMAGES = Path(__file__).parent / "images"
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
@@ -239,7 +239,10 @@ def front() -> None:
         dataset = dataset.sel(step=dataset["step_time"] >= REVOLUTION)
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(2, 3))
-    pin_path(left.subplots(), dataset, "wrist")
+    orbit = left.subplots()
+    draw_states(orbit, dataset, "wrist", shares=True)
+    orbit.set(xlabel="e_x, µm", ylabel="e_y, µm", title="pin centre in the sleeve of wrist")
+    legend_below(orbit, 2, fontsize=8)
     upper, lower = right.subplots(2, 1, sharex=True)
     error = (dataset["position"] - wanted["position"]).sel(point="piston", axis="x")
     upper.plot(dataset["time"] * 1e3, error * 1e3, lw=0.9, color=BLUE)

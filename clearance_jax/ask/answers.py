@@ -11,8 +11,8 @@ import math
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
-from typing import Any, NamedTuple
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from typing import Any
 
 import jax
 import numpy as np
@@ -27,18 +27,6 @@ from clearance_jax.solve.drivers.lanes import LANES
 LOCAL = "local"
 # Timeout of the connection to a scheduler.
 PATIENCE = "10s"
-
-
-class SolvePlace(NamedTuple):
-    """Where lanes are solved: on a dask `client` (`None`: this machine), with `cores` cores (`None`: all of this
-    machine, or one of each worker).
-    """
-
-    client: Any = None
-    cores: int | None = None
-
-
-HERE = SolvePlace()
 
 
 @contextmanager
@@ -72,14 +60,11 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
         yield client
 
 
-@contextmanager
-def place_of(cluster: Any, cores: int | None = None) -> Iterator[SolvePlace]:
-    """The place of a cluster: a dask client, the address of a scheduler, or "local"; `None`: this machine."""
-    if cluster is None:
-        yield SolvePlace(None, cores)
-        return
-    with client_of(cluster, cores or 1) as client:
-        yield SolvePlace(client, cores)
+def place_of(cluster: Any) -> AbstractContextManager[Any]:
+    """A context that gives where points are solved: the client of a `cluster` (of `client_of`), or `None` for this
+    machine if that is `None`.
+    """
+    return nullcontext() if cluster is None else client_of(cluster)
 
 
 def workers_of(client: Any) -> dict[str, Any]:
@@ -92,14 +77,14 @@ def workers_of(client: Any) -> dict[str, Any]:
 FEW = 300
 
 
-def answers(question: Question, points: Columns, place: SolvePlace = HERE) -> Answer:
-    """The answers at points, each with a first axis (points,): one by one if they are few, as lanes otherwise."""
+def answers(question: Question, points: Columns, place: Any = None) -> Answer:
+    """The answers at points, each with a first axis (points,): one by one if they are few, as lanes otherwise; solved
+    by a dask client (`place`), by default here.
+    """
     count = len(next(iter(points.values())))
     if as_lanes(count, place):
-        if place.client is None:
-            return lanes(question, points, cores=place.cores)
-        return lanes_on(place.client, question, points, place.cores or 1)
-    each = _side_by_side(question, points, count, place.cores or usual_cores())
+        return lanes(question, points) if place is None else lanes_on(place, question, points)
+    each = _side_by_side(question, points, count, usual_cores())
     return jax.tree.map(lambda *parts: np.stack([np.asarray(x) for x in parts]), *each)
 
 
@@ -123,31 +108,31 @@ def _side_by_side(question: Question, points: Columns, count: int, cores: int) -
             raise
 
 
-def as_lanes(count: int, place: SolvePlace) -> bool:
+def as_lanes(count: int, place: Any) -> bool:
     """Whether `count` points are answered as lanes."""
-    return count > (FEW if place.client is None else 1)
+    return count > (FEW if place is None else 1)
 
 
 # Tasks for each worker, if there are enough lanes: so that workers end at about the same time.
 TASKS = 8
 
 
-def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -> Answer:
-    """The answers at points as `lanes` gives them, solved by the workers of a dask client on `cores` cores each.
-    **Raises** `ClearanceError` if the cluster has no workers, or if workers are killed again and again.
+def lanes_on(client: Any, question: Question, points: Columns) -> Answer:
+    """The answers at points as `lanes` gives them, solved by the workers of a dask client. **Raises** `ClearanceError`
+    if the cluster has no workers, or if workers are killed again and again.
     """
     import cloudpickle
 
     workers = len(workers_of(client))
     if not workers:
         raise ClearanceError("The cluster has no workers. Start some.")
-    count, unit = len(next(iter(points.values()))), LANES * cores
-    size = unit * max(1, math.ceil(count / (unit * workers * TASKS)))
+    count = len(next(iter(points.values())))
+    size = LANES * max(1, math.ceil(count / (LANES * workers * TASKS)))
     # Fill the last chunk with copies of the last lane: a chunk of another width would be another program.
     whole = count if count <= LANES else LANES * math.ceil(count / LANES)
     places = np.minimum(np.arange(whole), count - 1)
     parts = [{name: column[places[at : at + size]] for name, column in points.items()} for at in range(0, whole, size)]
-    tasks = client.map(_answers, parts, question=cloudpickle.dumps(question), cores=cores, pure=False)
+    tasks = client.map(_answers, parts, question=cloudpickle.dumps(question), pure=False)
     try:
         gathered = client.gather(tasks)
     except Exception as error:
@@ -162,8 +147,8 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
 # On a worker ---------------------------------------------------------------------------------------------------------
 
 
-def _answers(points: dict[str, np.ndarray], question: bytes, cores: int) -> Answer:
-    return lanes(unpickled(question), points, cores=cores)
+def _answers(points: dict[str, np.ndarray], question: bytes) -> Answer:
+    return lanes(unpickled(question), points, cores=1)
 
 
 @functools.lru_cache(maxsize=8)

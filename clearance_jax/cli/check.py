@@ -39,6 +39,7 @@ def _read(file: Path) -> tuple[str, list[str], dict[str, Any]]:
     from clearance_jax.io.scene.scene import implausible, read_scene
     from clearance_jax.io.study.study import load_study
     from clearance_jax.joints.checks import ImplausibleWarning
+    from clearance_jax.solve.settings import Settings
 
     if not is_robot(file) and "scene" in read_toml(file, "file")[1]:
         with common.aloud(ImplausibleWarning):
@@ -51,14 +52,8 @@ def _read(file: Path) -> tuple[str, list[str], dict[str, Any]]:
         lines.append(f"nothing drives {', '.join(idle)}: `simulate` holds them where they stand")
     t1 = scene.solve.get("t1")
     lines.append("no end of the motion: give `--t1`" if t1 is None else f"solved to t1 = {t1:g} s")
-    return kind, lines, _defaults(scene.solve)
-
-
-def _defaults(given: dict[str, Any]) -> dict[str, Any]:
-    from clearance_jax.solve.settings import Settings
-
     usual = Settings()
-    return {name: getattr(usual, name) for name in ASSUMED if name not in given}
+    return kind, lines, {name: getattr(usual, name) for name in ASSUMED if name not in scene.solve}
 
 
 def _asked(study: Any) -> Iterator[str]:

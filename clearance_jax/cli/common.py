@@ -99,15 +99,14 @@ def check_there(path: Path, what: str) -> None:
         raise ClearanceError(f"Cannot read the {what} `{path}`: there is no such file.{hint}")
 
 
+def output(help: str) -> Any:
+    """The option for what a command writes."""
+    return Option(None, "-o", "--output", help=help)
+
+
 def choice(help: str, *allowed: str) -> Any:
     """An option whose value is one of some words, which the shell completes."""
     return Option(None, help=f"{help}: {', '.join(allowed)}.", autocompletion=lambda: list(allowed))
-
-
-def check_readable(path: Path) -> None:
-    """Raise `ClearanceError` if there is no such file."""
-    if "\0" in str(path) or not path.is_file():
-        raise ClearanceError(f"Cannot read {quote(str(path))} as a result file: there is no such file.")
 
 
 def check_distinct(**paths: Path | None) -> None:

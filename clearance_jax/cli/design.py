@@ -35,8 +35,8 @@ def run_design(
 
     doubts, shown = aloud(RunWarning, YieldWarning), ProgressDisplay(errors)
     # One cluster for all that follows.
-    with doubts, place_of(cluster) as place, shown, Interruption() as asked:
-        pace, client, specification = Pace(asked.check), place.client, study.design.problem.specification
+    with doubts, place_of(cluster) as client, shown, Interruption() as asked:
+        pace, specification = Pace(asked.check), study.design.problem.specification
         note(_preparation(specification.mechanism))
         if specification.manufacture.is_sampled:
             note(f"Parts: {specification.manufacture}.")

@@ -15,10 +15,9 @@ from clearance_jax.cli.check import check
 from clearance_jax.cli.common import say
 from clearance_jax.cli.examples import examples, new
 from clearance_jax.cli.info import info
-from clearance_jax.cli.plot import animate, plot
+from clearance_jax.cli.plot import animate, plot, view
 from clearance_jax.cli.run import run
 from clearance_jax.cli.simulate import simulate
-from clearance_jax.cli.view import view
 from clearance_jax.errors import LONGEST, ClearanceError, cut
 
 app = typer.Typer(

@@ -1,4 +1,4 @@
-"""`clearance plot` and `clearance animate`: figures of a result file, pictures of a sweep, films of a motion."""
+"""`clearance plot`, `animate` and `view`: figures, films and pages of a result file, pictures of a sweep."""
 
 import os
 import re
@@ -55,11 +55,8 @@ def plot(
     result_file: Path = Argument(
         ..., metavar="RESULT", help="A motion of `simulate -o`, a life that wears or a store of a sweep of `run -o`."
     ),
-    output: Path | None = Option(
-        None,
-        "-o",
-        "--output",
-        help="Figure (default: RESULT with .png); of a sweep a folder (default: RESULT_pictures).",
+    output: Path | None = common.output(
+        "Figure (default: RESULT with .png); of a sweep a folder (default: RESULT_pictures)."
     ),
     plot_kind: str | None = common.KIND,
     narrow: bool = common.NARROW,
@@ -84,7 +81,6 @@ def plot(
         check_folder(folder)
         common.check_distinct(store=result_file, pictures=folder)
         return draw_sweep(dataset, folder)
-    common.check_readable(result_file)
     output = result_file.with_suffix(".png") if output is None else output
     common.check_writable(output, common.FIGURES)
     common.check_distinct(result=result_file, figure=output)
@@ -95,7 +91,7 @@ def plot(
 
 def animate(
     result_file: Path = Argument(..., metavar="RESULT", help="A result file written by `simulate -o`."),
-    output: Path | None = Option(None, "-o", "--output", help="Film, .gif or .mp4 (default: RESULT with .gif)."),
+    output: Path | None = common.output("Film, .gif or .mp4 (default: RESULT with .gif)."),
     magnify: str | None = common.MAGNIFIED,
     slowdown: float | None = Option(
         None, help="Seconds of film per second of motion (default: a film of ten seconds at most)."
@@ -110,7 +106,7 @@ def animate(
 
     An .mp4 needs the program ffmpeg. Ctrl-C leaves no half film.
     """
-    common.check_readable(result_file)
+    common.check_there(result_file, "result file")
     from clearance_jax.report.film import animate as film_of
     from clearance_jax.results.store import load_dataset
 
@@ -123,6 +119,27 @@ def animate(
     last = last if end is None else to_si(end, "s", "`--to`")
     span = None if begin is None and end is None else (first, last)
     write_film(film_of(dataset, magnify, slowdown=slowdown, exaggeration=exaggeration, span=span), output)
+
+
+def view(
+    result_file: Path = Argument(..., metavar="RESULT", help="A result file written by `simulate -o`."),
+    output: Path | None = common.output("The page (default: RESULT with .html)."),
+    urdf: Path | None = Option(None, help="The robot's URDF file, to show its meshes."),
+    title: str | None = Option(None, help="Title of the page (default: the mechanism's name)."),
+    samples: int | None = Option(None, help="Most samples that the page keeps (default: what fits in 2 MB)."),
+) -> None:
+    """Write a page that shows the motion of a result file in three dimensions. A browser opens it, without network."""
+    common.check_there(result_file, "result file")
+    from clearance_jax.results.store import load_dataset
+    from clearance_jax.viewer.page import view as page_of
+
+    output = result_file.with_suffix(".html") if output is None else output
+    common.check_writable(output, (".html", ".htm"))
+    common.check_distinct(result=result_file, page=output)
+    page = page_of(load_dataset(result_file), urdf=urdf, title=title, samples=samples)
+    page.save(output)
+    common.say(str(page))
+    common.say_written("page", output)
 
 
 def check_film(path: Path | None) -> None:

@@ -26,11 +26,8 @@ OF_FILES = (".csv", ".txt", ".json", ".nc", ".h5", ".hdf5", ".parquet", ".xlsx",
 
 def run(
     study_file: Path = Argument(..., metavar="STUDY", help="A study file (TOML with units)."),
-    output: Path | None = Option(
-        None,
-        "-o",
-        "--output",
-        help="Store of a sweep, or dataset of a life (default: STUDY with .zarr, or .nc), or of residuals.",
+    output: Path | None = common.output(
+        "Store of a sweep, or dataset of a life (default: STUDY with .zarr, or .nc), or of residuals."
     ),
     resume: bool = Option(False, "--resume", help="Go on with a sweep, whose axes may have grown, or with a life."),
     plot: Path | None = Option(None, help="Folder for the pictures of a sweep; figure of a life (.png, .pdf)."),

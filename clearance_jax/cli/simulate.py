@@ -30,7 +30,7 @@ def simulate(
     trajectory: Path | None = Option(None, help="Drives the joints that a CSV file of times and values names."),
     clearance: list[str] | None = common.CLEARANCES,
     ideal: bool = common.IDEAL,
-    output: Path | None = Option(None, "-o", "--output", help="Result file (NetCDF)."),
+    output: Path | None = common.output("Result file (NetCDF)."),
     plot: Path | None = Option(None, help="Figure of the result (.png, .pdf)."),
     plot_kind: str | None = common.KIND,
     movie: Path | None = Option(None, help="Film of the motion (.gif, or .mp4 with ffmpeg)."),

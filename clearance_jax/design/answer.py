@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.answers import SolvePlace, place_of
+from clearance_jax.ask.answers import place_of
 from clearance_jax.design.asked.classes import ChosenClasses, least_ends
 from clearance_jax.design.asked.specification import Specification
 from clearance_jax.design.judge.verify import Certificate, certify, judge_of, moved_inside
@@ -126,17 +126,17 @@ class Design:
             design = self.with_note(moved, evaluation=point, method=method)
             return design, design._certificate(place, fresh=fresh, **options)
 
-    def _certificate(self, place: SolvePlace, **options: Any) -> Certificate:
+    def _certificate(self, place: Any, **options: Any) -> Certificate:
         if not self.feasible:
             raise ClearanceError(f"There is no feasible design to verify: {self.lack}.")
         if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
             raise ClearanceError("Of chosen classes neither other starts nor prices are looked for: leave these out.")
-        least = None
-        if self.classes is not None:
-            least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
-        certificate = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
-        optimality = "" if self.classes is None else self.classes.optimality
-        return dataclasses.replace(certificate, optimality=optimality)
+        asked = self.specification, self.method, self.evaluation
+        if self.classes is None:
+            return certify(*asked, place=place, **options)
+        least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
+        certificate = certify(*asked, least=least, place=place, **options)
+        return dataclasses.replace(certificate, optimality=self.classes.optimality)
 
     @property
     def mechanism(self) -> Mechanism:

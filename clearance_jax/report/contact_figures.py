@@ -123,9 +123,8 @@ def _densities(axis: Any, kind: str, rows: list[EvenSeries]) -> float:
     for row in rows:
         window = max(len(row.values) * 2 // (WINDOWS + 1), LEAST // 2)
         frequency, density = welch(factor * row.values, row.per_second, nperseg=window)
-        axis.loglog(
-            frequency[1:], density[1:], lw=0.9, ms=4, mfc="white", markevery=0.2, label=row.name, **look(row.number)
-        )
+        how: Any = look(row.number) | {"lw": 0.9, "ms": 4, "mfc": "white", "markevery": 0.2, "label": row.name}
+        axis.loglog(frequency[1:], density[1:], **how)
         resolution, top = max(resolution, float(frequency[1])), max(top, float(density[1:].max()))
     axis.set_ylabel(f"density, {unit}²/Hz")
     axis.set_ylim(bottom=max(DEPTH * top, np.finfo(float).tiny))

@@ -16,30 +16,18 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.judge.budget import ErrorBudget
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff
 from clearance_jax.design.judge.observed import TimeHistory
+from clearance_jax.report import style
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.play_figures import draw_path
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.report.style import (
-    BLUE,
-    COLOURS,
-    ORANGE,
-    RED,
-    STYLE,
-    STYLED,
-    legend_below,
-    legend_outside,
-    length_unit,
-    look,
-    new_figure,
-    round_down,
-)
+from clearance_jax.report.style import STYLED, legend_below, legend_outside, length_unit, look, new_figure, round_down
 from clearance_jax.report.wear_figures import draw_lives
 from clearance_jax.results.places import Outline, bounds, places
 from clearance_jax.results.play import middle_path, play
 
 # As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
 WIDTH, HEIGHT = 3.6, 2.6
-PAGE = mpl.rc_context(STYLE | {"legend.fontsize": 9})
+PAGE = mpl.rc_context(style.STYLE | {"legend.fontsize": 9})
 # Characters of a label that fit along the figure's height and width.
 UPRIGHT, LEVEL = 30, 44
 # Of the picture of a mechanism: its least and greatest height [inch].
@@ -54,8 +42,8 @@ MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 
 # Of an error budget: the size of the mark of the largest share [point]. Areas of marks are proportional to shares.
 LARGEST = 34.0
 # Words and colours of the models of an error budget.
-MODELS = {"dynamics": ("dynamics", RED), "quasi_static": ("quasi-static", "k"), "play": ("play alone", BLUE)}
-MODELS |= {"elasticity": ("elasticity alone", ORANGE)}
+MODELS = {"dynamics": ("dynamics", style.RED), "quasi_static": ("quasi-static", "k")}
+MODELS |= {"play": ("play alone", style.BLUE), "elasticity": ("elasticity alone", style.ORANGE)}
 
 
 def _objective(design: Design) -> tuple[float, str]:
@@ -103,7 +91,7 @@ def contributions(why: Sequence[Response]) -> Figure:
         for i, part in enumerate([*response.contributions.values(), response.rest]):
             share = 100 * response.share(part)
             side = int(share >= 0)
-            colour = "0.75" if i == len(names) - 1 else COLOURS[i % len(COLOURS)]
+            colour = "0.75" if i == len(names) - 1 else style.COLOURS[i % len(style.COLOURS)]
             axes.barh(row, share, 0.5, left=ends[side], color=colour, label=names[i] if row == 0 else None)
             ends[side] += share
         axes.annotate(response.limit, (0, row - 0.3), xytext=(4, 0), textcoords="offset points", va="bottom")
@@ -153,9 +141,9 @@ def convergence(design: Design) -> Figure:
     feasible = np.array([p.feasible for p in points])
     axes.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
     number = np.arange(1, len(points) + 1)
-    for chosen, style, what in ((feasible, "o", "holds all limits"), (~feasible, "x", "violates one")):
+    for chosen, mark, what in ((feasible, "o", "holds all limits"), (~feasible, "x", "violates one")):
         if np.any(chosen):
-            axes.plot(number[chosen], values[chosen], style, ms=4, label=what)
+            axes.plot(number[chosen], values[chosen], mark, ms=4, label=what)
     axes.set(xlabel="evaluation", ylabel=label)
     if 0 < 10 * values.min() < values.max():
         axes.set_yscale("log")
@@ -178,12 +166,12 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
         for side in (-1, 1):
             below.axhline(side * 1e6 * pin.outline.axial, color="k", ls="--", lw=0.8)
         below.set_ylabel("along z, µm")
-    states = {0: ("path", "0.6", ""), 1: ("in contact", RED, "o")}
+    states = {0: ("path", "0.6", ""), 1: ("in contact", style.RED, "o")}
     if pin is not None and pin.outline.length is not None:  # an end beyond the circle is in contact
         states = {}
         ends = pin.centres(pin.outline.heights[[0, -1]])
-        for k, (name, style) in enumerate((("end at −z", "-"), ("end at +z", "--"))):
-            axes.plot(*(1e6 * ends[:, k].T), style, lw=0.8, label=name)
+        for k, (name, dashes) in enumerate((("end at −z", "-"), ("end at +z", "--"))):
+            axes.plot(*(1e6 * ends[:, k].T), dashes, lw=0.8, label=name)
     draw_path(axes, path, states)
     axes.set(xlabel="along the sleeve's x, µm", ylabel="along its y, µm")
     legend_outside(figure, 3)
@@ -269,7 +257,7 @@ def _robot(axis: Any, budget: ErrorBudget, placed: Any) -> None:
     for name, share in shares.items():
         size = LARGEST * np.sqrt(abs(share) / largest) if largest > 0 else 0.0
         place = placed.at[k, placed.joints[name]][None].T
-        axis.plot(*place, marker="o", ms=size, mfc=RED, mec="none", alpha=0.35, zorder=6)
+        axis.plot(*place, marker="o", ms=size, mfc=style.RED, mec="none", alpha=0.35, zorder=6)
     axis.set_title(f"shares at {budget.peak_time:.3g} s (areas)", fontsize=10)
 
 

@@ -4,10 +4,9 @@ A kind of figure is a class here, which the command's help and errors read. What
 """
 
 import abc
-from pathlib import Path
 from typing import Any, ClassVar
 
-from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.errors import unknown_name
 
 
 class AbstractFigure(abc.ABC):
@@ -38,7 +37,6 @@ class Overview(AbstractFigure):
     name = "overview"
 
     def draw(self, dataset: Any, narrow: bool = False) -> Any:
-        """The figure."""
         from clearance_jax.report.overview import draw_overview
 
         return draw_overview(dataset, narrow)
@@ -53,7 +51,6 @@ class MotionFigure(AbstractFigure):
     name = "motion"
 
     def draw(self, dataset: Any, narrow: bool = False) -> Any:
-        """The figure."""
         from clearance_jax.report.overview import draw_motion
 
         return draw_motion(dataset, narrow)
@@ -68,7 +65,6 @@ class Play(AbstractFigure):
     name = "play"
 
     def draw(self, dataset: Any, narrow: bool = False, edges: bool = False) -> Any:
-        """The figure."""
         from clearance_jax.report.play_figures import draw_play
 
         return draw_play(dataset, narrow, edges)
@@ -85,7 +81,6 @@ class PolarLoad(AbstractFigure):
     name = "polar_load"
 
     def draw(self, dataset: Any, narrow: bool = False) -> Any:
-        """The figure."""
         from clearance_jax.report.contact_figures import draw_polar_load
 
         return draw_polar_load(dataset, narrow)
@@ -103,7 +98,6 @@ class SpectrumFigure(AbstractFigure):
     name = "spectrum"
 
     def draw(self, dataset: Any, narrow: bool = False, modes: Any = ()) -> Any:
-        """The figure."""
         from clearance_jax.report.contact_figures import draw_spectrum
 
         return draw_spectrum(dataset, narrow, tuple(modes))
@@ -118,7 +112,6 @@ class EpisodesFigure(AbstractFigure):
     name = "episodes"
 
     def draw(self, dataset: Any, narrow: bool = False) -> Any:
-        """The figure."""
         from clearance_jax.report.contact_figures import draw_episodes
 
         return draw_episodes(dataset, narrow)
@@ -142,12 +135,8 @@ def kind_of(name: str) -> AbstractFigure:
 
 def save_figure(figure: Any, path: Any) -> None:
     """Write a figure. **Raises** `ClearanceError` where the path is not writable or its ending unknown."""
-    path = Path(path)
-    partial = path.with_name(f".partial.{path.name}")
-    try:
+    from clearance_jax.results.store import whole_file
+
+    fix = "Choose another path ending in .png or .pdf"
+    with whole_file(path, "the figure ", fix, refused=(OSError, ValueError)) as partial:
         figure.savefig(partial, dpi=130)
-        partial.replace(path)
-    except (OSError, ValueError) as error:
-        partial.unlink(missing_ok=True)
-        fix = "Choose another path ending in .png or .pdf."
-        raise ClearanceError(f"Cannot write the figure `{path}`: {error}. {fix}") from error

@@ -28,6 +28,7 @@ from clearance_jax.report.style import RED, round_down
 from clearance_jax.report.style import STYLE as LOOK
 from clearance_jax.results.places import places
 from clearance_jax.results.play import JointPlay, require_joint
+from clearance_jax.results.store import whole_file
 
 MOVIES = (".gif", ".mp4")
 FPS, DPI = 20.0, 80
@@ -112,8 +113,7 @@ class AbstractFilm(abc.ABC):
         """
         path = Path(path)
         check_movie(path)
-        partial = path.with_name(f".partial.{path.name}")
-        try:
+        with whole_file(path, "the film ") as partial:
             if path.suffix.lower() == ".gif":
                 canvas = FigureCanvasAgg(self.figure)
                 write_gif(partial, (_pixels(canvas) for _ in self._show(progress)), self.fps)
@@ -122,12 +122,6 @@ class AbstractFilm(abc.ABC):
                 with writer.saving(self.figure, str(partial), DPI):
                     for _ in self._show(progress):
                         writer.grab_frame()
-            partial.replace(path)
-        except OSError as error:
-            why = error.strerror or error
-            raise ClearanceError(f"Cannot write the film `{path}`: {why}. Choose another path.") from None
-        finally:
-            partial.unlink(missing_ok=True)
         return path
 
     def _show(self, progress: Callable[[float], None] | None) -> Iterator[int]:

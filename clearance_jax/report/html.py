@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 from clearance_jax.calibrate.result import Calibration
 from clearance_jax.design.judge.findings import Findings
-from clearance_jax.errors import ClearanceError
 from clearance_jax.report import calibration_figures, design_figures
 from clearance_jax.report.panels import SHORT
+from clearance_jax.results.store import whole_file
 from clearance_jax.units import format_quantity
 
 
@@ -76,7 +76,7 @@ FIGURES = {
 
 def write_report(findings: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:
     """Write the HTML file; `study`: the text of the study file. **Raises** `ClearanceError` where it cannot."""
-    _write(render(findings, title, study), Path(path))
+    _write(render(findings, title, study), path)
 
 
 def calibration_report(found: Calibration, path: str | Path, title: str = "Calibration", study: str = "") -> None:
@@ -87,14 +87,12 @@ def calibration_report(found: Calibration, path: str | Path, title: str = "Calib
 
     **Raises:** `ClearanceError` if it cannot be written.
     """
-    _write(_environment().get_template("calibration.html").render(found=found, title=title, study=study), Path(path))
+    _write(_environment().get_template("calibration.html").render(found=found, title=title, study=study), path)
 
 
-def _write(page: str, path: Path) -> None:
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ClearanceError(f"Cannot write the report `{path}`: {error.strerror}. Choose another path.") from None
+def _write(page: str, path: str | Path) -> None:
+    with whole_file(path, "the report ") as partial:
+        partial.write_text(page, encoding="utf-8")
 
 
 def render(findings: Findings, title: str = "Tolerance design", study: str = "") -> str:

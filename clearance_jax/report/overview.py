@@ -192,9 +192,8 @@ def _over_time(figure: Any, shown: MotionShown, letters: Iterator[str]) -> None:
         if axis is not axes[-1]:
             axis.set_xlabel("")
             if shown.falls:
-                axis.axvspan(
-                    factor * float(shown.dataset["time"][0]), factor * shown.over, color="0.88", lw=0, zorder=0
-                )
+                begin = factor * float(shown.dataset["time"][0])
+                axis.axvspan(begin, factor * shown.over, color="0.88", lw=0, zorder=0)
     axes[-1].set_xlim(*factor * shown.dataset["time"].values[[0, -1]])
 
 

@@ -9,33 +9,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report import style
 from clearance_jax.report.panels import flights, heading, time_axis
-from clearance_jax.report.style import (
-    BLUE,
-    GREEN,
-    NARROW,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    STYLED,
-    fit,
-    legend_below,
-    panel_grid,
-)
+from clearance_jax.report.style import NARROW, STYLED, fit, legend_below, panel_grid
 from clearance_jax.results import play as pins
 from clearance_jax.results.places import names_of
 
 # Words, colour and marker of the states of a path.
-STATES = (("free", SKY, ""), ("contact", GREEN, "o"), ("impact", RED, "^"))
-BEARING = {0: ("apart", SKY, ""), 1: ("bears here", RED, "o")}
+STATES = (("free", style.SKY, ""), ("contact", style.GREEN, "o"), ("impact", style.RED, "^"))
+BEARING = {0: ("apart", style.SKY, ""), 1: ("bears here", style.RED, "o")}
 # Words, colours and heights (as parts of a joint's row) of the bars of contact patterns, faces apart. A joint without
 # edges has only the first and `TOUCHING`. Heights are for those who do not see the colours.
-PATTERNS = ("apart", "0.8", 0.12), ("at one edge", ORANGE, 0.3), ("along a line", GREEN, 0.45)
+PATTERNS = ("apart", "0.8", 0.12), ("at one edge", style.ORANGE, 0.3), ("along a line", style.GREEN, 0.45)
 TALL = 0.6
-PATTERNS += (("at two opposite edges", RED, TALL),)
-TOUCHING = ("in contact", BLUE, TALL)
-FACES = ("on a face", PURPLE, 0.16)
+PATTERNS += (("at two opposite edges", style.RED, TALL),)
+TOUCHING = ("in contact", style.BLUE, TALL)
+FACES = ("on a face", style.PURPLE, 0.16)
 # Most orbits in a row, on a narrow screen; the least share of the time that is shown as a number.
 ROW, FEW, TOLD = 4, 2, 0.005
 # Most joints whose paths are shown: those with the largest forces.
@@ -128,13 +117,6 @@ def _draw_orbits(figure: Any, paths: list[pins.PinPath], row: int) -> None:
     of = f" of {paths[0].joint}" if same_joint and len(paths) > 1 else ""
     figure.suptitle(f"path of the pin's centre{of} in the sleeve's axes,{gap}and how long it bears there", fontsize=10)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-
-
-def pin_path(axis: Any, dataset: xr.Dataset, joint: str) -> None:
-    """The pin centre's path inside the clearance circle, with colours and markers by contact state."""
-    draw_states(axis, dataset, joint, shares=True)
-    axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
-    legend_below(axis, 2, fontsize=8)
 
 
 def draw_states(axis: Any, dataset: xr.Dataset, joint: str, shares: bool) -> None:

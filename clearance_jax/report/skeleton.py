@@ -26,11 +26,10 @@ LINK: Any = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zo
 
 class Skeleton:
     """Axes (of projection "3d" in space) with a mechanism on it; `show(i)` puts it where it is at sample `i`. `joint`:
-    the joint to point at; `whole`: whether paths of points show all of the motion, or what lies before the sample;
-    `colours` of the bodies.
+    the joint to point at; `whole`: whether paths of points show all of the motion, or what lies before the sample.
     """
 
-    def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False, colours=COLOURS):
+    def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):
         self.axis, self.places, self.size, self.whole = axis, places, places.size, whole
         self._lines, self._plates, self._sliders = [], [], []
         floor = same_scale(axis, places.at)[-1]
@@ -38,7 +37,7 @@ class Skeleton:
             axis.view_init(ELEVATION, AZIMUTH)
         for mark in places.ground:
             self._support(places.at[0, mark], floor)
-        for marks, colour in zip(places.bodies.values(), itertools.cycle(colours), strict=False):
+        for marks, colour in zip(places.bodies.values(), itertools.cycle(COLOURS), strict=False):
             self._body(marks, colour)
         for name, pair in places.pairs.items():
             self._pair(name, pair)

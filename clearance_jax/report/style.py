@@ -59,9 +59,8 @@ def legend_outside(figure: Figure, columns: int, **how: Any) -> None:
     known = {label: handle for axis in pairs for handle, label in axis}
     size, width = float(mpl.rcParams["font.size"]), float(figure.get_figwidth())
     labels = [fit(label, width - HANDLE * size / 72, size) for label in known]
-    figure.legend(
-        known.values(), labels, loc="outside lower center", ncols=_columns(labels, width, columns, size), **how
-    )
+    how["ncols"] = _columns(labels, width, columns, size)
+    figure.legend(known.values(), labels, loc="outside lower center", **how)
 
 
 def _columns(labels: list[str], width: float, most: int, size: float) -> int:

@@ -153,9 +153,8 @@ def axis_scale(dataset: xr.Dataset, name: str) -> AxisScale:
     usual = display(array)
     if not written:
         return usual
-    return AxisScale(
-        1 / to_si(f"1 {written}", str(array.attrs["units"]), name), usual.name, written.replace("um", "µm")
-    )
+    factor = 1 / to_si(f"1 {written}", str(array.attrs["units"]), name)
+    return AxisScale(factor, usual.name, written.replace("um", "µm"))
 
 
 @functools.cache

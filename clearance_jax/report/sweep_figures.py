@@ -206,15 +206,8 @@ def _band(
             filled = {"alpha": dark if alone else FAINT, "lw": 0, "label": told}
             axes.fill_between(across.factor * places, below, above, color=how["color"], **filled)
     told = "median" if spread and label is None else label
-    axes.plot(
-        across.factor * places,
-        of.factor * middles,
-        lw=1.2,
-        ms=4,
-        markevery=max(1, len(places) // 12),
-        label=told,
-        **how,
-    )
+    how = how | {"lw": 1.2, "ms": 4, "markevery": max(1, len(places) // 12), "label": told}
+    axes.plot(across.factor * places, of.factor * middles, **how)
 
 
 def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -59,11 +59,8 @@ def in_blocks(program, mechanism: Mechanism, *arrays, size: int = BLOCK, progres
 
 def _pad(block: np.ndarray, size: int) -> np.ndarray:
     """The block filled up with its last entry (an empty one with zeros)."""
-    missing = size - len(block)
-    if missing == 0:
-        return block
-    last = block[-1:] if len(block) else np.zeros((1, *block.shape[1:]), block.dtype)
-    return np.concatenate([block, np.repeat(last, missing, axis=0)])
+    missing = ((0, size - len(block)), *[(0, 0)] * (block.ndim - 1))
+    return np.pad(block, missing, mode="edge" if len(block) else "constant")
 
 
 def _batch(function):

@@ -11,14 +11,14 @@ from clearance_jax._version import __version__
 from clearance_jax.dynamics.quantities import OBSERVED, Variable, labels
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.ideal import freedom
 from clearance_jax.parameters import parameters
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.episodes import ContactWarning, doubt, restitutions
 from clearance_jax.results.first_fall import first_falls_over
-from clearance_jax.results.ideal import against_ideal
 from clearance_jax.results.peaks import of_points, peaks
-from clearance_jax.results.places import mark_labels
+from clearance_jax.results.places import mark_labels, marks
 from clearance_jax.results.play import outline_attributes
 from clearance_jax.solve.drivers.trace import Trace
 from clearance_jax.solve.solution import Solution
@@ -159,6 +159,52 @@ def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, A
     coords: dict[str, Any] = {name: label for name, label in labelled.items() if label[1]}
     coords["time"] = ("time", time, {"units": "s"})
     return xr.Dataset(_variables("time", picture, VARIABLES, labelled), coords, _numbers(mechanism))
+
+
+# Where errors against the ideal mechanism are not known, why.
+FREE = (
+    "the ideal mechanism moves freely, and its motion is not known: give it, "
+    "`to_dataset(..., ideal=simulate(mechanism.ideal(), t1, save_at=...))`"
+)
+
+
+def against_ideal(
+    mechanism: Mechanism, time: np.ndarray, y: np.ndarray, seen: dict[str, Any], ideal: Solution | None
+) -> tuple[dict[str, np.ndarray], str]:
+    """The variables of a dataset that refer to the ideal mechanism, at the times [s] of states `y`; if there are none,
+    why.
+
+    **Arguments:** `seen`: the other variables; `ideal`: the motion of `mechanism.ideal()` at these times, where it
+    moves freely.
+
+    **Raises:** `ClearanceError` for an `ideal` at other times.
+    """
+    at, reason = _ideal_places(mechanism, time, y, ideal)
+    if at is None:
+        return {}, reason
+    names = [mark.name for mark in marks(mechanism)]
+    out = {"ideal_mark_position": at}
+    if mechanism.points:
+        apart = seen["position"] - at[:, [names.index(point.name) for point in mechanism.points]]
+        out["position_error"] = np.linalg.norm(apart, axis=-1)
+    return out, ""
+
+
+def _ideal_places(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, ideal: Solution | None) -> tuple[Any, str]:
+    """The places of all marks on the ideal mechanism [m], (times, marks, axes); or `None`, and why."""
+    if not mechanism.clearance_joints():
+        return None, "the mechanism is ideal itself"
+    if ideal is not None:
+        if np.shape(ideal.time) != time.shape or not np.array_equal(np.asarray(ideal.time), time):
+            text = "`ideal` has other times than the solution. Solve it with the same `save_at`."
+            raise ClearanceError(text).about("ideal")
+        return in_blocks(blocks.mark_places, mechanism.ideal(), time, np.asarray(ideal.y)), ""
+    try:
+        if freedom(mechanism.ideal()) > 0:
+            return None, FREE
+    except ClearanceError as error:
+        return None, str(error)
+    return in_blocks(blocks.ideal_mark_places, mechanism, time, y), ""
 
 
 def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> dict[str, np.ndarray]:

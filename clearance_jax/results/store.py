@@ -1,5 +1,7 @@
-"""Datasets in files: NetCDF, without loss, and the zarr stores of sweeps."""
+"""Datasets in files: NetCDF, without loss, and the zarr stores of sweeps; files that are written as a whole."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,30 @@ from clearance_jax._basis.extras import missing_extra
 from clearance_jax.errors import ClearanceError
 
 
+@contextmanager
+def whole_file(
+    path: str | Path,
+    what: str = "",
+    fix: str = "Choose another path",
+    refused: tuple[type[Exception], ...] = (OSError,),
+) -> Iterator[Path]:
+    """A context with a path to write to, whose file gets its own name at the end: it is written completely or not at
+    all, if interrupted too. **Raises** `ClearanceError` in the place of what is `refused`: that `what` cannot be
+    written, why, and the `fix`.
+    """
+    path = Path(path)
+    partial = path.with_name(f".partial.{path.name}")
+    try:
+        yield partial
+        partial.replace(path)
+    except refused as error:
+        why = getattr(error, "strerror", None) or error
+        raise ClearanceError(f"Cannot write {what}`{path}`: {why}. {fix}.") from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
 def save(dataset: xr.Dataset, path: str | Path) -> None:
     """Write a dataset to a NetCDF file without loss. The file is written completely or not at all.
 
@@ -16,14 +42,8 @@ def save(dataset: xr.Dataset, path: str | Path) -> None:
 
     **Raises:** `ClearanceError` if the file cannot be written.
     """
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
+    with whole_file(path, fix="Choose another `-o` path") as partial:
         dataset.to_netcdf(partial, engine="h5netcdf", invalid_netcdf=False)
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another `-o` path.") from error
 
 
 def load_dataset(path: str | Path) -> xr.Dataset:

@@ -1,9 +1,8 @@
 """The answers of a sweep while it runs, and as a labelled dataset; here those in memory (on disk: `sweep.store`)."""
 
-import abc
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import numpy as np
@@ -12,7 +11,7 @@ import xarray as xr
 from clearance_jax._version import __version__
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.codes import Result, words
-from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, Partition, ran_in_vain
+from clearance_jax.sweep.grid import NOT_RUN, Grid, Partition, ran_in_vain
 
 
 def coordinates(grid: Grid) -> Iterator[tuple[str, str, Any, dict[str, str]]]:
@@ -63,48 +62,8 @@ Values = dict[str, np.ndarray]
 """Every variable by its name, shape (lanes, ...)."""
 
 
-class AbstractAnswers(abc.ABC):
-    """The answers so far, by regions of a `partition`."""
-
-    grid: Grid
-    partition: Partition
-    on_disk: ClassVar[bool]
-
-    @abc.abstractmethod
-    def open_regions(self) -> list[int]:
-        """The regions without answers."""
-
-    @abc.abstractmethod
-    def partial_answers(self, region: int) -> Values:
-        """The values of a missing region, as far as they are known; the `code` of an unknown lane is `NOT_RUN`."""
-
-    @abc.abstractmethod
-    def keep(self, region: int, places: Lanes, values: Mapping[str, np.ndarray]) -> None:
-        """Keep the values of lanes at these places of a missing region, until the whole region is written."""
-
-    @abc.abstractmethod
-    def partial_counts(self) -> dict[int, int]:
-        """How many lanes of each missing region are kept."""
-
-    @abc.abstractmethod
-    def write(self, region: int, values: Mapping[str, np.ndarray], **fields: Any) -> None:
-        """Keep the answers of a whole region, with more `fields` of its record in the journal, if there is one."""
-
-    @abc.abstractmethod
-    def read(self, region: int) -> Values:
-        """The answers of a region."""
-
-    @abc.abstractmethod
-    def regions_to_repeat(self, settings: str) -> Iterable[int]:
-        """The regions with failed lanes that have not been solved again with these settings (in words)."""
-
-    @abc.abstractmethod
-    def dataset(self) -> xr.Dataset:
-        """All answers as a dataset."""
-
-
-class InMemory(AbstractAnswers):
-    """Answers in memory, as one region."""
+class InMemory:
+    """Answers in memory, as one region; its methods are those of a `Store`."""
 
     on_disk = False
 

@@ -62,7 +62,7 @@ class Sampled(NamedTuple):
             check_scatter(name, distribution)
         if not self.scatter or isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise ClearanceError("`Sampled` wants numbers that scatter, and a count of at least 1.")
-        shares = _points(self.method, len(self.scatter), self.count, self.seed)
+        shares = sample_points(self.method, len(self.scatter), self.count, self.seed)
         if self.correlation:
             # Normal scores, correlated by the Cholesky factor.
             shares = scipy.special.ndtr(scipy.special.ndtri(shares) @ self._root(self.correlation).T)
@@ -84,7 +84,8 @@ class Sampled(NamedTuple):
             raise ClearanceError("`correlation` contradicts itself: its matrix must be positive definite.") from None
 
 
-def _points(method: str, width: int, count: int, seed: int) -> Float[np.ndarray, "count width"]:
+def sample_points(method: str, width: int, count: int, seed: int) -> Float[np.ndarray, "count width"]:
+    """Points of the unit cube by one of the `METHODS`, none of them at its edges."""
     if method == "sobol":
         # Draw a power of two and take the first points: a longer sequence begins with a shorter one.
         points = qmc.Sobol(width, rng=seed).random_base2(max(0, math.ceil(math.log2(count))))[:count]
@@ -309,11 +310,9 @@ def sobol_samples(scatter: Mapping[str, Any], count: int, seed: int = 0) -> dict
     for name, law in scatter.items():
         check_scatter(name, law)
     width = len(scatter)
-    unit = _points("sobol", 2 * width, count, seed)
-    halves = unit[:, :width], unit[:, width:]
-    ours, others = (
-        np.stack([law.ppf(x) for law, x in zip(scatter.values(), half.T, strict=True)], 1) for half in halves
-    )
+    unit = sample_points("sobol", 2 * width, count, seed)
+    laws, halves = scatter.values(), (unit[:, :width], unit[:, width:])
+    ours, others = (np.stack([law.ppf(x) for law, x in zip(laws, half.T, strict=True)], 1) for half in halves)
     mixed = [np.where(np.arange(width) == i, others, ours) for i in range(width)]
     every = np.concatenate([ours, others, *mixed])
     return {name: every[:, i] for i, name in enumerate(scatter)}

@@ -53,12 +53,6 @@ class Partition(NamedTuple):
         """The number of lanes of a region."""
         return math.prod(self.extent(region))
 
-    def lane(self, region: int, place: int) -> int:
-        """The lane at a place of a region."""
-        inside = np.unravel_index(place, self.extent(region))
-        where = [part.start + int(at) for part, at in zip(self.slices(region), inside, strict=True)]
-        return int(np.ravel_multi_index(where, self.shape))
-
     def lanes(self, region: int) -> Int[np.ndarray, " lanes"]:
         """The lanes of a region by their index in the whole grid, in C order within the region."""
         ranges = [np.arange(part.start, part.stop) for part in self.slices(region)]

@@ -21,14 +21,14 @@ from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.drivers.lanes import LANES
 from clearance_jax.solve.settings import settings_of
-from clearance_jax.sweep.answers import AbstractAnswers, Values, ending_counts
+from clearance_jax.sweep.answers import Values, ending_counts
 from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.plan import SweepPace, SweepPlan, Tell, choose, keep, pilot_time, time_lanes
-from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, partial_answers
+from clearance_jax.sweep.store import HANDED_OUT, Answers, Regions, Store, partial_answers
 from clearance_jax.sweep.widen import before_of
 
 
-def plan_of(answers: AbstractAnswers, place: str, time: Callable[[], float | None]) -> SweepPlan:
+def plan_of(answers: Answers, place: str, time: Callable[[], float | None]) -> SweepPlan:
     """The plan of a sweep. `time` measures how long a lane takes [s] (`None`: not known)."""
     grid, cut, missing = answers.grid, answers.partition, answers.open_regions()
     new = sum(cut.size(region) for region in missing) - sum(answers.partial_counts().values())
@@ -40,7 +40,7 @@ def plan_of(answers: AbstractAnswers, place: str, time: Callable[[], float | Non
 
 
 def run_here(
-    answers: AbstractAnswers,
+    answers: Answers,
     cores: int,
     plan: Callable[[SweepPlan], Any] | None,
     progress: Tell,

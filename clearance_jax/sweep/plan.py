@@ -12,8 +12,8 @@ import numpy as np
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.drivers.batch import BatchReport
 from clearance_jax.solve.drivers.lanes import LANES, chunk_on
-from clearance_jax.sweep.answers import AbstractAnswers
 from clearance_jax.sweep.grid import Grid, Lanes, Partition
+from clearance_jax.sweep.store import Answers
 
 
 class SweepPlan(NamedTuple):
@@ -120,11 +120,12 @@ def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
     regions = [missing[i] for i in np.unique(np.linspace(0, len(missing) - 1, LANES).astype(int))]
     each = -(-count // len(regions))
     # From the first lane of a region to its last one, at equal distances.
-    lanes = [partition.lane(r, i * (partition.size(r) - 1) // max(each - 1, 1)) for r in regions for i in range(each)]
-    return np.unique(np.asarray(lanes)[np.linspace(0, len(lanes) - 1, count).astype(int)])
+    places = [np.arange(each) * (partition.size(region) - 1) // max(each - 1, 1) for region in regions]
+    lanes = np.concatenate([partition.lanes(region)[some] for region, some in zip(regions, places, strict=True)])
+    return np.unique(lanes[np.linspace(0, len(lanes) - 1, count).astype(int)])
 
 
-def pilot_time(answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
+def pilot_time(answers: Answers, missing: list[int], cores: int) -> float | None:
     """The time of a lane with all cores running [s], measured with lanes that are kept; `None`: not known."""
     lanes = choose(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
@@ -155,7 +156,7 @@ Tell = Callable[[SweepProgress], Any] | None
 class SweepPace:
     """Counts lanes and reports a `SweepProgress`; the clock starts with the first that are done, after compiling."""
 
-    def __init__(self, answers: AbstractAnswers, tell: Tell):
+    def __init__(self, answers: Answers, tell: Tell):
         self._lanes, self._tell, self._sizes = answers.grid.count, tell, answers.partition.size
         self._kept = answers.partial_counts()  # counted at the start, and not again when their region ends
         self._done = self._lanes - sum(map(self._sizes, answers.open_regions())) + sum(self._kept.values())

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from clearance_jax._basis.extras import missing_extra
 from clearance_jax.errors import ClearanceError
@@ -20,7 +21,7 @@ from clearance_jax.results.store import open_sweep
 from clearance_jax.runs.journal import Journal, Lock, RunWarning, refuse_in_words
 from clearance_jax.runs.partial import PartialResults
 from clearance_jax.solve.codes import Result
-from clearance_jax.sweep.answers import AbstractAnswers, Values, attributes, coordinates, counts, ending_counts
+from clearance_jax.sweep.answers import InMemory, Values, attributes, coordinates, counts, ending_counts
 from clearance_jax.sweep.grid import Grid, Partition, description, partition
 
 JOURNAL, LOCK, PARTIAL = "journal.jsonl", "writer.lock", "partial"
@@ -195,8 +196,10 @@ class Regions:
         return self._digest(region)
 
 
-class Store(AbstractAnswers):
-    """Answers in a store that only this process writes. `before`: the narrower store (`Before`) with known lanes."""
+class Store:
+    """Answers by region, in a store that only this process writes. `before`: the narrower store (`Before`) with known
+    lanes.
+    """
 
     on_disk = True
 
@@ -216,24 +219,30 @@ class Store(AbstractAnswers):
             if region in self._regions.records:
                 self._regions.partial.remove(region)
 
-    def open_regions(self):
+    def open_regions(self) -> list[int]:
+        """The regions without answers."""
         return [region for region in range(self.partition.count) if region not in self._regions.records]
 
-    def partial_answers(self, region):
+    def partial_answers(self, region: int) -> Values:
+        """The values of a missing region, as far as they are known; the `code` of an unknown lane is `NOT_RUN`."""
         return partial_answers(self.grid, self._regions, self._before, region)
 
-    def keep(self, region, places, values):
+    def keep(self, region: int, places: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+        """Keep the values of lanes at these places of a missing region, until the whole region is written."""
         with self._refusal(region):
             self._regions.partial.add(region, places, values)
 
-    def partial_counts(self):
+    def partial_counts(self) -> dict[int, int]:
+        """How many lanes of each missing region are kept."""
         partial = self._regions.partial
         return {region: partial.count(region) for region in partial.parts()}
 
-    def read(self, region):
+    def read(self, region: int) -> Values:
+        """The answers of a region."""
         return self._regions.read(region)
 
-    def write(self, region, values, **fields):
+    def write(self, region: int, values: Mapping[str, np.ndarray], **fields: Any) -> None:
+        """Keep the answers of a whole region, with more `fields` of its record in the journal."""
         with self._refusal(region):
             old = self.read(region) if region in self._regions.records else None
             digest = self._regions.write(region, values, old)
@@ -251,12 +260,13 @@ class Store(AbstractAnswers):
         """The context that raises errors of writing as `ClearanceError`."""
         return refuse_in_words(f"region {region} of `{self.path}`", begun=True)
 
-    def regions_to_repeat(self, settings):
+    def regions_to_repeat(self, settings: str) -> list[int]:
+        """The regions with failed lanes that have not been solved again with these settings (in words)."""
         reached, records = {str(int(Result.REACHED_END))}, sorted(self._regions.records.items())
         tried = {region for region, record in records if settings in record.get("again", [])}
         return [region for region, record in records if set(record["ended"]) != reached and region not in tried]
 
-    def dataset(self):
+    def dataset(self) -> xr.Dataset:
         """All answers as a dataset that reads the store lazily."""
         dataset = open_sweep(self.path)
         shown = {k: v for k, v in dataset.attrs.items() if k not in (CHUNK, VARIABLES)}
@@ -270,6 +280,10 @@ class Store(AbstractAnswers):
             self._before.remove()
         self._regions.partial.close()
         self._lock.release()
+
+
+Answers = InMemory | Store
+"""The answers so far, by the regions of a `partition`."""
 
 
 def partial_answers(grid: Grid, regions: Regions, before: Any, region: int) -> Values:

@@ -149,7 +149,7 @@ class Before:
         self._old.verify()
 
     def partial_answers(self, lanes: Lanes, grid: Grid) -> dict[str, np.ndarray]:
-        """As `AbstractAnswers.partial_answers`."""
+        """As `store.partial_answers`."""
         out, old = grid.blank(len(lanes)), self._old
         there = np.unravel_index(lanes, grid.shape)
         before = [places[at] for places, at in zip(self._places, there, strict=True)]

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import xarray as xr
 
-from clearance_jax.errors import ClearanceError, wrong_value
+from clearance_jax.errors import wrong_value
+from clearance_jax.results.store import whole_file
 from clearance_jax.viewer.meshes import with_meshes
 from clearance_jax.viewer.scene import Fidelity, describe, motion_of
 
@@ -34,16 +35,9 @@ class View:
 
         **Raises:** `ClearanceError` if the file cannot be written.
         """
-        path = Path(path)
-        partial = path.with_name(f".partial.{path.name}")
-        try:
+        with whole_file(path) as partial:
             partial.write_text(self.html, encoding="utf-8")
-            partial.replace(path)
-        except OSError as error:
-            raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another path.") from None
-        finally:
-            partial.unlink(missing_ok=True)
-        return path
+        return Path(path)
 
     def __repr__(self) -> str:
         return f"View of {self.title}, {len(self.html) / 1e6:.2f} MB. {self.fidelity}"

@@ -111,17 +111,15 @@ def hertz_half_angle(geometry: Geometry, force: Scalar) -> Scalar:
     return 2 * safe_sqrt(force * radius * (pin.compliance + sleeve.compliance) / np.pi) / geometry.sleeve_radius
 
 
-def _spread(
-    section: Section, force: Scalar, angle: Scalar, half: Scalar, part: Callable[[Array], Array]
-) -> PressureField:
+def _spread(section: Section, at: SectionLoad, half: Scalar, part: Callable[[Array], Array]) -> PressureField:
     """Spread a force over a patch, exactly for every sector, however narrow the patch. `part`: the fraction of the
     force below a place of the patch from -1 to 1.
     """
-    beside = jnp.asarray(section.angles) - angle
+    beside = jnp.asarray(section.angles) - at.angle
     beside = beside - 2 * np.pi * jnp.round(beside / (2 * np.pi))
     wide, edge = jnp.where(half > 0, half, 1.0), np.pi / section.sectors
     above, below = (part(jnp.clip((beside + side * edge) / wide, -1.0, 1.0)) for side in (1, -1))
-    means = jnp.where(half > 0, force / section.arc * (above - below), 0.0)
+    means = jnp.where(half > 0, at.force / section.arc * (above - below), 0.0)
     return PressureField(means, jnp.sum(means) * section.arc)
 
 
@@ -135,7 +133,7 @@ class HertzLine(AbstractPressure):
         def part(x):
             return 0.5 + (x * safe_sqrt(1 - x * x) + jnp.arcsin(x)) / np.pi
 
-        return lambda at: _spread(section, at.force, at.angle, self.half_angle(section.geometry, at.force), part)
+        return lambda at: _spread(section, at, self.half_angle(section.geometry, at.force), part)
 
     def half_angle(self, geometry, force):
         return hertz_half_angle(geometry, force)
@@ -161,9 +159,7 @@ class Uniform(AbstractPressure):
     )
 
     def prepare(self, section):
-        return lambda at: _spread(
-            section, at.force, at.angle, self.half_angle(section.geometry, at.force), lambda x: 0.5 * (1 + x)
-        )
+        return lambda at: _spread(section, at, self.half_angle(section.geometry, at.force), lambda x: 0.5 * (1 + x))
 
     def half_angle(self, geometry, force):
         return hertz_half_angle(geometry, force) if self.spread is None else jnp.asarray(self.spread)

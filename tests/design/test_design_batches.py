@@ -13,7 +13,6 @@ from places import SCENES, refused
 
 import clearance_jax as cj
 from clearance_jax import design
-from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.asked import formulation
 from clearance_jax.design.asked.specification import scenarios_of
 from clearance_jax.design.search import evaluate
@@ -75,11 +74,10 @@ def test_a_cluster_gives_the_same(problem, monkeypatch):
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as made:
         cluster: Any = made
         with Client(cluster) as client:
-            place = SolvePlace(client)
-            there = evaluate.simulations_of(specification, place=place).together(X, scenarios, False)[0]
+            there = evaluate.simulations_of(specification, place=client).together(X, scenarios, False)[0]
             assert_allclose(there, here, rtol=1e-12, atol=1e-12)
             # A sweep of designs is one question, and what is known is not asked again.
-            program = formulation.formulate(specification, place=place)
+            program = formulation.formulate(specification, place=client)
             each = program.at_each(points)
             assert [point.x.tolist() for point in program.at_each(points[1:])] == [x.tolist() for x in points[1:]]
             assert program.evaluations == 3

@@ -13,7 +13,7 @@ from places import refused
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.design.asked.classes import NONE_CHOSEN, SMALLEST, ChosenClasses, classes_of
-from clearance_jax.design.judge.findings import _fit, known_findings
+from clearance_jax.design.judge.findings import _fits
 from clearance_jax.design.search.class_search import BranchAndBound, without_classes
 from clearance_jax.design.search.run import INTERRUPTED, SPENT
 from clearance_jax.errors import ClearanceError
@@ -153,7 +153,7 @@ def test_what_is_said_of_chosen_classes(chosen):
     assert "Karush" not in str(certificate)
     with pytest.raises(ClearanceError, match="neither other starts nor prices"):
         chosen.verify(starts=2)
-    found = _fit(known_findings(chosen), None).fits
+    found = _fits(None, chosen)["fits"]
     assert found is not None
     assert {name: one.name for name, one in found.fits.items()} == {n: c.name for n, c in chosen.classes.chosen.items()}
     assert_allclose(found.worst, chosen.evaluation.worst, atol=1e-6)

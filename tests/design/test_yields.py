@@ -16,7 +16,6 @@ from places import ROOT, SCENES, refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.asked.specification import Scenario
 from clearance_jax.design.judge.findings import known_findings
 from clearance_jax.design.judge.observed import joint_drawings
@@ -137,11 +136,12 @@ def test_what_an_estimate_says_of_a_target():
 def test_samples_that_are_asked_one_by_one_use_every_core(monkeypatch):
     """Those with tables of values were solved one after the other: two meet here, or neither goes on."""
     monkeypatch.setenv("PJRT_NPROC", "4")
+    monkeypatch.setattr(sys.modules[Simulations.__module__], "usual_cores", lambda: 2)
     meeting = threading.Barrier(2)
 
     class Two(Simulations):
         def __init__(self):
-            self.place, self._aged = SolvePlace(None, 2), {}
+            self.place, self._aged = None, {}
 
         def limits(self, x, scenario, gradient):
             if scenario.title != "first":

@@ -248,9 +248,6 @@ def test_regions_are_every_lane_once(shape, apart, least):
     assert np.prod(cut.chunk) >= min(least, np.prod([n for n, flag in zip(shape, apart, strict=True) if not flag]))
     for region, own in enumerate(lanes):
         assert len(own) == cut.size(region)
-        assert [cut.lane(region, place) for place in (0, len(own) // 2, len(own) - 1)] == own[
-            [0, len(own) // 2, -1]
-        ].tolist()
         regions, here = cut.of(own)
         assert set(regions.tolist()) == {region}
         np.testing.assert_array_equal(here, np.arange(len(own)))

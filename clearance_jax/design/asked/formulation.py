@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.asked.manufacture import AsDesigned
 from clearance_jax.design.asked.specification import AUTO, Scenario, Specification, scenarios_of
 from clearance_jax.design.search.evaluate import FEW, Simulations, simulations_of
@@ -25,7 +24,7 @@ def formulate(
     specification: Specification,
     rtol: float | None = None,
     solver: str | None = None,
-    place: SolvePlace = HERE,
+    place: Any = None,
     **options: Any,
 ) -> Program:
     """The program of a `specification`, solved with the accuracy `rtol` by a `solver` (by default its own).
@@ -87,7 +86,7 @@ def _program(specification: Specification, simulations: Simulations, **options: 
         titles,
         groups=groups,
         fresh=fresh if specification.manufacture.is_sampled else None,
-        several=None if place.client is None else several,
+        several=None if place is None else several,
         fidelity=specification.judge,
         leaders=_leaders(specification, simulations, len(titles)),
         inside=max(INSIDE, RESOLVED * float(simulations.solve.rtol)),

@@ -14,7 +14,7 @@ import scipy.stats
 from clearance_jax.design.search import yields
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.parameters import describe, physical
-from clearance_jax.sweep.axes import check_scatter
+from clearance_jax.sweep.axes import check_scatter, sample_points
 
 # The relative standard deviation above which a number scatters log-normally.
 WIDE = 0.2
@@ -313,8 +313,7 @@ class Neighbours(AbstractManufacture):
 
 def _normal_scores(width: int, count: int, seed: int) -> np.ndarray:
     """The normal scores (count, width) of a scrambled Sobol sequence."""
-    sequence = scipy.stats.qmc.Sobol(width, rng=seed).random_base2(int(np.ceil(np.log2(count))))
-    return scipy.stats.norm.ppf(sequence[:count])
+    return scipy.stats.norm.ppf(sample_points("sobol", width, count, seed))
 
 
 MANUFACTURE: Mapping[str, type[AbstractManufacture]] = {"band": Band, "yield": Yield}

@@ -89,7 +89,9 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     times, index = evenly(settings.t0, t1, INSTANTS), names.index(point)
 
     def parts_of(mechanism: Mechanism, stiffer: float):
-        return pose_errors(_with_stiffness(mechanism, stiffer), index, times, mark_positions)
+        # A law within a law: any factor uses the same program.
+        stiff = change_each_play(mechanism, lambda p: dataclasses.replace(p, normal=Stiffened(p.normal, stiffer)))
+        return pose_errors(stiff, index, times, mark_positions)
 
     parts = {
         "quasi_static": parts_of(mechanism, 1.0),
@@ -119,11 +121,6 @@ _BAD = {
     "play": "with contacts so stiff a pin finds no rest under its load",
     "elasticity": "with clearances so small a pin finds no rest under its load",
 }
-
-
-def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
-    """The mechanism with contacts `factor` times as stiff; any factor uses the same program."""
-    return change_each_play(mechanism, lambda play: dataclasses.replace(play, normal=Stiffened(play.normal, factor)))
 
 
 def _closer(clearance):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.ask.answers import SolvePlace, place_of
+from clearance_jax.ask.answers import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.conditions import without_wear
 from clearance_jax.design.asked.formulation import formulate
@@ -162,7 +162,7 @@ def tradeoff(
 
 
 def _traded(
-    design: Design, limit: str, factors: Sequence[float], progress: Callable[[str], None] | None, place: SolvePlace
+    design: Design, limit: str, factors: Sequence[float], progress: Callable[[str], None] | None, place: Any
 ) -> Program:
     """The program of a design with all points of the searches for the bounds."""
     words = ""

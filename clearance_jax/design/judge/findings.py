@@ -121,11 +121,11 @@ def findings(
     steps: dict[str, Callable[[Findings], Findings]] = {"loads and pictures": _see}
     if design.feasible:
         steps |= {
-            "contributions": _step("responses", responses),
-            "standard fits": lambda findings: _fit(findings, cluster),
+            "contributions": _step(lambda design: {"responses": responses(design)}),
+            "standard fits": _step(functools.partial(_fits, cluster)),
         }
         if any(limit.ages for limit in design.specification.limits):
-            steps["maintenance intervals"] = _step("maintenance", maintenances)
+            steps["maintenance intervals"] = _step(lambda design: {"maintenance": maintenances(design)})
     seen = known_findings(design, certificate)
     try:
         for name, step in steps.items():
@@ -183,28 +183,24 @@ def _see(findings: Findings) -> Findings:
     )
 
 
-def _step(field: str, compute: Callable[[Design], Any]) -> Callable[[Findings], Findings]:
-    """The step that sets a field by a function of the design, or notes why that is not possible."""
+def _step(compute: Callable[[Design], dict[str, Any]]) -> Callable[[Findings], Findings]:
+    """The step that sets fields by a function of the design, or notes why that is not possible."""
 
     def step(findings: Findings) -> Findings:
         try:
-            return findings._replace(**{field: compute(findings.design)})
+            return findings._replace(**compute(findings.design))
         except ClearanceError as error:
             return _note(findings, str(error))
 
     return step
 
 
-def _fit(findings: Findings, cluster: Any) -> Findings:
-    asked, samples = findings.design.specification, None
+def _fits(cluster: Any, design: Design) -> dict[str, Any]:
+    asked, samples = design.specification, None
     if any(limit.ages for limit in asked.limits):
         target = getattr(asked.manufacture, "target", None)
         samples = LIVED if target is None else samples_needed(target)
-    choose = nearest_fits if findings.design.classes is None else chosen_fits
-    try:
-        fits = choose(findings.design, samples=samples, cluster=cluster)
-    except ClearanceError as error:
-        return _note(findings, str(error))
+    fits = (nearest_fits if design.classes is None else chosen_fits)(design, samples=samples, cluster=cluster)
     if fits is None:
-        return _note(findings, NO_FITS)
-    return findings._replace(fits=fits, drawings=observed.joint_drawings(findings.design, fits.fits, fits.remarks))
+        raise ClearanceError(NO_FITS)
+    return {"fits": fits, "drawings": observed.joint_drawings(design, fits.fits, fits.remarks)}

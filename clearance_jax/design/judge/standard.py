@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.ask.answers import SolvePlace, place_of
+from clearance_jax.ask.answers import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.asked.specification import Scenario, scenarios_of
@@ -105,7 +105,7 @@ def nearest_fits(
             chosen = {i: max(k - 1, 0) for i, k in chosen.items()}
 
 
-def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: SolvePlace) -> dict[int, int] | None:
+def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Any) -> dict[int, int] | None:
     """The index of a fit in each list, the loosest ones that hold the limits together; `None` if none do."""
     specification = design.specification.nominal()
     designed, fitted = specification.values(design.evaluation.x), list(lists)
@@ -148,7 +148,7 @@ def chosen_fits(design: Design, samples: int | None = None, seed: int = 0, clust
 
 
 def _judged(
-    design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: SolvePlace
+    design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: Any
 ) -> StandardFits:
     """The limits with classes at their ends, and the yield of parts made to the classes."""
     specification, names = design.specification, list(design.clearances)

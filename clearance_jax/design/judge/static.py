@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.analysis.reach import place_slopes, play_of
+from clearance_jax.analysis.pose_errors import place_slopes, play_of
 from clearance_jax.dynamics.closures import mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, AbstractPin, PlayCoordinate

@@ -3,11 +3,11 @@
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy.optimize
 
-from clearance_jax.ask.answers import HERE, SolvePlace
 from clearance_jax.design.asked.formulation import formulate
 from clearance_jax.design.asked.specification import Specification
 from clearance_jax.design.judge.static import static_error, static_weights
@@ -143,7 +143,7 @@ def _judging(specification: Specification, solver: str | None) -> tuple[str, flo
 def judge_of(
     specification: Specification,
     solver: str | None = None,
-    place: SolvePlace = HERE,
+    place: Any = None,
     progress: Callable[[Evaluation], None] | None = None,
 ) -> Program:
     """The program of the problem by another solver and a tenfold tighter tolerance, always by the dynamics."""
@@ -192,7 +192,7 @@ def certify(
     samples: int | None = None,
     seed: int = 0,
     solver: str | None = None,
-    place: SolvePlace = HERE,
+    place: Any = None,
     progress: Callable[[Evaluation], None] | None = None,
     fresh: Program | None = None,
 ) -> Certificate:

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import ChosenClasses, ToleranceClass, least_ends
 from clearance_jax.design.search.evaluate import most_violated
@@ -221,7 +220,7 @@ class BranchAndBound:
 
 
 def choose_classes(
-    design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: SolvePlace, **options: Any
+    design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: Any, **options: Any
 ) -> Design:
     """The cheapest combination of `classes` that holds every limit, by branch and bound from a continuous design. A
     combination holds if the limits of the problem hold with every clearance at the greatest of its class, and those of

@@ -4,7 +4,6 @@ A limit that must hold while a joint wears needs many motions one after another.
 this process.
 """
 
-import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.answers import HERE, SolvePlace, answers, as_lanes
+from clearance_jax.ask.answers import answers, as_lanes
 from clearance_jax.ask.question import Question, answer, shapes_of
 from clearance_jax.design.asked.conditions import values_for, without_wear
 from clearance_jax.design.asked.specification import Scenario, Specification, scenarios_of
@@ -43,7 +42,7 @@ class Simulations:
         names: Sequence[str],
         t1: float,
         solve: Settings,
-        place: SolvePlace = HERE,
+        place: Any = None,
     ):
         self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
         self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
@@ -58,10 +57,6 @@ class Simulations:
 
     def sizes(self) -> list[int]:
         """The number of values of each metric."""
-        return self._sizes
-
-    @functools.cached_property
-    def _sizes(self) -> list[int]:
         questions = (Question(self.mechanism, {"": m.base_metric}, self.t1, self.solve) for m in self.metrics)
         counts = [int(np.prod(shapes_of(question, ()).values[""].shape)) for question in questions]
         return [count * len(self._aged[i].cycles) if i in self._aged else count for i, count in enumerate(counts)]
@@ -91,8 +86,8 @@ class Simulations:
         if self._aged or any(np.ndim(value) > 1 for value in scenarios[0].values.values()):
             first = self.limits(x, scenarios[0], gradient)  # compiles for all
             # Wear is mostly work of the host between small solves, also with a GPU.
-            usual = cores_here() if self._aged else usual_cores()
-            with ThreadPoolExecutor(min(self.place.cores or usual, side_by_side())) as pool:
+            cores = cores_here() if self._aged else usual_cores()
+            with ThreadPoolExecutor(min(cores, side_by_side())) as pool:
                 others = pool.map(lambda scenario: self.limits(x, scenario, gradient), scenarios[1:])
                 limits, rows = zip(first, *others, strict=True)
             return np.stack(limits), np.stack(rows) if gradient else None
@@ -170,7 +165,7 @@ class Simulations:
 
 
 def simulations_of(
-    specification: Specification, rtol: float | None = None, solver: str | None = None, place: SolvePlace = HERE
+    specification: Specification, rtol: float | None = None, solver: str | None = None, place: Any = None
 ) -> Simulations:
     """The simulations of a problem's designs, with the given accuracy, also of wear."""
     changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
@@ -181,7 +176,7 @@ def simulations_of(
 
 
 def most_violated(
-    specification: Specification, exact: bool, place: SolvePlace, *accuracy: Any
+    specification: Specification, exact: bool, place: Any, *accuracy: Any
 ) -> Callable[[np.ndarray], float]:
     """The most violated limit as a function of a design, which may lie outside of the bounds of its variables; `exact`
     as of `Simulations.worst`, `accuracy` as of `simulations_of`.
@@ -191,7 +186,7 @@ def most_violated(
 
 
 def yield_of(
-    specification: Specification, x: np.ndarray, sampled: Sequence[Scenario], exact: bool, place: SolvePlace
+    specification: Specification, x: np.ndarray, sampled: Sequence[Scenario], exact: bool, place: Any
 ) -> YieldEstimate:
     """The yield of a design on `sampled` scenarios, the same number in each condition; that of the worst condition."""
     worst = simulations_of(specification, place=place).worst(specification.values(x), sampled, exact)
@@ -200,7 +195,7 @@ def yield_of(
 
 
 def fresh_yield(
-    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: SolvePlace = HERE
+    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: Any = None
 ) -> YieldEstimate:
     """The yield of a design on fresh samples (default: as many as its target needs), in the worst condition."""
     if not specification.manufacture.is_sampled:

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
-from clearance_jax.ask.answers import SolvePlace
 from clearance_jax.design.answer import Design
 from clearance_jax.design.asked.classes import NONE_CHOSEN, Candidates, classes_of, priced
 from clearance_jax.design.asked.formulation import formulate, objective_of, unposed
@@ -46,7 +45,7 @@ class SearchOptions(NamedTuple):
     record: str | Path | None
     most: int
     progress: Callable[[Evaluation], None] | None
-    place: SolvePlace
+    place: Any
     classes: Candidates | None
     diameters: Mapping[str, float] | None
 
