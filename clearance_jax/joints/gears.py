@@ -128,8 +128,8 @@ def backlash(
     **Raises:** `ClearanceError` for numbers out of range, an unknown class, and gears that do not mesh or may jam.
     """
     m, z = _gears(module, teeth, pressure_angle)
-    both = (tolerance_class, tolerance_class) if isinstance(tolerance_class, str) else tolerance_class
-    names = ["{}{}".format(*_class(name)) for name in both]
+    apart = isinstance(tolerance_class, tuple) and len(tolerance_class) == 2
+    names = ["{}{}".format(*_class(name)) for name in (tolerance_class if apart else [tolerance_class] * 2)]
     if profile_shift and centre_distance is None:
         raise ClearanceError("Shifted gears need their `centre_distance`: it is not the sum of their reference radii.")
     distance = m * abs(z) / 2 if centre_distance is None else _above_zero("centre_distance", centre_distance)

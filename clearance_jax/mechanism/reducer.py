@@ -91,16 +91,15 @@ class Reducer:
         torques, stiffnesses = self.pieces
         plain = all(isinstance(number, numbers.Real) for number in (*torques, *stiffnesses))
         rising = plain and all(start < end for start, end in itertools.pairwise((0.0, *torques)))
-        counted = len(stiffnesses) in (len(torques), len(torques) + 1) and bool(stiffnesses)
-        if not (counted and rising and all(k > 0 for k in stiffnesses)):
+        if not (rising and all(k > 0 for k in stiffnesses or (0,)) and len(stiffnesses) - len(torques) in (0, 1)):
             allowed = "one number above 0 N m/rad, or rising torques [N m] with as many stiffnesses or one more"
             raise wrong_value("`stiffness`", allowed, self.stiffness)
 
     @property
     def pieces(self) -> StiffnessPieces:
         """The stiffness in straight pieces, also of one number."""
-        pair = self.stiffness if isinstance(self.stiffness, tuple) else ((), (self.stiffness,))
-        return StiffnessPieces(*map(tuple, pair))
+        two = isinstance(self.stiffness, tuple) and [isinstance(x, Sequence) for x in self.stiffness] == [True, True]
+        return StiffnessPieces(*map(tuple, self.stiffness if two else ((), (self.stiffness,))))
 
     @classmethod
     def from_datasheet(
@@ -119,9 +118,9 @@ class Reducer:
 
         **Raises:** `ClearanceError` for contradictions, and where friction hides the gap (then with the possible gaps).
         """
-        _check(lost_motion=lost_motion, backlash=backlash, hysteresis_loss=hysteresis_loss, q=q)
         known = {"ratio": ratio, "stiffness": stiffness, "rated_torque": rated_torque, **others}
         torques, (k, *_) = cls(**known).pieces
+        _check(lost_motion=lost_motion, backlash=backlash, hysteresis_loss=hysteresis_loss, q=q, stiffness=k)
         test, wound = q * rated_torque, 2 * q * rated_torque / k
         if (backlash is None) == (lost_motion is None):
             raise ClearanceError("Give one of `lost_motion` and `backlash`.").about("lost_motion", lost_motion)
@@ -130,7 +129,7 @@ class Reducer:
             raise wrong_value("`lost_motion`", allowed, lost_motion, _angle(lost_motion), fix)
         gap = max(lost_motion - wound, 0.0) if backlash is None else backlash
         loop = gap if hysteresis_loss is None else hysteresis_loss
-        if lost_motion is not None and loop >= lost_motion:
+        if lost_motion is not None and hysteresis_loss is not None and loop >= lost_motion:
             text = "Friction hides the gap, as `hysteresis_loss` is not below the lost motion: any gap from 0 to"
             text += f" {_angle(loop - wound)} agrees with the sheet. Give the `backlash` instead of the lost motion."
             raise ClearanceError(text).about("hysteresis_loss", loop, loop - wound)
@@ -200,7 +199,7 @@ def _check(**values: Any) -> None:
         words = {"ratio": "other than 0", "efficiency": "above 0 and at most 1"}
         size = float(value) if isinstance(value, numbers.Real) else math.nan
         inside = (size > 0 or (size == 0 and least) or (size < 0 and name == "ratio")) and math.isfinite(size)
-        if value is not None and not (inside and (size <= 1 or name != "efficiency")):
+        if (value is not None or name == "ratio") and not (inside and (size <= 1 or name != "efficiency")):
             allowed = words.get(name, "of at least 0" if least else "above 0")
             raise wrong_value(f"`{name}`", f"a number {allowed}, in SI units", value)
 

@@ -143,6 +143,39 @@ def test_the_formula_is_that_of_the_thickness_of_teeth(teeth, shifts, distance):
     )
 
 
+def half_angle(radii, module, count):
+    """Half of the angle over which a tooth, or the gap of a ring, is wide at some radii [m]."""
+    reference = module * count / 2
+    turned = np.arccos(reference * math.cos(PRESSURE_ANGLE) / radii)
+    middle = math.pi / (2 * count) + math.tan(PRESSURE_ANGLE) - PRESSURE_ANGLE
+    return middle - (np.tan(turned) - turned)
+
+
+def test_flanks_of_a_ring_themselves():
+    """A pinion turns in a ring, whose centres are too near, until a sampled point of a tooth reaches a flank."""
+    module, count, ring, distance = 2e-3, 20, 60, 0.04 - 50e-6
+    reference, outer = module * count / 2, module * ring / 2
+    radii = np.linspace(1.0001 * reference * math.cos(PRESSURE_ANGLE), reference + module, 20_001)
+
+    def overlap(turn):
+        deepest = []
+        for k in range(-3, 4):
+            angles = turn + 2 * math.pi * k / count + half_angle(radii, module, count)
+            x, y = distance + radii * np.cos(angles), radii * np.sin(angles)
+            far = np.hypot(x, y)
+            within = np.abs(far - outer) < module
+            past = np.arctan2(y, x)[within] - 2 * math.pi * k / ring - half_angle(far[within], module, ring)
+            deepest.append(past.max(initial=-1.0))
+        return max(deepest)
+
+    low, high = 0.0, 1e-2
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (low, middle) if overlap(middle) > 0 else (middle, high)
+    expected = normal_backlash(module, (count, -ring), distance) / (reference * math.cos(PRESSURE_ANGLE))
+    assert 2 * low == pytest.approx(expected, rel=1e-6)
+
+
 def test_both_ends_of_a_centre_distance():
     """A tolerance to both sides, and one with two ends: the least backlash belongs to the tight end, of a ring to the
     wide one.

@@ -195,11 +195,12 @@ def test_pieces_in_a_data_sheet():
         ({"backlash": 2e-4, "hysteresis_loss": 1e-4}, ("hysteresis_loss", 1e-4)),
         ({"backlash": 2e-4, "q": 0.0}, ("q", 0.0)),
         ({"lost_motion": 1e-3, "q": 3}, ("lost_motion",)),  # per cent
+        ({"lost_motion": 1e-3, "stiffness": math.inf}, ("stiffness", math.inf)),
     ],
 )
 def test_data_sheets_that_contradict_themselves(numbers, about):
     with refused(*about):
-        cj.Reducer.from_datasheet(**SHEET, **numbers)
+        cj.Reducer.from_datasheet(**SHEET | numbers)
 
 
 @pytest.mark.parametrize(
@@ -220,6 +221,7 @@ def test_data_sheets_that_contradict_themselves(numbers, about):
         ({"ratio": 100, "stiffness": ((7.0, 25.0), (1e4, 2e4, 3e4, 4e4))}, ("stiffness",)),
         ({"ratio": 100, "stiffness": ((7.0, 25.0), (1e4,))}, ("stiffness",)),
         ({"ratio": 100, "stiffness": ((), ())}, ("stiffness",)),
+        ({"ratio": 100, "stiffness": ((7.0,), ())}, ("stiffness",)),
         ({"ratio": 100, "stiffness": ((7.0, 25.0), (1e4, -2e4))}, ("stiffness",)),
     ],
 )
