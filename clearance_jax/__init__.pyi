@@ -33,6 +33,7 @@ from .joints import GuideClearance as GuideClearance
 from .joints import RevoluteClearance as RevoluteClearance
 from .joints import SleeveClearance as SleeveClearance
 from .joints import SphericalClearance as SphericalClearance
+from .joints import gears as gears
 from .mechanism import actuators as actuators
 from .mechanism import controllers as controllers
 from .mechanism.body import Body as Body
@@ -62,6 +63,7 @@ from .mechanism.placement import Gravity as Gravity
 from .mechanism.placement import Inertia as Inertia
 from .mechanism.placement import Orientation as Orientation
 from .mechanism.placement import Position as Position
+from .mechanism.reducer import Reducer as Reducer
 from .mechanism.tree.compounds import Ball as Ball
 from .mechanism.tree.compounds import Cylindrical as Cylindrical
 from .mechanism.tree.compounds import Free as Free

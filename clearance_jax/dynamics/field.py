@@ -112,13 +112,13 @@ def mesh_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, now: 
     pairs = [*now.pairs, *now.closing]
     forces = dict(zip(driven, now.motion.drive_forces(pairs, now.acceleration), strict=True)) if driven else {}
     whole = unfold(mechanism, time, state)
-    own = carrying_efforts(mechanism, now, forces, exert_each(whole.mechanism, time, whole.state))
+    alone = carrying_efforts(mechanism, now, forces, exert_each(whole.mechanism, time, whole.state))
     done: dict[str, Term] = {}
 
     def of(name: str) -> Term:
         if name not in done:
             passed = [times(dict(c.terms)[name], of(c.follower)) for c in mechanism.couplings if name in dict(c.terms)]
-            done[name] = plus(own[name], total(passed))
+            done[name] = plus(alone[name], total(passed))
         return done[name]
 
     return [of(coupling.follower) for coupling in mechanism.couplings]

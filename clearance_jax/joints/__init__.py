@@ -1,5 +1,6 @@
 """Clearance joints: geometry x normal law x friction law."""
 
+from clearance_jax.joints import gears as gears
 from clearance_jax.joints._base import AbstractClearance, PreparedClearance
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.bearings import angular_contact_pair, crossed_roller, rolling_bearing

@@ -7,8 +7,9 @@ All lengths at the interface are in metres; the tables are the standard's, in mm
 
 **Source:** ISO 286-1:2010, tables 1 (standard tolerances), 4 and 5 (fundamental deviations of shafts), and the general
 rule EI = -es for holes A to H; values as reprinted in Narayana, Kannaiah, Reddy, Machine Drawing (New Age), tables 15.1
-to 15.3. Left out are the letters cd, ef, fg, j, t to zc, and the holes beyond H other than JS (their deviation depends
-on the grade too). js is as defined, +-IT/2; some tables round it down to whole um in grades 7 to 11.
+to 15.3. Holes K to S follow from the shafts by the rule of the standard, ES = -ei, to which the fine grades above 3 mm
+add IT_n - IT_(n-1) (`_hole`). Left out are the letters cd, ef, fg, j, t to zc. js is as defined, +-IT/2; some tables
+round it down to whole um in grades 7 to 11.
 """
 
 import bisect
@@ -66,7 +67,9 @@ DEVIATIONS = {
 }
 # fmt: on
 SHAFTS = (*DEVIATIONS, "js")
-HOLES = (*(letter.upper() for letter in DEVIATIONS if letter <= "h"), "JS")
+HOLES = tuple(letter.upper() for letter in SHAFTS)
+# The grades of holes up to which the standard adds a difference of tolerances to their deviation.
+ADDED = {"K": 8, "M": 8, "N": 8, "P": 7, "R": 7, "S": 7}
 
 # The clearance fits that ISO 286-1:2010 recommends on the hole basis (b aside: it does not exist up to 1 mm), those
 # that ANSI B4.2 prefers, and the running fits H7/f7 and F8/h6.
@@ -130,18 +133,19 @@ def limit_deviations(diameter: SupportsFloat, tolerance_class: str) -> tuple[flo
       of the standard tolerance, 3 to 16.
 
     **Raises:** `ClearanceError` for a diameter out of range, an unknown letter or grade, a malformed name, and for what
-    the standard does not have up to 1 mm (a, b, A, B, and the grades from 14 on).
+    the standard does not have: up to 1 mm a, b, A, B, N from grade 9 on, and the grades from 14 on; above 3 mm K from
+    grade 9 on. Above 3 mm, holes K to S of grade 3 are not known here.
     """
     size = _millimetres(diameter)
     letter, grade = _letter_and_grade(tolerance_class)
-    if size <= 1 and (letter.lower() in ("a", "b") or grade >= 14):
-        raise ClearanceError(
-            f"Argument `tolerance_class` must not be a, b, A, B or of a grade from 14 on for diameters up to 1 mm "
-            f"(ISO 286-1), but it is {tolerance_class!r} at {size:g} mm. Take another letter or a finer grade."
-        ).about("tolerance_class", tolerance_class)
-    lower, upper = _shaft(size, letter.lower(), grade)
-    if letter in HOLES:
-        lower, upper = 0.0 - upper, 0.0 - lower  # not -upper: that of an H would be -0.0
+    allowed, shown = "", f"{tolerance_class!r} at {size:g} mm"
+    if size <= 1 and (letter in ("a", "b", "A", "B") or grade >= 14 or (letter == "N" and grade > 8)):
+        allowed = "another than a, b, A, B, N from grade 9 on, or grades from 14 on up to 1 mm (ISO 286-1)"
+    elif size > 3 and ((letter == "K" and grade > 8) or (letter in ADDED and grade == 3)):
+        allowed = "of a grade from 4 on (K: 4 to 8) for holes K to S above 3 mm"
+    if allowed:
+        raise wrong_value("Argument `tolerance_class`", allowed, tolerance_class, shown)
+    lower, upper = (_hole if letter in HOLES else _shaft)(size, letter.lower(), grade)
     return lower / 1e6, upper / 1e6
 
 
@@ -216,6 +220,22 @@ def _shaft(size: float, letter: str, grade: int) -> tuple[float, float]:
     if letter == "k" and not 4 <= grade <= 7:
         deviation = 0.0
     return (deviation - tolerance, deviation) if letter <= "h" else (deviation, deviation + tolerance)
+
+
+def _hole(size: float, letter: str, grade: int) -> tuple[float, float]:
+    """Lower and upper deviation [um] of a hole of `size` [mm]; `letter`: in lower case."""
+    if letter.upper() not in ADDED:
+        lower, upper = _shaft(size, letter, grade)
+        return 0.0 - upper, 0.0 - lower  # not -upper: that of an H would be -0.0
+    # The deviation of the table, also for K of the grades in which a shaft k begins at zero.
+    tolerance, upper = _entry(TOLERANCES[grade], size), 0.0 - _entry(DEVIATIONS[letter], size)
+    if (letter, grade) == ("m", 6) and 250 < size <= 315:
+        upper = -9.0  # the one value of the standard that its rule does not give
+    elif size > 3 and grade <= ADDED[letter.upper()]:
+        upper += tolerance - _entry(TOLERANCES[grade - 1], size)
+    elif size > 3 and letter == "n":
+        upper = 0.0
+    return upper - tolerance, upper
 
 
 def _entry(row: tuple[int | float, ...], size: float) -> float:

@@ -177,22 +177,22 @@ def _solved(name: str, factors: Mapping[str, float], follower: str) -> Coupling:
     return Coupling(name, follower, leader, ratio, second=second, second_ratio=second_ratio)
 
 
-class Relation(NamedTuple):
+class Resolved(NamedTuple):
     """A follower's value by coordinates that follow none: the sum of `terms` (a factor by name) and an `offset`."""
 
     terms: dict[str, Term]
     offset: Term
 
 
-def relations(couplings: Sequence[Coupling], springs: Mapping[str, str]) -> dict[str, Relation]:
+def relations(couplings: Sequence[Coupling], springs: Mapping[str, str]) -> dict[str, Resolved]:
     """By follower its relation; a link's angle is the sum of its motor's and its spring's (`springs`: motors of links
     whose drive gives way).
     """
     by_name, out = {c.follower: c for c in couplings}, {}
 
-    def of(name: str) -> Relation:
+    def of(name: str) -> Resolved:
         if name not in by_name:
-            return Relation({name: 1.0} | ({springs[name]: 1.0} if name in springs else {}), 0.0)
+            return Resolved({name: 1.0} | ({springs[name]: 1.0} if name in springs else {}), 0.0)
         if name not in out:
             terms: dict[str, Term] = {}
             offset: Term = by_name[name].offset
@@ -201,7 +201,7 @@ def relations(couplings: Sequence[Coupling], springs: Mapping[str, str]) -> dict
                 offset = plus(offset, times(ratio, inner.offset))
                 for root, factor in inner.terms.items():
                     terms[root] = plus(terms.get(root, 0.0), times(ratio, factor))
-            out[name] = Relation(terms, offset)
+            out[name] = Resolved(terms, offset)
         return out[name]
 
     return {name: of(name) for name in by_name}

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from clearance_jax._basis.types import Scalar
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.couplings import Following, Follows, Relation, relations
+from clearance_jax.mechanism.couplings import Following, Follows, Resolved, relations
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.mechanism.tree.coordinate import Coordinate
@@ -16,7 +16,7 @@ from clearance_jax.mechanism.variants import gives_way, motor_of, with_motions
 from clearance_jax.spatial import Term, plus, times, total
 
 
-def relations_of(mechanism: AbstractMechanism) -> dict[str, Relation]:
+def relations_of(mechanism: AbstractMechanism) -> dict[str, Resolved]:
     """By follower what it follows in the end, and how."""
     motors = {c.name: motor_of(c.name) for c in mechanism.moved_coordinates() if gives_way(c.motion)}
     return relations(mechanism.couplings, motors)

@@ -128,9 +128,11 @@ def _declared(metadata: Mapping[str, Any]) -> str:
 
 
 def _below_definition(name: Name) -> str:
-    """The string below a constant's definition, in whichever module of its package it is defined."""
+    """The string below a constant's definition, in whichever module of its package it is defined. A public module may
+    lie elsewhere than its address says.
+    """
     for module in sorted(sys.modules):
-        if f"{module}.".startswith(f"{name.module}."):
+        if f"{module}.".startswith((f"{name.module}.", f"{name.home}.")):
             found = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", name.name))
             if found:
                 return "\n".join(found)

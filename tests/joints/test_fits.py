@@ -54,6 +54,20 @@ LIMITS = {
     "G7": {100: (12, 47)},
     "a12": {110: (-760, -410), 240: (-1280, -820)},
     "g5": {400: (-43, -18)},
+    "K6": {3: (-6, 0), 25: (-11, 2)},
+    "K7": {3: (-10, 0), 25: (-15, 6), 100: (-25, 10)},
+    "K8": {25: (-23, 10)},
+    "K9": {3: (-25, 0)},
+    "M6": {25: (-17, -4), 250: (-37, -8), 251: (-41, -9), 315: (-41, -9), 316: (-46, -10)},
+    "M7": {3: (-12, -2), 25: (-21, 0), 300: (-52, 0)},
+    "M8": {25: (-29, 4)},
+    "M9": {25: (-60, -8)},
+    "N7": {3: (-14, -4), 25: (-28, -7), 60: (-39, -9)},
+    "N9": {2: (-29, -4), 8: (-36, 0), 25: (-52, 0)},
+    "P7": {3: (-16, -6), 25: (-35, -14)},
+    "P9": {8: (-51, -15), 25: (-74, -22)},
+    "R7": {25: (-41, -20), 60: (-60, -30), 70: (-62, -32)},
+    "S7": {25: (-48, -27), 60: (-72, -42)},
 }
 
 # The rows of the reference table in FACTS.md section 9, and further fits: least and greatest diametral clearance [um]
@@ -65,6 +79,8 @@ FITS = {
     "F8/h6": {25: (20, 66)},
     "H7/k6": {25: (-15, 19)},
     "H7/s6": {25: (-48, -14)},
+    "P7/h6": {25: (-35, -1)},
+    "N9/h9": {8: (-36, 36)},
 }
 
 
@@ -163,6 +179,20 @@ def test_tables_are_complete_and_monotone():
     assert np.all(np.diff(list(fits.TOLERANCES.values()), axis=0) > 0)
 
 
+@pytest.mark.parametrize("letter", "KMNPRS")
+@pytest.mark.parametrize("grade", [5, 6, 7])
+def test_a_hole_and_a_shaft_of_one_letter_grip_as_much_on_either_basis(letter, grade):
+    """The rule for which ISO 286-1 adds a difference of tolerances: a hole H with the next finer shaft (H7/p6) grips as
+    the mirrored pair (P7/h6).
+    """
+    for size in (0.004, 0.025, 0.06, 0.1, 0.4):
+        shaft, hole = (
+            fit(size, f"H{grade}/{letter.lower()}{grade - 1}"),
+            fit(size, f"{letter}{grade}/h{grade - 1}"),
+        )
+        assert hole.diametral_clearance == shaft.diametral_clearance
+
+
 @pytest.mark.parametrize("letter", "ABCDEFGH")
 def test_a_hole_mirrors_the_shaft(letter):
     lower, upper = limit_deviations(0.03, f"{letter}8")
@@ -219,7 +249,9 @@ OUT_OF_RANGE = (0.0, -0.01, 0.5001, 25.0, float("nan"))
 REFUSED = [
     *((limit_deviations, (diameter, "H7"), ("diameter", ANY, 0.5)) for diameter in OUT_OF_RANGE),
     *((fits_within, (diameter, 1e-4), ("diameter", ANY, 0.5)) for diameter in OUT_OF_RANGE),
-    (limit_deviations, (0.025, "K7"), ("tolerance_class", "K7", "JS")),
+    (limit_deviations, (0.025, "T7"), ("tolerance_class", "T7", "JS")),
+    (limit_deviations, (0.025, "K9"), ("tolerance_class", "K9")),
+    (limit_deviations, (0.025, "P3"), ("tolerance_class", "P3")),
     (limit_deviations, (0.025, "Js7"), ("tolerance_class", "Js7", "s")),
     (limit_deviations, (0.025, "t6"), ("tolerance_class", "t6", "s")),
     (limit_deviations, (0.025, "H2"), ("tolerance_class", "H2", "3")),
@@ -246,7 +278,7 @@ def test_refusals(function, arguments, about):
 
 
 def test_what_the_standard_lacks_up_to_one_millimetre():
-    for tolerance_class in ("a9", "B11", "H14"):
+    for tolerance_class in ("a9", "B11", "H14", "N9"):
         with refused("tolerance_class", tolerance_class):
             limit_deviations(0.001, tolerance_class)
         assert limit_deviations(0.00101, tolerance_class)[1] != 0
