@@ -30,6 +30,10 @@ def simulate(
     trajectory: Path | None = Option(None, help="Drives the joints that a CSV file of times and values names."),
     clearance: list[str] | None = common.CLEARANCES,
     ideal: bool = common.IDEAL,
+    base: str | None = common.BASE,
+    mimic: str | None = common.MIMIC,
+    inertia: str | None = common.INERTIA,
+    density: str | None = common.DENSITY,
     output: Path | None = Option(None, "-o", "--output", help="Result file (NetCDF)."),
     plot: Path | None = Option(None, help="Figure of the result (.png, .pdf)."),
     plot_kind: str | None = common.KIND,
@@ -40,7 +44,7 @@ def simulate(
 
     Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """
-    scene = common.read_scene(scene_file)
+    scene = common.read_scene(scene_file, base=base, mimic=mimic, inertia=inertia, density=density)
     driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = common.change(driven, settings, ideal, clearance)
     from clearance_jax.solve.simulate import EnergyWarning

@@ -1,0 +1,83 @@
+"""The text of a URDF file. What other readers of XML let pass is mended; each mend is a note with its line. Lines stay
+as they are in the file.
+"""
+
+import codecs
+import re
+from collections.abc import Iterable
+
+Note = tuple[str, int]
+"""What was assumed, in words, and the line of the file."""
+
+# Most kinds in a sentence.
+SHOWN = 8
+MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+DECLARED = re.compile(rb"""\s*<\?xml\s[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
+# What robot files are written in. Other codecs of Python are no encodings of texts (`unicode_escape`).
+ENCODINGS = ("utf-8", "ascii", "iso8859", "cp125", "gb", "big5", "shift_jis", "euc_")
+DECLARATION = re.compile(r"<\?xml\s[^>]*\?>")
+COMMENT = r"<!--.*?-->"
+PREFIXES = re.compile(r"</?([A-Za-z_][\w.-]*):|\s([A-Za-z_][\w.-]*):[\w.-]+\s*=")
+# Known prefixes mean what they would if they were declared.
+NAMESPACES = {"drake": "http://drake.mit.edu", "xacro": "http://www.ros.org/wiki/xacro"}
+
+
+def decoded(content: bytes) -> tuple[str, list[Note]]:
+    """The text of a file's bytes: by its mark, else as it declares, else in UTF-8, else in Latin-1."""
+    notes: list[Note] = []
+    text = _decoded(content)
+    if text is None:
+        text = content.decode("latin-1")
+        notes.append(("a text that is not in UTF-8 is read as Latin-1", 1))
+    head, _, tail = text.partition("\0")
+    if tail.strip("\0 \t\r\n") == "" and len(head) < len(text):
+        notes.append(("zero bytes at the end of the file are left out", head.count("\n") + 1))
+        text = head
+    declaration = DECLARATION.search(text)
+    before = text[: declaration.start()] if declaration else ""
+    if declaration and before and not re.sub(COMMENT, "", before, flags=re.DOTALL).strip():
+        notes.append(("`<?xml ...?>`, which is not at the beginning of the file, is left out", before.count("\n") + 1))
+        text = before + "\n" * declaration[0].count("\n") + text[declaration.end() :]
+    return text, notes
+
+
+def _decoded(content: bytes) -> str | None:
+    names = [name for mark, name in MARKS.items() if content.startswith(mark)]
+    if not names:
+        declared = DECLARED.match(content)
+        names = [*([declared[1].decode()] if declared else []), "utf-8"]
+    for name in names:
+        try:
+            if codecs.lookup(name).name.startswith((*ENCODINGS, "utf-16")):
+                return content.decode(name)
+        except (LookupError, UnicodeDecodeError):
+            continue
+    return None
+
+
+def with_prefixes(text: str) -> tuple[str, list[Note]]:
+    """The text with a declaration of every prefix that has none, in its <robot>."""
+    bare = re.sub(COMMENT, lambda match: re.sub(r"[^\n]", " ", match[0]), text, flags=re.DOTALL)
+    known = {"xml", "xmlns", *re.findall(r"\bxmlns:([\w.-]+)\s*=", bare)}
+    first: dict[str, int] = {}
+    for match in PREFIXES.finditer(bare):
+        first.setdefault(match[1] or match[2], bare.count("\n", 0, match.start()) + 1)
+    unknown = {prefix: line for prefix, line in first.items() if prefix not in known}
+    top = re.search(r"<robot(?=[\s>])", bare)
+    if top is None or not unknown:
+        return text, []
+    declared = "".join(f' xmlns:{prefix}="{NAMESPACES.get(prefix, prefix)}"' for prefix in unknown)
+    notes = [
+        (f"the prefix `{prefix[:60]}`, which is not declared, is taken as declared", n) for prefix, n in unknown.items()
+    ]
+    return text[: top.end()] + declared + text[top.end() :], notes
+
+
+def told(what: str, notes: Iterable[Note]) -> tuple[str, ...]:
+    """A sentence of at most `SHOWN` kinds of notes, with first line and count; nothing if there are none."""
+    lines: dict[str, list[int]] = {}
+    for words, line in notes:
+        lines.setdefault(words, []).append(line)
+    kinds = [f"{words} (line {at[0]}" + (f", {len(at)} times)" if len(at) > 1 else ")") for words, at in lines.items()]
+    shown = kinds if len(kinds) <= SHOWN else [*kinds[:SHOWN], f"{len(kinds) - SHOWN} kinds more"]
+    return (f"{what}: {', '.join(shown)}",) if shown else ()
