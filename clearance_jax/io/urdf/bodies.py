@@ -2,7 +2,7 @@
 frame of each link stays known by the link's name. A link may lack mass, as a sensor does: whole bodies are checked.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,15 +26,6 @@ NOTHING = 1e-12
 X, Y, Z = np.eye(3)
 Weight = tuple[float, parts.Vector3, parts.Matrix3]
 """Mass [kg], centre of mass [m] and inertia [kg m^2] about it."""
-
-
-class Fixes(NamedTuple):
-    """Options that messages name: what else helps where an inertia is `wrong`, where mass is `absent`; the bases."""
-
-    wrong: str
-    absent: str
-    free: str
-    fixed: str
 
 
 class LinkFrame(NamedTuple):
@@ -109,15 +100,17 @@ def _in_body(link: parts.Link, pose: parts.FramePose) -> Weight:
     return link.mass, center, parts.clean((inertia + inertia.T) / 2, np.abs(inertia).max())
 
 
-def check_bodies(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link], fixes: Fixes) -> list[Note]:
+def check_bodies(
+    joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link], say: Callable[[str], str]
+) -> list[Note]:
     """What is assumed of inertias. **Raises** for an impossible one, and for a joint that moves no mass. `joints`:
-    parents first; `fixes`: how to load the robot with other inertias.
+    parents first; `say`: writes the option `inertia` with a word.
     """
     notes, light = [], False
     for body in bodies.values():
         missing = lack(body)
         if missing > PRINTED or (body.mass == 0 and body.inertia.any()):
-            raise _impossible(body, fixes.wrong)
+            raise _impossible(body, say)
         if missing > DIGITS:
             notes.append(("moments of inertia of which two add up to less than the third, by less than 1 %", body.line))
         is_thin = np.linalg.eigvalsh(body.inertia)[0] <= body.mass * SMALLEST**2
@@ -125,7 +118,7 @@ def check_bodies(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link]
             notes.append(("mass without inertia about some axis is that of a point or a rod", body.line))
         light |= bool(is_thin)
     if light:
-        _check_moved(joints, bodies, fixes.absent)
+        _check_moved(joints, bodies, say)
     return notes
 
 
@@ -139,7 +132,7 @@ def lack(body: parts.Link) -> float:
     return float("inf") if is_negative else max(0.0, float(1 - (least + middle) / greatest))
 
 
-def _impossible(body: parts.Link, fix: str) -> ClearanceError:
+def _impossible(body: parts.Link, say: Callable[[str], str]) -> ClearanceError:
     fixed = len(body.links) - 1
     others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
     where = f"line {body.line}: link `{body.name}`{others}"
@@ -148,11 +141,12 @@ def _impossible(body: parts.Link, fix: str) -> ClearanceError:
     shown = "{:.3g}, {:.3g} and {:.3g} kg*m^2".format(*np.linalg.eigvalsh(body.inertia))
     return ClearanceError(
         f"{where}: no body has its principal moments of inertia {shown}: none may be negative, and the two smaller "
-        f"ones must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units){fix}."
+        f"ones must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units), or "
+        f"load the robot with {say('balance')} or, if the link has shapes, {say('from-geometry')}."
     )
 
 
-def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link], fix: str) -> None:
+def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link], say: Callable[[str], str]) -> None:
     """Raise where joints move no mass, by the mass matrix at a random pose, where no axes are aligned by chance."""
     matrix, owners = mass_matrix(joints, bodies, 0)
     met = np.diag(matrix)
@@ -167,7 +161,7 @@ def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link]
     joint = owners[int(np.argmax(np.abs(vectors[:, 0])))]
     raise ClearanceError(
         f"line {joint.line}: joint `{joint.name}` can move without moving any mass. Give the link `{joint.child}`, or "
-        f"what it carries, an <inertial>, or make the joint fixed{fix}."
+        f"what it carries, an <inertial>, or shapes and load the robot with {say('from-geometry')}, or fix the joint."
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.urdf import elements as xml
 from clearance_jax.io.urdf import robot as parts
-from clearance_jax.io.urdf.inertia import WATER, Geometry, with_inertias
+from clearance_jax.io.urdf.inertia import Weighing, with_inertias
 from clearance_jax.io.urdf.mend import is_unexpanded, macros_of, mend
 from clearance_jax.io.urdf.text import told
 from clearance_jax.mechanism.body import Limits
@@ -31,17 +31,13 @@ OF_TRANSMISSION |= {"rotor_inertia", "gear_ratio", "leftActuator", "rightActuato
 OF_OTHERS = {"gazebo": OF_GAZEBO, "transmission": OF_TRANSMISSION, "force_element": {"torsional_spring"}}
 
 
-def read_urdf(path: str | Path, inertia: str = "refuse", density: float = WATER) -> tuple[str, parts.Robot]:
-    """Text of a URDF file, and the robot that it describes; `inertia`, `density` [kg/m^3]: as of `load_urdf`. A file
-    with macros is expanded by xacro, if that is installed. **Raises** `ClearanceError` naming the file, the line, the
+def read_urdf(path: str | Path, weighing: Weighing = Weighing()) -> tuple[str, parts.Robot]:
+    """Text of a URDF file, and the robot that it describes. **Raises** `ClearanceError` naming the file, the line, the
     element and the fix. (Whether moving bodies have mass is checked when links are merged, `bodies`.)
     """
     text, top = open_urdf(path)
     with naming(f"`{path}`"):
-        robot = describe(top)
-        if inertia == "refuse":
-            return text, robot
-        return text, with_inertias(robot, top, Geometry(Path(path).parent, density), inertia)
+        return text, with_inertias(describe(top), top, Path(path).parent, weighing)
 
 
 def open_urdf(path: str | Path) -> tuple[str, xml.Element]:

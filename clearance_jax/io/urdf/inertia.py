@@ -17,51 +17,50 @@ from clearance_jax.mechanism.placement import PRINTED
 WATER = 1000.0
 
 
-class Geometry(NamedTuple):
-    """How shapes weigh: the `folder` of the file that names meshes, and the `density` [kg/m^3]."""
+class Weighing(NamedTuple):
+    """How inertias are mended: `how` ("refuse", "balance", "from-geometry"), the `density` of shapes [kg/m^3], whether
+    the root link is `free` (else its mass does not matter).
+    """
 
-    folder: Path
-    density: float
+    how: str = "refuse"
+    density: float = WATER
+    free: bool = False
 
 
-def with_inertias(robot: parts.Robot, top: xml.Element, geometry: Geometry, how: str) -> parts.Robot:
-    """The robot with inertias that bodies have, and notes of what was changed; `how`: "balance" or "from-geometry"."""
+def with_inertias(robot: parts.Robot, top: xml.Element, folder: Path, weighing: Weighing) -> parts.Robot:
+    """The robot with inertias that bodies have, and with what was assumed; `folder`: of the file, beside its meshes."""
+    if weighing.how == "refuse":
+        return robot
     whole, notes = merge(robot), []
     elements = {element.get("name"): element for element in top if element.tag == "link"}
     links = []
     for link in robot.links:
+        body = whole.bodies[whole.frames[link.name].body]
         is_wrong = lack(link) > PRINTED or (link.mass == 0 and bool(link.inertia.any()))
         is_point = link.mass > 0 and np.abs(link.inertia).max() <= link.mass * SMALLEST**2
-        is_weightless = whole.bodies[whole.frames[link.name].body].mass == 0
-        if how == "balance" and is_wrong and link.mass > 0:
-            mean = np.trace(link.inertia) / 3
-            if not mean > 0:
-                raise ClearanceError(f"line {link.line}: link `{link.name}` has no mean moment above 0 to balance.")
-            link = link._replace(inertia=mean * np.eye(3))
+        if body.name == whole.root and not weighing.free:
+            pass
+        elif weighing.how == "balance" and is_wrong and link.mass > 0 and np.trace(link.inertia) > 0:
+            link = link._replace(inertia=np.trace(link.inertia) / 3 * np.eye(3))
             notes.append(("moments that no body has are replaced by their mean", link.line))
-        elif how == "from-geometry" and (is_wrong or is_point or is_weightless):
-            link = _of_shapes(link, elements[link.name], geometry, is_wrong, notes)
+        elif weighing.how == "from-geometry" and (is_wrong or is_point or body.mass == 0):
+            link = _of_shapes(link, elements[link.name], folder, weighing.density, notes)
         links.append(link)
     return robot._replace(links=tuple(links), assumed=(*robot.assumed, *notes))
 
 
-def _of_shapes(
-    link: parts.Link, element: xml.Element, geometry: Geometry, is_wrong: bool, notes: list[Note]
-) -> parts.Link:
+def _of_shapes(link: parts.Link, element: xml.Element, folder: Path, density: float, notes: list[Note]) -> parts.Link:
     """The link with the inertia of its shapes; without mass also with their mass. Without shapes it stays as it is."""
     tag = "collision" if element.find("collision") is not None else "visual"
-    shapes = [_shape(each, geometry.folder, notes) for each in element.findall(tag)]
+    shapes = [_shape(each, folder, notes) for each in element.findall(tag)]
     if not shapes:
-        if is_wrong:
-            where = f"line {link.line}: link `{link.name}`"
-            raise ClearanceError(f"{where} has no <collision> or <visual> whose inertia it could take. Add one.")
         return link
     volume, center, inertia = sum_of(shapes)
     if link.mass > 0:
         notes.append((f"the inertia is that of <{tag}>, scaled to the mass", link.line))
         return link._replace(inertia=inertia * (link.mass / volume))
-    notes.append((f"mass and inertia are those of <{tag}> at {geometry.density:g} kg/m^3", link.line))
-    return link._replace(mass=volume * geometry.density, center=center, inertia=inertia * geometry.density)
+    notes.append((f"mass and inertia are those of <{tag}> at {density:g} kg/m^3", link.line))
+    return link._replace(mass=volume * density, center=center, inertia=inertia * density)
 
 
 def _shape(element: xml.Element, folder: Path, notes: list[Note]) -> Weight:

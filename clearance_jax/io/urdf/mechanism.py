@@ -1,5 +1,6 @@
 """Reads URDF files as mechanisms of robots."""
 
+import functools
 import itertools
 import warnings
 from collections.abc import Iterable, Sequence
@@ -11,9 +12,9 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.keys.kinds import Word
-from clearance_jax.io.urdf.bodies import SMALLEST, Assembly, Fixes, check_bodies, merge
+from clearance_jax.io.urdf.bodies import SMALLEST, Assembly, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
-from clearance_jax.io.urdf.inertia import WATER
+from clearance_jax.io.urdf.inertia import WATER, Weighing
 from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Link, Robot, Triple, is_identity, rpy_of, triple
 from clearance_jax.io.urdf.text import told
 from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
@@ -102,7 +103,7 @@ def read_robot(
         needs = f"goes with {written.format('inertia', 'from-geometry')}, and is a number above 0"
         raise ClearanceError(f"`density` {needs}. Correct it, or leave it out.").about("density", density)
     field = _gravity(gravity)
-    text, robot = read_urdf(path, inertia, WATER if density is None else density)
+    text, robot = read_urdf(path, Weighing(inertia, WATER if density is None else density, base == "free"))
     with naming(f"`{path}`"), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a robot is loaded inside a jitted function.
         alone = written.format("mimic", "independent")
@@ -113,21 +114,7 @@ def read_robot(
                     f"are not made yet. Load the robot with {alone}, so that each moves by itself, or fix the "
                     "joint."
                 ).about(joint.name, joint.mimic.joint)
-        fixes = _fixes(inertia, written)
-        return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector), fixes)
-
-
-def _fixes(inertia: str, written: str) -> Fixes:
-    """What messages say of the options, as they were given."""
-    balance, shapes = (written.format("inertia", word) for word in INERTIAS[1:])
-    absent = f", or load the robot with {shapes}"
-    if inertia == "from-geometry":
-        absent = ". (It has no <collision> or <visual> that could weigh)"
-    return Fixes(
-        f", or load the robot with {balance} or {shapes}",
-        absent,
-        *(written.format("base", b) for b in ("free", "fixed")),
-    )
+        return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector), written)
 
 
 def _gravity(value: Any) -> Gravity:
@@ -154,15 +141,17 @@ def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
     return list(dict.fromkeys(asked))
 
 
-def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None, fixes: Fixes) -> Mechanism:
+def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None, written: str) -> Mechanism:
     whole = merge(robot)
     joints, root = whole.joints, whole.bodies[whole.root]
     if not (free or joints):
-        raise ClearanceError(f"nothing of the robot moves: every joint is fixed. Load it with {fixes.free}.")
+        fly = written.format("base", "free")
+        raise ClearanceError(f"nothing of the robot moves: every joint is fixed. Load it with {fly}.")
     if free and not root.mass > 0:
         raise ClearanceError(
             f"line {root.line}: the root link `{root.name}` has no mass, so it cannot be a free base. Give it an "
-            f"<inertial>, load the robot with {fixes.fixed} (a link of it may hang on a floating joint){fixes.absent}."
+            f"<inertial>, or shapes and load the robot with {written.format('inertia', 'from-geometry')}, or with "
+            f"{written.format('base', 'fixed')} (a link of it may hang on a floating joint)."
         )
     if free:
         name = "floating_base"
@@ -171,7 +160,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
         place = (NOWHERE, NOWHERE, (0.0, 0.0, 1.0))
         joints = (Joint(name, "floating", GROUND, whole.root, *place, None, None, 0.0, 0.0, root.line), *joints)
     moving = {joint.child: whole.bodies[joint.child] for joint in joints}
-    assumed = (*robot.assumed, *check_bodies(joints, moving, fixes))
+    assumed = (*robot.assumed, *check_bodies(joints, moving, functools.partial(written.format, "inertia")))
     taken = {GROUND, "gravity", "drive", "target"}
     bodies = {GROUND: GROUND, **unique_names(moving, "link", taken)}
     if not free:

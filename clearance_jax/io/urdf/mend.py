@@ -12,10 +12,9 @@ from clearance_jax.io.urdf.text import Note
 # Elements of xacro whose expansion says what the robot is. (A macro that nothing calls, a property and an argument say
 # nothing of it.)
 MACROS = ("include", "if", "unless", "call", "insert_block", "element", "attribute")
-# Elements that stand once.
-ONCE = ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "inertial", "mass", "inertia")
 # Entries of the inertia by the name of the same entry, mirrored.
 MIRRORED = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
+ENDS = ("lower", "upper")
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
@@ -38,13 +37,15 @@ def _is_xacro(element: Element) -> bool:
 
 def mend(top: Element) -> list[Note]:
     """Mend the elements of a robot in place. What was assumed, with its line."""
-    notes = [*top.mended, *_namespace(top), *_leftovers(top), *_twice(top)]
+    notes = [*top.mended, *_namespace(top), *_leftovers(top)]
     for inertial in (each for link in top if link.tag == "link" for each in link.findall("inertial")):
         notes += _inertial(inertial)
     joints = [element for element in top if element.tag == "joint"]
     kinds = {joint.get("name"): joint.get("type", "") for joint in joints}
     for joint in joints:
-        notes += [*_axis(joint), *_limit(joint), *_mimic(joint, kinds), *_damping(joint)]
+        of_limit = list(_limit(joint))  # a fixed joint has none, whatever it says
+        notes += [*_axis(joint), *(of_limit if joint.get("type") != "fixed" else ()), *_mimic(joint, kinds)]
+        notes += _damping(joint)
     return [*notes, *_world(top, joints)]
 
 
@@ -64,20 +65,6 @@ def _leftovers(top: Element) -> Iterator[Note]:
             parent.remove(child)
 
 
-def _twice(top: Element) -> Iterator[Note]:
-    for parent in list(top.iter()):
-        first: dict[str, Element] = {}
-        for child in [each for each in parent if each.tag in ONCE]:
-            if child is not first.setdefault(child.tag, child) and _is_same(child, first[child.tag]):
-                yield f"<{child.tag}> stands twice, with the same numbers", child.line
-                parent.remove(child)
-
-
-def _is_same(one: Element, other: Element) -> bool:
-    same = (one.tag, one.attrib, len(one)) == (other.tag, other.attrib, len(other))
-    return same and all(_is_same(*pair) for pair in zip(one, other, strict=True))
-
-
 def _value(element: Element, key: str) -> float | None:
     """The number of an attribute; `None`: absent, or a text of which the reader will say that it is no number."""
     try:
@@ -89,22 +76,21 @@ def _value(element: Element, key: str) -> float | None:
 def _inertial(inertial: Element) -> Iterator[Note]:
     for inertia in inertial.findall("inertia"):
         for mirrored, key in MIRRORED.items():
-            value = _value(inertia, key)
-            if value is not None and value == _value(inertia, mirrored):
+            if mirrored in inertia.attrib and key in inertia.attrib:
+                differs = ", though it differs" if _value(inertia, key) != _value(inertia, mirrored) else ""
                 del inertia.attrib[mirrored]
-                yield "entries of <inertia> that stand twice (`iyx` beside `ixy`) are the same", inertia.line
+                yield f"`{mirrored}` of <inertia> beside `{key}` is left out{differs}", inertia.line
     mass = inertial.find("mass")
-    if mass is None or not (_value(mass, "value") or 0.0) > 0:
-        return
-    if inertial.find("inertia") is None:
+    if mass is not None and inertial.find("inertia") is None:
         _add(inertial, "inertia", **dict.fromkeys(MOMENTS, "0"))
-        yield "mass without <inertia> is a point mass", inertial.line
+        if (_value(mass, "value") or 0.0) > 0:
+            yield "mass without <inertia> is a point mass", inertial.line
 
 
-def _add(parent: Element, tag: str, at: int = 0, **attributes: str) -> None:
+def _add(parent: Element, tag: str, **attributes: str) -> None:
     child = Element(tag, attributes)
     child.line = parent.line
-    parent.insert(at, child)
+    parent.insert(0, child)
 
 
 def _axis(joint: Element) -> Iterator[Note]:
@@ -113,45 +99,37 @@ def _axis(joint: Element) -> Iterator[Note]:
             yield "`rpy` of <axis>, which URDF does not have, is left out", axis.line
 
 
-def _limit(joint: Element) -> list[Note]:
-    """Limits that say nothing, and limits in the wrong order. A fixed joint has none, whatever it says."""
-    notes: list[Note] = []
+def _limit(joint: Element) -> Iterator[Note]:
+    """Limits that say nothing, and limits in the wrong order."""
     for limit in joint.findall("limit"):
         for key in ("effort", "velocity"):
             value = _value(limit, key)
             if value is not None and value <= 0:
                 del limit.attrib[key]
-                notes.append((f"`{key}` {value:g} of <limit> is taken as unknown", limit.line))
-        ends: Any = [_value(limit, key) if key in limit.attrib else 0.0 for key in ("lower", "upper")]
-        if joint.get("type") not in ("revolute", "prismatic") or None in ends:
+                yield f"`{key}` {value:g} of <limit> is taken as unknown", limit.line
+        ends: Any = [_value(limit, key) if key in limit.attrib else 0.0 for key in ENDS]
+        if joint.get("type") not in ("revolute", "prismatic") or None in ends or not {*ENDS} & limit.attrib.keys():
             continue
-        if ends[0] == ends[1] and limit.attrib.keys() & {"lower", "upper"}:
-            for key in ("lower", "upper"):
-                limit.attrib.pop(key, None)
-            notes.append((f"`lower` and `upper` that are both {ends[0]:g} are taken as unknown", limit.line))
-        elif ends[0] > ends[1]:
-            limit.set("lower", f"{ends[1]!r}")
-            limit.set("upper", f"{ends[0]!r}")
-            notes.append(("`lower` above `upper` is taken the other way round", limit.line))
-    return [] if joint.get("type") == "fixed" else notes
+        lower, upper = ends
+        if lower == upper:
+            limit.attrib = {key: value for key, value in limit.attrib.items() if key not in ENDS}
+            yield f"`lower` and `upper` that are both {lower:g} are taken as unknown", limit.line
+        elif lower > upper:
+            limit.attrib |= {"lower": repr(upper), "upper": repr(lower)}
+            yield "`lower` above `upper` is taken the other way round", limit.line
 
 
 def _mimic(joint: Element, kinds: dict[str | None, str]) -> Iterator[Note]:
     """A <mimic> that no joint can obey is left out: the joint moves by itself."""
     for mimic in [each for each in joint.findall("mimic") if "joint" in each.attrib]:
-        leader, kind, name = mimic.get("joint", ""), joint.get("type", ""), joint.get("name", "")[:60]
-        why = f"mimics `{leader[:60]}`, which is {kinds.get(leader, 'no joint')[:60]}"
-        if kind not in MAY_MIMIC:
-            why = f"is {kind[:60]}, and has no coordinate of its own to follow another's"
-        elif kinds.get(leader) in MAY_MIMIC:
+        leader, kind = mimic.get("joint", ""), joint.get("type", "")
+        if kind in MAY_MIMIC and kinds.get(leader) in MAY_MIMIC:
             if _value(mimic, "multiplier") == 0:
-                yield (
-                    f"joint `{joint.get('name', '')[:60]}` stays at the offset of its <mimic>, of multiplier 0",
-                    mimic.line,
-                )
+                yield "a joint whose <mimic> has the multiplier 0 stays at the offset", mimic.line
             continue
         joint.remove(mimic)
-        yield f"<mimic> is left out, for joint `{name}` {why}", mimic.line
+        of = f" of `{leader[:60]}`, which is {kinds.get(leader, 'no joint')[:60]}," if kind in MAY_MIMIC else ""
+        yield f"<mimic>{of or f' on a {kind[:60]} joint'} is left out", mimic.line
 
 
 def _damping(joint: Element) -> Iterator[Note]:

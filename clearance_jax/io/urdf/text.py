@@ -3,6 +3,7 @@ as they are in the file.
 """
 
 import codecs
+import contextlib
 import re
 from collections.abc import Iterable
 
@@ -11,10 +12,7 @@ Note = tuple[str, int]
 
 # Most kinds in a sentence.
 SHOWN = 8
-MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 DECLARED = re.compile(rb"""\s*<\?xml\s[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
-# What robot files are written in. Other codecs of Python are no encodings of texts (`unicode_escape`).
-ENCODINGS = ("utf-8", "ascii", "iso8859", "cp125", "gb", "big5", "shift_jis", "euc_")
 DECLARATION = re.compile(r"<\?xml\s[^>]*\?>")
 COMMENT = r"<!--.*?-->"
 PREFIXES = re.compile(r"</?([A-Za-z_][\w.-]*):|\s([A-Za-z_][\w.-]*):[\w.-]+\s*=")
@@ -23,14 +21,18 @@ NAMESPACES = {"drake": "http://drake.mit.edu", "xacro": "http://www.ros.org/wiki
 
 
 def decoded(content: bytes) -> tuple[str, list[Note]]:
-    """The text of a file's bytes: by its mark, else as it declares, else in UTF-8, else in Latin-1."""
-    notes: list[Note] = []
-    text = _decoded(content)
+    """The text of a file's bytes: in UTF-16 by its mark, else as it declares, else in UTF-8, else in Latin-1."""
+    notes, declared, text = [], DECLARED.match(content), None
+    names = ["utf-16"] if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ["utf-8-sig"]
+    for name in [*([declared[1].decode()] if declared else []), *names]:
+        with contextlib.suppress(LookupError, UnicodeDecodeError):
+            text = content.decode(name).removeprefix("\ufeff")
+            break
     if text is None:
         text = content.decode("latin-1")
         notes.append(("a text that is not in UTF-8 is read as Latin-1", 1))
     head, _, tail = text.partition("\0")
-    if tail.strip("\0 \t\r\n") == "" and len(head) < len(text):
+    if len(head) < len(text) and not tail.strip("\0 \t\r\n"):
         notes.append(("zero bytes at the end of the file are left out", head.count("\n") + 1))
         text = head
     declaration = DECLARATION.search(text)
@@ -39,20 +41,6 @@ def decoded(content: bytes) -> tuple[str, list[Note]]:
         notes.append(("`<?xml ...?>`, which is not at the beginning of the file, is left out", before.count("\n") + 1))
         text = before + "\n" * declaration[0].count("\n") + text[declaration.end() :]
     return text, notes
-
-
-def _decoded(content: bytes) -> str | None:
-    names = [name for mark, name in MARKS.items() if content.startswith(mark)]
-    if not names:
-        declared = DECLARED.match(content)
-        names = [*([declared[1].decode()] if declared else []), "utf-8"]
-    for name in names:
-        try:
-            if codecs.lookup(name).name.startswith((*ENCODINGS, "utf-16")):
-                return content.decode(name)
-        except (LookupError, UnicodeDecodeError):
-            continue
-    return None
 
 
 def with_prefixes(text: str) -> tuple[str, list[Note]]:
