@@ -49,9 +49,7 @@ def simulate(
     mechanism = common.change(driven, settings, ideal, clearance)
     from clearance_jax.solve.simulate import EnergyWarning
 
-    common.check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
-    common.check_writable(output, common.DATASETS)
-    common.check_writable(plot, common.FIGURES)
+    _check_files(scene_file, trajectory, output, plot, movie)
     draw = figure_for(plot, plot_kind)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
@@ -83,6 +81,14 @@ def simulate(
     _write(dataset, output, plot, draw, movie, magnify)
     if result.message:
         raise Exit(130 if result.message == "interrupted" else 1)
+
+
+def _check_files(
+    scene: Path, trajectory: Path | None, output: Path | None, plot: Path | None, movie: Path | None
+) -> None:
+    common.check_distinct(scene=scene, trajectory=trajectory, output=output, plot=plot, movie=movie)
+    common.check_writable(output, common.DATASETS)
+    common.check_writable(plot, common.FIGURES)
 
 
 def _observed(mechanism: Any, solved: tuple, solve: dict[str, Any], shown: ProgressDisplay, told: dict) -> Any:

@@ -281,7 +281,7 @@ def test_joints_that_follow_others(written):
     assert layout(cj.load_urdf(written(text), mimic="independent")).positions == ("shoulder", "elbow")
     fixed = ARM.replace("</joint>\n  <transmission", '<mimic joint="elbow"/></joint>\n  <transmission')
     assert fixed != ARM
-    with pytest.warns(NotReadWarning, match="<mimic> on a fixed joint is left out"):
+    with pytest.warns(NotReadWarning):
         assert len(cj.load_urdf(written(fixed)).joints) == 2
 
 

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import refused
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -252,6 +253,13 @@ def quietly(path, **options):
         return cj.load_urdf(path, **options)
 
 
+def refusal(path, **options):
+    """What is said of a robot that is refused."""
+    with pytest.raises(ClearanceError) as caught:
+        cj.load_urdf(path, **options)
+    return str(caught.value)
+
+
 @pytest.mark.parametrize("case", LOADED)
 def test_what_others_load_is_loaded_and_said(case, written):
     text, notes = LOADED[case]
@@ -357,9 +365,7 @@ REFUSED = {
 def test_what_cannot_be_is_refused_by_line_and_element(case, written, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacro", None)
     text, words = REFUSED[case]
-    with pytest.raises(ClearanceError) as caught:
-        cj.load_urdf(written(text), mimic="independent")
-    said = str(caught.value)
+    said = refusal(written(text), mimic="independent")
     assert words in said
     assert "robot.urdf" in said
     assert len(said) <= LONGEST
@@ -388,8 +394,8 @@ def test_balance_takes_the_mean_of_impossible_moments(written):
     assert six == pytest.approx([0.013 / 3] * 3 + [0, 0, 0], rel=1e-15)
     assert notes == (f"assumed: moments that no body has are replaced by their mean ({LINE})",)
     assert body(written(GOOD), inertia="balance") == (1, [0.1, 0, 0], [0.01, 0.012, 0.014, 0, 0, 0], ())
-    with pytest.raises(ClearanceError, match="no body has its principal moments of inertia -1, 0 and 0"):
-        cj.load_urdf(written(mini(inertial(moments=diagonal(-1, 0, 0)))), inertia="balance")
+    said = refusal(written(mini(inertial(moments=diagonal(-1, 0, 0)))), inertia="balance")
+    assert "no body has its principal moments of inertia -1, 0 and 0" in said
 
 
 def shape(inner, tag="collision", origin=""):
@@ -475,15 +481,14 @@ def test_a_mesh_weighs_as_its_volume(written, tmp_path):
     ],
 )
 def test_shapes_that_cannot_weigh_are_refused(inner, words, written):
-    with pytest.raises(ClearanceError) as caught:
-        cj.load_urdf(written(mini(shape(inner))), inertia="from-geometry")
-    assert words in str(caught.value)
-    assert "line 4" in str(caught.value)
+    said = refusal(written(mini(shape(inner))), inertia="from-geometry")
+    assert words in said
+    assert "line 4" in said
 
 
 def test_a_link_without_shapes_has_no_inertia_to_take(written):
-    with pytest.raises(ClearanceError, match="or, if the link has shapes, `inertia='from-geometry'`"):
-        cj.load_urdf(written(REFUSED["a triangle"][0]), inertia="from-geometry")
+    said = refusal(written(REFUSED["a triangle"][0]), inertia="from-geometry")
+    assert "`inertia='balance'` or, if the link has shapes, `inertia='from-geometry'`" in said
 
 
 def test_a_base_that_stands_need_not_weigh(written):
@@ -491,14 +496,12 @@ def test_a_base_that_stands_need_not_weigh(written):
     mesh = shape('<mesh filename="none.stl"/>')
     path = written(mini(shape(BOX)).replace('<link name="base"/>', f'<link name="base">{mesh}</link>'))
     assert body(path, inertia="from-geometry")[0] == pytest.approx(8)
-    with pytest.raises(ClearanceError, match=r"there is no file `none\.stl`"):
-        cj.load_urdf(path, base="free", inertia="from-geometry")
+    assert "there is no file `none.stl`" in refusal(path, base="free", inertia="from-geometry")
 
 
 def test_a_flying_base_without_mass_is_told_of_its_shapes(written):
     path = written(GOOD.replace('<link name="base"/>', f'<link name="base">{shape(BOX)}</link>'))
-    with pytest.raises(ClearanceError, match="shapes and load the robot with `inertia='from-geometry'`"):
-        cj.load_urdf(path, base="free")
+    assert "shapes and load the robot with `inertia='from-geometry'`" in refusal(path, base="free")
     assert body(path, "base", base="free", inertia="from-geometry")[0] == pytest.approx(8)
 
 
@@ -511,9 +514,7 @@ def test_a_flying_base_without_mass_is_told_of_its_shapes(written):
     ],
 )
 def test_wrong_options_are_refused(options, words, written):
-    with pytest.raises(ClearanceError) as caught:
-        cj.load_urdf(written(GOOD), **options)
-    assert words in str(caught.value)
+    assert words in refusal(written(GOOD), **options)
 
 
 # Scenes and commands --------------------------------------------------------------------------------------------------
@@ -523,14 +524,16 @@ def test_a_scene_mends_inertias_and_names_its_own_keys(written, tmp_path):
     written(mini(shape(BOX)))
     scene = tmp_path / "scene.toml"
     scene.write_text('[robot]\nfile = "robot.urdf"\n')
-    with pytest.raises(ClearanceError, match=r'shapes and load the robot with `robot\.inertia = "from-geometry"`'):
+    with pytest.raises(ClearanceError) as caught:
         cj.load(scene)
+    assert 'shapes and load the robot with `robot.inertia = "from-geometry"`' in str(caught.value)
     scene.write_text('[robot]\nfile = "robot.urdf"\ninertia = "from-geometry"\ndensity = "2.7 g/cm^3"\n')
-    with pytest.warns(NotReadWarning, match=r"scene\.toml: assumed: mass and inertia are those of <collision> at 2700"):
+    with pytest.warns(NotReadWarning) as told:
         mechanism = cj.load(scene)
+    assert "scene.toml: assumed: mass and inertia are those of <collision> at 2700 kg/m^3" in str(told[0].message)
     assert float(mechanism.bodies[0].mass) == pytest.approx(21.6)
     scene.write_text('[robot]\nfile = "robot.urdf"\ninertia = "mend"\n')
-    with pytest.raises(ClearanceError, match=r"robot\.inertia must be one of the allowed words"):
+    with refused("robot.inertia", "mend", "balance"):
         cj.load(scene)
 
 
@@ -602,17 +605,15 @@ def test_macros_are_expanded_by_xacro_if_it_is_there(written, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacro", expander)
     for name in ("robot.urdf", "robot.urdf.xacro"):
         path = written(MACRO, name)
-        with pytest.warns(NotReadWarning, match="assumed: the file is expanded by xacro, so that lines are those of"):
+        with pytest.warns(NotReadWarning) as told:
             mechanism = cj.load(path)
+        assert "assumed: the file is expanded by xacro, so that lines are those of" in str(told[0].message)
         assert [joint.name for joint in mechanism.joints] == ["j"]
         assert expander.asked[-1] == str(path)
     assert cj.load_urdf(written(GOOD)).notes == ()
     assert len(expander.asked) == 2
     monkeypatch.setitem(sys.modules, "xacro", Expander(None))
-    with pytest.raises(
-        ClearanceError, match=r"robot\.urdf.*: xacro cannot expand it: RuntimeError, unknown macro name"
-    ):
-        cj.load_urdf(path)
+    assert "robot.urdf.xacro`: xacro cannot expand it: RuntimeError, unknown macro name" in refusal(path)
 
 
 def test_xacro_itself_expands_a_macro(written):
