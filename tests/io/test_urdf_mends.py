@@ -226,6 +226,7 @@ LOADED: dict[str, tuple[Any, tuple[str, ...]]] = {
         GOOD.replace("<link", "<!-- Gerät --><link", 1).encode("latin-1"),
         ("assumed: a text that is not in UTF-8 is read as Latin-1 (line 1)",),
     ),
+    "an encoding that it cannot have": (GOOD.replace("?>", ' encoding="utf-16"?>').encode(), ()),
     "an encoding that is none": (
         GOOD.replace("?>", ' encoding="unicode_escape"?>').encode(),
         (),
@@ -369,6 +370,24 @@ def test_what_cannot_be_is_refused_by_line_and_element(case, written, monkeypatc
     assert words in said
     assert "robot.urdf" in said
     assert len(said) <= LONGEST
+
+
+LEFTOVERS = '<xacro:x name="y"/>' * 20_000
+UNCALLED = "".join(f'<xacro:macro name="m{i}"/>' for i in range(10_000))
+HOSTILE = {
+    "comments without end": "\n" + "<!--" * 250_000 + GOOD,
+    "declarations without end": "\n" + "<?xml " * 200_000 + GOOD,
+    "an unbound prefix, then comments": "<robot><a:b/>" + "<!--" * 250_000,
+    "many leftovers": mini(kind="spherical", beside=LEFTOVERS),
+    "many macros": mini(kind="spherical", beside=UNCALLED),
+    "many mimics": mini(in_joint='<mimic joint="gone"/>' * 20_000),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_hostile_text_is_refused_in_time_that_grows_with_its_size(case, written):
+    """Quadratic time would be minutes here."""
+    assert "robot.urdf" in refusal(written(HOSTILE[case]))
 
 
 # Inertias on request --------------------------------------------------------------------------------------------------

@@ -21,8 +21,8 @@ MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 def macros_of(top: Element) -> list[Element]:
     """The elements that xacro must expand before the file is a robot."""
     of_xacro = [element for element in top.iter() if _is_xacro(element)]
-    defined = {element.get("name", "") for element in of_xacro if element.word == "macro"}
-    return [element for element in of_xacro if element.word in (*MACROS, *defined)]
+    expanding = {*MACROS, *(element.get("name", "") for element in of_xacro if element.word == "macro")}
+    return [element for element in of_xacro if element.word in expanding]
 
 
 def is_unexpanded(top: Element) -> bool:
@@ -60,9 +60,11 @@ def _namespace(top: Element) -> Iterator[Note]:
 
 def _leftovers(top: Element) -> Iterator[Note]:
     for parent in list(top.iter()):
-        for child in [each for each in parent if _is_xacro(each)]:
+        left = [child for child in parent if _is_xacro(child)]
+        if left:
+            parent[:] = [child for child in parent if not _is_xacro(child)]
+        for child in left:
             yield f"<xacro:{child.word[:60]}> is left over from xacro, and not expanded", child.line
-            parent.remove(child)
 
 
 def _value(element: Element, key: str) -> float | None:
@@ -121,15 +123,18 @@ def _limit(joint: Element) -> Iterator[Note]:
 
 def _mimic(joint: Element, kinds: dict[str | None, str]) -> Iterator[Note]:
     """A <mimic> that no joint can obey is left out: the joint moves by itself."""
-    for mimic in [each for each in joint.findall("mimic") if "joint" in each.attrib]:
-        leader, kind = mimic.get("joint", ""), joint.get("type", "")
-        if kind in MAY_MIMIC and kinds.get(leader) in MAY_MIMIC:
-            if _value(mimic, "multiplier") == 0:
-                yield "a joint whose <mimic> has the multiplier 0 stays at the offset", mimic.line
-            continue
-        joint.remove(mimic)
-        of = f" of `{leader[:60]}`, which is {kinds.get(leader, 'no joint')[:60]}," if kind in MAY_MIMIC else ""
-        yield f"<mimic>{of or f' on a {kind[:60]} joint'} is left out", mimic.line
+    several = joint.findall("mimic")
+    if len(several) != 1 or "joint" not in several[0].attrib:  # the reader refuses more than one
+        return
+    (mimic,), kind = several, joint.get("type", "")
+    leader = mimic.get("joint", "")
+    if kind in MAY_MIMIC and kinds.get(leader) in MAY_MIMIC:
+        if _value(mimic, "multiplier") == 0:
+            yield "a joint whose <mimic> has the multiplier 0 stays at the offset", mimic.line
+        return
+    joint.remove(mimic)
+    of = f" of `{leader[:60]}`, which is {kinds.get(leader, 'no joint')[:60]}," if kind in MAY_MIMIC else ""
+    yield f"<mimic>{of or f' on a {kind[:60]} joint'} is left out", mimic.line
 
 
 def _damping(joint: Element) -> Iterator[Note]:

@@ -13,8 +13,9 @@ Note = tuple[str, int]
 # Most kinds in a sentence.
 SHOWN = 8
 DECLARED = re.compile(rb"""\s*<\?xml\s[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
-DECLARATION = re.compile(r"<\?xml\s[^>]*\?>")
-COMMENT = r"<!--.*?-->"
+# Patterns that need time in proportion to any text: a comment may lack its end, a declaration holds no other tag.
+DECLARATION = re.compile(r"<\?xml\s[^<>]*\?>")
+COMMENT = r"<!--.*?(?:-->|\Z)"
 PREFIXES = re.compile(r"</?([A-Za-z_][\w.-]*):|\s([A-Za-z_][\w.-]*):[\w.-]+\s*=")
 # Known prefixes mean what they would if they were declared.
 NAMESPACES = {"drake": "http://drake.mit.edu", "xacro": "http://www.ros.org/wiki/xacro"}
@@ -22,13 +23,14 @@ NAMESPACES = {"drake": "http://drake.mit.edu", "xacro": "http://www.ros.org/wiki
 
 def decoded(content: bytes) -> tuple[str, list[Note]]:
     """The text of a file's bytes: in UTF-16 by its mark, else as it declares, else in UTF-8, else in Latin-1."""
-    notes, declared, text = [], DECLARED.match(content), None
+    notes, declared = [], DECLARED.match(content)
     names = ["utf-16"] if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ["utf-8-sig"]
     for name in [*([declared[1].decode()] if declared else []), *names]:
-        with contextlib.suppress(LookupError, UnicodeDecodeError):
+        with contextlib.suppress(LookupError, UnicodeError):
             text = content.decode(name).removeprefix("\ufeff")
-            break
-    if text is None:
+            if text.lstrip().startswith("<"):  # a wrong encoding may give letters too
+                break
+    else:
         text = content.decode("latin-1")
         notes.append(("a text that is not in UTF-8 is read as Latin-1", 1))
     head, _, tail = text.partition("\0")
@@ -49,7 +51,8 @@ def with_prefixes(text: str) -> tuple[str, list[Note]]:
     known = {"xml", "xmlns", *re.findall(r"\bxmlns:([\w.-]+)\s*=", bare)}
     first: dict[str, int] = {}
     for match in PREFIXES.finditer(bare):
-        first.setdefault(match[1] or match[2], bare.count("\n", 0, match.start()) + 1)
+        if (prefix := match[1] or match[2]) not in first:
+            first[prefix] = bare.count("\n", 0, match.start()) + 1
     unknown = {prefix: line for prefix, line in first.items() if prefix not in known}
     top = re.search(r"<robot(?=[\s>])", bare)
     if top is None or not unknown:
