@@ -110,7 +110,7 @@ def choice(help: str, *allowed: str) -> Any:
 
 
 BASE = choice("Base of a robot (URDF)", "fixed", "free")
-MIMIC = choice("Joints of a robot that follow others", "refuse", "independent")
+MIMIC = choice("Joints of a robot with <mimic>", "follow", "independent")
 INERTIA = choice("Impossible inertias, and missing masses, of a robot", "refuse", "balance", "from-geometry")
 DENSITY = Option(None, help="Density of shapes without mass, e.g. 2700kg/m^3 (with from-geometry; default: of water).")
 

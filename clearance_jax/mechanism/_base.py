@@ -83,12 +83,7 @@ class AbstractMechanism(Parametrised):
             return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
         if not isinstance(member, Coupling):
             return {}
-        kinds = {c.name: "rad" if c.slides is None else "m" for c in self.coordinates()}
-        unit, out = kinds[member.follower], {}
-        for word, name in (("leader", member.leader), ("second", member.second)):
-            other = kinds.get(name or "", unit)
-            out[f"follower/{word}"] = "" if other == unit else f"{unit}/{other}"
-        return out | {"follower": unit}
+        return member.units_by({c.name: "rad" if c.slides is None else "m" for c in self.coordinates()})
 
     def coordinates(self) -> Iterator[Coordinate]:
         """Every elementary coordinate of the tree, in order; axes in those of its joint's sleeve."""

@@ -57,6 +57,10 @@ class Coupling(Parametrised):
             text = f"Coupling `{self.name}` needs `second` and `second_ratio`, or neither of them."
             raise ClearanceError(text).about(f"{self.name}.second_ratio")
 
+    def units_by(self, kinds: Mapping[str, str]) -> dict[str, str]:
+        """The units of its numbers by the words of its fields; `kinds`: units of coordinates by name."""
+        return coupling_units(kinds, self.follower, self.leader, self.second)
+
     @property
     def terms(self) -> tuple[tuple[str, Scalar], ...]:
         """Each leader with its ratio."""
@@ -66,20 +70,33 @@ class Coupling(Parametrised):
         )
 
 
-def _teeth(name: str, **counts: int) -> None:
-    for what, count in counts.items():
-        if isinstance(count, bool) or int(count) != count or count < LEAST_TEETH:
-            raise wrong_value(f"`{name}.{what}`", f"a whole number of at least {LEAST_TEETH}", count, name=what)
+def coupling_units(kinds: Mapping[str, str], follower: str, leader: str, second: str | None) -> dict[str, str]:
+    """The units of a coupling's numbers by the words of its fields; `kinds`: units of coordinates by name."""
+    unit = kinds.get(follower, "rad")
+    others = {"leader": kinds.get(leader, unit), "second": kinds.get(second or "", unit)}
+    ratios = {f"follower/{word}": "" if other == unit else f"{unit}/{other}" for word, other in others.items()}
+    return ratios | {"follower": unit}
 
 
-def _positive(name: str, **numbers: float | int) -> None:
-    for what, number in numbers.items():
-        if not number > 0:
-            raise wrong_value(f"`{name}.{what}`", "greater than 0", number, name=what)
+def _two(name: str, key: str, values: Sequence[float | int]) -> tuple[float, float]:
+    if len(values) != 2:
+        raise wrong_value(f"`{name}.{key}`", "two numbers", list(values), name=key)
+    for value in values:
+        if not value > 0:
+            raise wrong_value(f"`{name}.{key}`", "greater than 0", value, name=key)
+    first, second = values
+    return float(first), float(second)
+
+
+def _teeth(name: str, counts: Sequence[float | int]) -> tuple[float, float]:
+    for count in counts:
+        if int(count) != count or count < LEAST_TEETH:
+            raise wrong_value(f"`{name}.teeth`", f"whole numbers of at least {LEAST_TEETH}", count, name="teeth")
+    return _two(name, "teeth", counts)
 
 
 def Gear(
-    name: str, follower: str, leader: str, teeth: Sequence[int], *, internal: bool = False, offset: Number = 0.0
+    name: str, follower: str, leader: str, teeth: Sequence[float | int], *, internal: bool = False, offset: Number = 0.0
 ) -> Coupling:
     """A pair of gears with parallel axes, or of bevel gears.
 
@@ -89,9 +106,7 @@ def Gear(
 
     **Raises:** `ClearanceError` for fewer than 5 teeth.
     """
-    first, second = teeth
-    _teeth(name, teeth=first)
-    _teeth(name, teeth=second)
+    first, second = _teeth(name, teeth)
     return Coupling(name, follower, leader, (1 if internal else -1) * first / second, offset)
 
 
@@ -119,9 +134,7 @@ def Belt(
 
     **Raises:** `ClearanceError` for a radius that is not positive.
     """
-    first, second = radii
-    _positive(name, radii=first)
-    _positive(name, radii=second)
+    first, second = _two(name, "radii", radii)
     return Coupling(name, follower, leader, (-1 if crossed else 1) * first / second, offset)
 
 
@@ -135,7 +148,7 @@ def Differential(name: str, cage: str, left: str, right: str, *, follower: str |
 
 
 def Planetary(
-    name: str, sun: str, ring: str, carrier: str, teeth: Sequence[int], *, follower: str | None = None
+    name: str, sun: str, ring: str, carrier: str, teeth: Sequence[float | int], *, follower: str | None = None
 ) -> Coupling:
     """A planetary train by Willis' formula, with angles against the same body: q_sun + R q_ring = (1 + R) q_carrier,
     R = z_ring / z_sun.
@@ -147,9 +160,7 @@ def Planetary(
     **Raises:** `ClearanceError` for fewer than 5 teeth, a ring not larger than the sun, and a follower that is none of
     the three.
     """
-    z_sun, z_ring = teeth
-    _teeth(name, teeth=z_sun)
-    _teeth(name, teeth=z_ring)
+    z_sun, z_ring = _teeth(name, teeth)
     if z_ring <= z_sun:
         raise wrong_value(f"`{name}.teeth`", "more on the ring than on the sun", list(teeth), name="teeth")
     ratio = z_ring / z_sun

@@ -12,6 +12,7 @@ from places import ROOT, refused
 
 import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
+from clearance_jax.io.keys import coupling as coupling_keys
 from clearance_jax.io.keys import design as design_keys
 from clearance_jax.io.keys import metric as metric_keys
 from clearance_jax.io.keys import play as play_keys
@@ -57,7 +58,7 @@ def tables_of(module) -> list[Keys]:
 
 @pytest.mark.parametrize(
     "module",
-    [scene_keys, play_keys, study_keys, design_keys, metric_keys, wear_keys],
+    [scene_keys, coupling_keys, play_keys, study_keys, design_keys, metric_keys, wear_keys],
 )
 def test_every_declaration_is_in_the_reference(module):
     """A table's own keys in its section, which names the sections of those that it shares."""
@@ -143,7 +144,19 @@ def scene(body="", kind="revolute", main="", pin=""):
 
 
 def test_examples_of_the_top_a_body_a_spring_and_a_solve_are_read(tmp_path):
-    parts = ("solve", "body", "joint", "spring", "point", "wrench", "controller", "robot", "compliance", "misalignment")
+    parts = (
+        "solve",
+        "body",
+        "joint",
+        "spring",
+        "point",
+        "wrench",
+        "coupling",
+        "controller",
+        "robot",
+        "compliance",
+        "misalignment",
+    )
     top = lines(example(scene_keys.SCENE, *parts))
     rest = "[spring.coil]\n" + lines(example(scene_keys.SPRING)) + "[solve]\n" + lines(example(scene_keys.SOLVE))
     rest += "[wrench.cut]\n" + lines(example(scene_keys.WRENCH))
@@ -236,6 +249,23 @@ def test_examples_of_a_compliance_are_read(tmp_path):
     for name in ("main_motor.actuator.motor.effort", "main_motor.0.effort"):
         changed = cj.replace(read.mechanism, {name: 4.0})
         assert float(cj.parameters(changed)["main_motor.actuator.motor.effort"].value) == 4.0
+
+
+@pytest.mark.parametrize("word", coupling_keys.COUPLING_TABLES)
+def test_examples_of_couplings_are_read(word, tmp_path):
+    values = example(coupling_keys.COUPLING_TABLES[word], "second", "second_ratio")
+    coordinates = {
+        key: f'"{name}"' for key, name in zip(("leader", "sun", "left"), ("main",) * 3, strict=True) if key in values
+    }
+    coordinates |= {key: '"pin"' for key in ("ring", "right") if key in values} | {"follower": '"turn"'}
+    coordinates |= {key: '"turn"' for key in ("carrier", "cage") if key in values}
+    third = '[body.third]\nmass = "1 kg"\ninertia = "1 kg*m^2"\n[joint.turn]\nparent = "ground"\nchild = "third"\n'
+    third += f'type = "{"prismatic" if word in ("rack", "screw") else "revolute"}"\n'
+    read = load(tmp_path, scene() + third + "[coupling.mesh]\n" + lines(values | coordinates))
+    (coupling,) = read.mechanism.couplings
+    assert (coupling.name, coupling.follower) == ("mesh", "turn")
+    unit = cj.parameters(read.mechanism)["mesh.ratio"].unit
+    assert unit == ("m/rad" if word in ("rack", "screw") else "")
 
 
 # Of a drive with two sets of keys those of the other one.

@@ -275,9 +275,11 @@ def test_end_effectors_are_chosen_by_name(written):
 
 
 def test_joints_that_follow_others(written):
-    text = ARM.replace(AXIS, AXIS + '<mimic joint="shoulder" multiplier="2"/>')
-    with refused("elbow", "shoulder"):
-        cj.load_urdf(written(text))
+    text = ARM.replace(AXIS, AXIS + '<mimic joint="shoulder" multiplier="2" offset="0.5"/>')
+    (coupling,) = cj.load_urdf(written(text)).couplings
+    assert (coupling.name, coupling.follower, coupling.leader) == ("elbow_mimic", "elbow", "shoulder")
+    assert (float(coupling.ratio), float(coupling.offset)) == (2.0, 0.5)
+    assert layout(cj.load_urdf(written(text))).positions == ("shoulder",)
     assert layout(cj.load_urdf(written(text), mimic="independent")).positions == ("shoulder", "elbow")
     fixed = ARM.replace("</joint>\n  <transmission", '<mimic joint="elbow"/></joint>\n  <transmission')
     assert fixed != ARM

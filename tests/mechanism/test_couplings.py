@@ -189,6 +189,65 @@ def test_a_stiff_spring_between_free_wheels_tends_to_the_coupling():
     assert apart[1] / apart[2] == pytest.approx(10.0, rel=0.1)
 
 
+def geared_arms(**changes):
+    """Two arms of one length on the ground, with play in the pin between the first and its forearm."""
+    play = cj.joints.pin_clearance(1e-4, pin_radius=0.01)
+    bodies = tuple(cj.Body(name, 0.8, 2e-3, cj.Position(0.1)) for name in ("first", "second", "fore"))
+    joints = (
+        cj.Revolute("left", "ground", "first", motion=cj.Motion(cj.drives.ConstantSpeed(20.0, 0.3))),
+        cj.Revolute("right", "ground", "second", at_parent=cj.Position(0.3), **changes),
+        cj.Revolute(
+            "knee", "second", "fore", at_parent=cj.Position(0.2), clearance=play, motion=cj.Motion(position=0.4)
+        ),
+    )
+    points = (cj.Point("tip", "fore", cj.Position(0.2)),)
+    return cj.Mechanism(bodies, joints, points=points, gravity=cj.Gravity(0.0, -9.81))
+
+
+def test_a_follower_of_a_drive_moves_as_if_it_had_one():
+    """Play beyond the follower, settled start, batch and pose: all digits of the mechanism whose follower is driven."""
+    driven = geared_arms(motion=cj.Motion(cj.drives.ConstantSpeed(-50.0, -2.5 * 0.3 + 0.1)))
+    following = dataclasses.replace(geared_arms(), couplings=(cj.Coupling("mesh", "right", "left", -2.5, offset=0.1),))
+    for start in ("centre", "settled"):
+        a, b = (cj.simulate(m, 0.02, rtol=1e-8, start=start) for m in (driven, following))
+        np.testing.assert_allclose(b.final, a.final, rtol=1e-9, atol=1e-12)
+    one, other = (cj.to_dataset(m, s) for m, s in ((driven, a), (following, b)))
+    # The one motor bears what the other would have: 2.5 times, and the other way.
+    left, right = (float(one["drive_force"].sel(drive=name)[-1]) for name in ("left", "right"))
+    assert [*other["drive"].values] == ["left"]
+    assert float(other["drive_force"][-1, 0]) == pytest.approx(left - 2.5 * right, rel=1e-8)
+    assert float(other["torque"][-1, 0]) == pytest.approx(right, rel=1e-8)
+    assert float(b.energy_residual) < 1e-6
+
+
+def geared_five_bar():
+    """Cranks at both ends, geared to each other, and a loop of two rods: one way to move."""
+    names = {"first": 0.1, "rod": 0.25, "second": 0.1, "tie": 0.25}
+    bodies = tuple(cj.Body(n, 10 * x, 10 * x**3 / 12, cj.Position(x / 2)) for n, x in names.items())
+    joints = (
+        cj.Revolute("left", "ground", "first", motion=cj.Motion(position=1.2, velocity=8.0)),
+        cj.Revolute("a", "first", "rod", at_parent=cj.Position(0.1), motion=cj.Motion(position=-0.6)),
+        cj.Revolute("right", "ground", "second", at_parent=cj.Position(0.3)),
+        cj.Revolute("b", "second", "tie", at_parent=cj.Position(0.1), motion=cj.Motion(position=0.8)),
+    )
+    close = (cj.Revolute("top", "rod", "tie", at_parent=cj.Position(0.25), at_child=cj.Position(0.25)),)
+    gears = (cj.Gear("gears", "right", "left", (30, 30), offset=np.pi),)
+    return cj.Mechanism(bodies, joints, close, gravity=cj.Gravity(0.0, -9.81), couplings=gears)
+
+
+def test_a_follower_in_a_closed_loop():
+    """A geared five-bar has one freedom, so that its energy alone says how fast it is at each place."""
+    m = geared_five_bar()
+    assert cj.mobility(m).freedom == 1
+    early, late = (cj.simulate(m, t, rtol=1e-10) for t in (0.01, 0.06))
+    d = cj.to_dataset(m, late)
+    assert float(d["q"].sel(coordinate="right")[-1]) == pytest.approx(np.pi - float(late["left"]), rel=1e-14)
+    assert float(late.energy_residual) < 1e-9
+    first, last = (energies(NOW, s.final, m.prepare()) for s in (early, late))
+    assert float(last.total) == pytest.approx(float(first.total), rel=1e-9)
+    assert abs(float(last.kinetic / first.kinetic) - 1) > 0.05
+
+
 def test_presets_have_the_ratios_of_the_textbook():
     def ratio(coupling):
         return float(coupling.ratio)

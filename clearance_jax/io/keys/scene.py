@@ -1,5 +1,6 @@
 """Every key of a scene file. A new key is a line here (or a field with a help, where a class holds it), and its use."""
 
+from clearance_jax.io.keys.coupling import COUPLING_TABLES
 from clearance_jax.io.keys.declare import Keys, family, keys_of, kind, kinds, summary, table
 from clearance_jax.io.keys.kinds import Flag, Names, Sub, Text, Triple, VectorKey, Whole, Word, path, quantity, tables
 from clearance_jax.io.keys.play import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
@@ -56,6 +57,10 @@ SCENE = table(
         "drives that give way, by the joint that they drive",
         '{ axis_2 = { stiffness = "50 kN*m/rad" } }',
         "drives are followed exactly",
+    ),
+    coupling=tables(
+        "coordinates of joints that follow others, by gears and the like, by name",
+        '{ mesh = { type = "gear", follower = "wheel", leader = "pinion", teeth = [20, 40] } }',
     ),
     controller=tables(
         "controllers of several joints, by name",
@@ -129,10 +134,10 @@ ROBOT = table(
     file=path("the URDF file, beside the scene", '"arm.urdf"', required=True),
     base=Word("whether its base is the ground, or moves freely", '"free"', allowed=BASES, default="fixed"),
     mimic=Word(
-        "whether joints that follow others are refused, or move by themselves",
+        "whether joints that mimic others follow them, or move by themselves",
         '"independent"',
         allowed=MIMICS,
-        default="refuse",
+        default="follow",
     ),
     inertia=Word(
         "whether links whose inertia no body has, and bodies without mass, are refused; whether such a link takes the "
@@ -235,6 +240,6 @@ ACTUATOR_TABLES = family(
 SCENE_TABLES = (
     *(SCENE, SOLVE, SOLVING, BODY, *JOINT_TABLES.values(), JOINT, MOTION, *PLAY_TABLES, COMPLIANCE),
     *(*DRIVE_TABLES.values(), SPLINE_FILE, *ACTUATOR_TABLES.values(), *LAW_TABLES),
-    *(SPRING, POINT, WRENCH, CONTROLLER, ROBOT, PAYLOAD),
+    *(SPRING, POINT, WRENCH, *COUPLING_TABLES.values(), CONTROLLER, ROBOT, PAYLOAD),
 )
 """Every table of a scene, in the order of the reference."""

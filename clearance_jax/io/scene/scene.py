@@ -2,7 +2,7 @@
 
 import dataclasses
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,18 +12,20 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, naming, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
+from clearance_jax.io.keys.coupling import COUPLING_TABLES, COUPLINGS
 from clearance_jax.io.scene.joints import body_of, drive_of, joints_of, read_drive, robot_of
-from clearance_jax.io.table import TomlTable
+from clearance_jax.io.table import TomlTable, variant
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import IN_PYTHON, IN_SCENE, read_robot, warn_of_notes
 from clearance_jax.joints.checks import ImplausibleWarning, above_pin
 from clearance_jax.mechanism.body import Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
+from clearance_jax.mechanism.couplings import Coupling, coupling_units
 from clearance_jax.mechanism.imperfections import Compliance, with_compliance, with_misalignment
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.structure import check_model
-from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, Prismatic
+from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, Prismatic
 from clearance_jax.parameters import outside
 
 # From a speck of dust to a ship. Outside, a unit or an exponent has slipped.
@@ -93,8 +95,10 @@ def load(path: str | Path) -> Mechanism:
 
 def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
     robot, file = robot_of(top, path) if top.has("robot") else (None, None)
-    of_robot: Any = ((),) * 4 if robot is None else (robot.bodies, robot.joints, robot.points, robot.notes)
-    bodies, tree, points, notes = of_robot
+    bodies, tree, points, notes, couplings = ((),) * 5
+    if robot is not None:
+        bodies, tree, points, notes = robot.bodies, robot.joints, robot.points, robot.notes
+        couplings = robot.couplings
     joints, loops = joints_of(top, path, {joint.child for joint in tree})
     gravity = Gravity(*top.get("gravity")) if robot is None or top.has("gravity") else robot.gravity
     mechanism = Mechanism(
@@ -108,6 +112,7 @@ def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
         top.get("assemble"),
         tuple(_wrench(*part, path) for part in top.tables("wrench", keys.WRENCH, {"coordinate": ""})),
         notes=notes,
+        couplings=(*couplings, *_couplings(top, (*tree, *joints))),
     )
     trajectory = None
     if file is not None:
@@ -128,6 +133,17 @@ def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
             mechanism = with_compliance(mechanism, name, Compliance(**table.arguments()))
     controllers = [_controller(*part, path, mechanism) for part in top.tables("controller", keys.CONTROLLER)]
     return dataclasses.replace(mechanism, controllers=tuple(controllers)), trajectory
+
+
+def _couplings(top: TomlTable, joints: Sequence[AbstractJoint]) -> Iterator[Coupling]:
+    kinds = {c.name: "rad" if c.slides is None else "m" for joint in joints for c in joint.own_coordinates()}
+    for name, values, where in top.parts("coupling"):
+        word, table = variant(values, where, COUPLING_TABLES)
+        named = [values.get(key) for key in ("follower", "leader", "second")]
+        follower, leader, second = (name if isinstance(name, str) else "" for name in named)
+        table.words = coupling_units(kinds, follower, leader, second)
+        with naming(where):
+            yield COUPLINGS[word][0](name, **table.arguments("type"))
 
 
 def _wrench(name: str, table: TomlTable, path: Path) -> Wrench:

@@ -19,13 +19,14 @@ from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Link, Robot, 
 from clearance_jax.io.urdf.text import told
 from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point
+from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Gravity, Inertia, Orientation, Position, as_axis
 from clearance_jax.mechanism.tree.compounds import Ball, Free, Planar
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
 
 BASES = ("fixed", "free")
-MIMICS = ("refuse", "independent")
+MIMICS = ("follow", "independent")
 INERTIAS = ("refuse", "balance", "from-geometry")
 # How a message writes an option of the robot: where Python, a scene or a command gave it.
 IN_PYTHON, IN_SCENE, IN_COMMAND = "`{}='{}'`", '`robot.{} = "{}"`', "`--{} {}`"
@@ -38,7 +39,7 @@ def load_urdf(
     base: str = "fixed",
     gravity: Any = EARTH,
     end_effector: str | Sequence[str] | None = None,
-    mimic: str = "refuse",
+    mimic: str = "follow",
     inertia: str = "refuse",
     density: float | None = None,
 ) -> Mechanism:
@@ -56,8 +57,8 @@ def load_urdf(
     - `gravity` [m/s^2], three numbers: along the axes of the root link as it is at the start.
     - `end_effector`: a link, or several, whose frames become points of the mechanism, under the name of the link (if a
       body has this name, `NAME_frame`). By default every link at the end of a limb.
-    - `mimic`: "refuse": a file with joints that follow another one is refused. "independent": each of them moves by
-      itself.
+    - `mimic`: "follow": a joint with `<mimic>` follows the other one, by a coupling `NAME_mimic`. "independent": it
+      moves by itself.
     - `inertia`: what becomes of links whose inertia no body has, and of bodies without mass. "refuse": the file is
       refused (a body without mass only if a joint moves nothing else). "balance": each moment of inertia of such a link
       becomes their mean. "from-geometry": a link with mass takes the inertia of its shapes, scaled to its mass; a body
@@ -91,7 +92,7 @@ def read_robot(
     base: str = "fixed",
     gravity: Any = EARTH,
     end_effector: Any = None,
-    mimic: str = "refuse",
+    mimic: str = "follow",
     inertia: str = "refuse",
     density: float | None = None,
     written: str = IN_PYTHON,
@@ -106,14 +107,8 @@ def read_robot(
     text, robot = read_urdf(path, Weighing(inertia, WATER if density is None else density, base == "free"))
     with naming(f"`{path}`"), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a robot is loaded inside a jitted function.
-        alone = written.format("mimic", "independent")
-        for joint in robot.joints if mimic == "refuse" else ():
-            if joint.mimic is not None:
-                raise ClearanceError(
-                    f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic.joint}` (<mimic>), and such joints "
-                    f"are not made yet. Load the robot with {alone}, so that each moves by itself, or fix the "
-                    "joint."
-                ).about(joint.name, joint.mimic.joint)
+        if mimic == "independent":
+            robot = robot._replace(joints=tuple(joint._replace(mimic=None) for joint in robot.joints))
         return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector), written)
 
 
@@ -168,12 +163,18 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     named = unique_names((joint.name for joint in joints), "joint", taken)
     points = unique_names(_ends(robot, whole, free) if asked is None else asked, "frame", taken)
     frames = {name: whole.frames[link] for link, name in points.items()}
+    followers = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
+    couplings = unique_names((f"{named[name]}_mimic" for name in followers), "coupling", taken)
     return Mechanism(
         tuple(_body(body, bodies[name]) for name, body in moving.items()),
         tuple(joint_of(joint, named[joint.name], bodies[joint.parent], bodies[joint.child]) for joint in joints),
         points=tuple(Point(name, bodies[on], *place_of(pose)) for name, (on, pose) in frames.items()),
         gravity=gravity,
         name=robot.name,
+        couplings=tuple(
+            Coupling(name, named[follower], named[mimic.joint], mimic.multiplier, mimic.offset)
+            for name, (follower, mimic) in zip(couplings.values(), followers.items(), strict=True)
+        ),
         notes=(*robot.notes, *told("assumed", assumed)),
     )
 

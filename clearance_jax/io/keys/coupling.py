@@ -1,0 +1,69 @@
+"""Every key of a coupling in a scene file."""
+
+import dataclasses
+
+from clearance_jax.io.keys.declare import family, keys_of, kind, summary
+from clearance_jax.io.keys.kinds import Flag, Quantities, Text, quantity
+from clearance_jax.mechanism.couplings import Belt, Coupling, Differential, Gear, Planetary, Rack, Screw
+
+_FOLLOWS = keys_of(Coupling, "follower", "leader", "offset")
+_SLIDES = _FOLLOWS | {"offset": dataclasses.replace(_FOLLOWS["offset"], example='"10 mm"')}
+_TRAIN = Text("which of them follows the others", '"ring"')
+COUPLINGS = {
+    "linear": (Coupling, kind(summary(Coupling), **keys_of(Coupling))),
+    "gear": (
+        Gear,
+        kind(
+            summary(Gear),
+            **_FOLLOWS,
+            teeth=Quantities("numbers of teeth, of the leader and of the follower", "[20, 40]", required=True),
+            internal=Flag("whether one of them is a ring with teeth inside", "true", default=False),
+        ),
+    ),
+    "rack": (
+        Rack,
+        kind(summary(Rack), **_SLIDES, radius=quantity("pitch radius of the pinion", '"20 mm"', "m", required=True)),
+    ),
+    "screw": (
+        Screw,
+        kind(summary(Screw), **_SLIDES, lead=quantity("slide by turn of the leader", '"5 mm"', "m", required=True)),
+    ),
+    "belt": (
+        Belt,
+        kind(
+            summary(Belt),
+            **_FOLLOWS,
+            radii=Quantities("radii of the pulleys, the leader's first", '["20 mm", "50 mm"]', unit="m", required=True),
+            crossed=Flag("whether it turns the follower the other way", "true", default=False),
+        ),
+    ),
+    "differential": (
+        Differential,
+        kind(
+            summary(Differential),
+            cage=Text("coordinate of the cage", '"cage"', required=True),
+            left=Text("coordinate of its one side gear", '"left"', required=True),
+            right=Text("coordinate of its other side gear", '"right"', required=True),
+            follower=dataclasses.replace(_TRAIN, absent="the cage"),
+        ),
+    ),
+    "planetary": (
+        Planetary,
+        kind(
+            summary(Planetary),
+            sun=Text("coordinate of the sun", '"sun"', required=True),
+            ring=Text("coordinate of the ring", '"ring"', required=True),
+            carrier=Text("coordinate of the carrier", '"carrier"', required=True),
+            teeth=Quantities("numbers of teeth, of the sun and of the ring", "[24, 60]", required=True),
+            follower=dataclasses.replace(_TRAIN, absent="the carrier"),
+        ),
+    ),
+}
+COUPLING_TABLES = family(
+    "coupling.NAME",
+    "Couplings",
+    "type",
+    "the kind of coupling",
+    {word: keys for word, (_, keys) in COUPLINGS.items()},
+    default="linear",
+)
