@@ -86,7 +86,6 @@ CIRCLE = (
     '<joint name="qp" type="fixed"><parent link="q"/><child link="p"/></joint>'
 )
 ZERO = '<inertia ixx="0" iyy="0" izz="0"/>'
-ROD = '<inertia ixx="0" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/>'
 MIRROR = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0.05" ixz="0" iyz="0"/>'
 END = "</robot>"
 MASS, AXIS, ORIGIN = '<mass value="1.5"/>', '<axis xyz="0 2 0"/>', '<origin xyz="0.4 0 0"/>'
@@ -148,18 +147,16 @@ BAD = {
         '<mass value="0"/>',
         "link `fore` (with 1 link fixed to it) has inertia without mass",
     ),
-    "no inertia": (f"{MASS}{INERTIA}", MASS, "link `fore` lacks <inertia>. Add one"),
     "a zero inertia": (
         f"{MASS}{INERTIA}",
         MASS + ZERO,
-        "link `fore` (with 1 link fixed to it) must have inertia about every axis",
+        "line 25: joint `elbow` can move without moving any mass. Give the link `fore`",
     ),
-    "a rod": (
+    "a negative inertia": (
         f"{MASS}{INERTIA}",
-        MASS + ROD,
-        "must have inertia about every axis, but its principal moments are 0, 0.03 and 0.03",
+        MASS + MIRROR,
+        "link `fore` (with 1 link fixed to it): no body has its principal moments of inertia -0.04, 0.01 and 0.06",
     ),
-    "a negative inertia": (f"{MASS}{INERTIA}", MASS + MIRROR, "principal moments are -0.04, 0.01 and 0.06 kg*m^2"),
     "an inertia that lacks a moment": ('izz="0.04"', "", "lacks the attribute `izz` of <inertia>"),
     "a slip in an inertia": (
         'ixy="0.001"',
@@ -168,7 +165,6 @@ BAD = {
     ),
     "a hand of nothing": (END, MASSLESS + END, "joint `wrist` can move without moving any mass. Give the link `hand`"),
     "a zero axis": (AXIS, '<axis xyz="0 0 0"/>', "joint `elbow`: its <axis> must have a direction"),
-    "two axes": (AXIS, AXIS + AXIS, "joint `elbow` has 2 <axis> (line 29 too)"),
     "an axis of two": (
         AXIS,
         '<axis xyz="0 2"/>',
@@ -201,12 +197,6 @@ BAD = {
         "link `fore` holds <inertal>",
     ),
     "a mistyped link": ('<link name="tool"/>', '<Link name="tool"/>', "the robot holds <Link>"),
-    "limits upside down": (
-        'lower="-2" upper="2.5"',
-        'lower="2" upper="-2"',
-        "joint `shoulder`: its lower limit 2 is above the upper -2",
-    ),
-    "a negative speed": ('velocity="3"', 'velocity="-3"', "its limit of velocity must be at least 0, but it is -3"),
     "a limit that is no number": ('velocity="3"', 'velocity="fast"', "`velocity` of <limit> must be written as"),
     "a negative damping": (
         'damping="0.5"',
@@ -214,17 +204,11 @@ BAD = {
         "joint `shoulder`: its damping must be at least 0, but it is -0.5",
     ),
     "a negative friction": ('friction="0.1"', 'friction="-0.1"', "its friction must be at least 0"),
-    "mimic of nothing": (
-        AXIS,
-        AXIS + '<mimic joint="shouldr"/>',
-        "`elbow` mimics `shouldr`, which is no joint. Did you mean `shoulder`",
-    ),
     "mimic of itself": (AXIS, AXIS + '<mimic joint="elbow"/>', "joint `elbow` mimics itself"),
-    "mimic of a fixed joint": (AXIS, AXIS + '<mimic joint="flange"/>', "`elbow` mimics `flange`, which is fixed"),
     "macros": (
         '<link name="tool"/>',
-        '<xacro:tool xmlns:xacro="http://ros.org/wiki/xacro" name="tool"/>',
-        "line 16: <xacro:tool> is a macro, not yet a robot. Expand the file first: `xacro",
+        '<xacro:include xmlns:xacro="http://ros.org/wiki/xacro" filename="tool"/>',
+        "line 16: <xacro:include> is a macro, not yet a robot. Install xacro (`pip install xacro`)",
     ),
     "an unexpanded number": (ORIGIN, '<origin xyz="${length} 0 0"/>', "'${length} 0 0' is to be expanded by xacro"),
     "another root element": (ARM, '<sdf version="1.9"/>', "must hold a <robot>, but it holds a <sdf>"),

@@ -18,13 +18,17 @@ SECTIONS = ("sweep", "design", "wear", "calibrate")
 
 def check(
     file: Path = Argument(..., metavar="FILE", help="A scene, a study (TOML with units), or a robot (URDF)."),
+    base: str | None = common.BASE,
+    mimic: str | None = common.MIMIC,
+    inertia: str | None = common.INERTIA,
+    density: str | None = common.DENSITY,
 ) -> None:
     """Read and validate a scene, a study or a robot, without computing anything. It says what it is, and what it
     leaves to the defaults. The exit code is 0 for a valid file, 2 for another one.
     """
     common.check_there(file, "file")
     common.set_up()
-    kind, lines, assumed = _read(file)
+    kind, lines, assumed = _read(file, {"base": base, "mimic": mimic, "inertia": inertia, "density": density})
     answer.update({"kind": kind, "file": str(file), "assumed": assumed})
     common.say(f"{file}: a valid {kind}")
     for line in lines:
@@ -33,10 +37,10 @@ def check(
         common.say(f"  assumed: {name} = {value}")
 
 
-def _read(file: Path) -> tuple[str, list[str], dict[str, Any]]:
+def _read(file: Path, robot: dict[str, Any]) -> tuple[str, list[str], dict[str, Any]]:
     """What kind of file it is, lines about it, and what it leaves to the defaults."""
     from clearance_jax.io.files import read_toml
-    from clearance_jax.io.scene.scene import implausible, read_scene
+    from clearance_jax.io.scene.scene import implausible
     from clearance_jax.io.study.study import load_study
     from clearance_jax.joints.checks import ImplausibleWarning
     from clearance_jax.solve.settings import Settings
@@ -45,7 +49,7 @@ def _read(file: Path) -> tuple[str, list[str], dict[str, Any]]:
         with common.aloud(ImplausibleWarning):
             study = load_study(file)
         return "study", [*_asked(study), *_parts(study.mechanism)], {}
-    scene = read_scene(file)
+    scene = common.read_scene(file, **robot)
     common.warn(implausible(scene.mechanism))
     kind, lines = ("robot" if is_robot(file) else "scene"), list(_parts(scene.mechanism))
     if idle := undriven(scene.mechanism) if is_robot(file) else ():

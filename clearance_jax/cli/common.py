@@ -18,6 +18,7 @@ from clearance_jax.cli.answer import answer, console, errors
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.examples import names
 from clearance_jax.report.figures import LISTED, save_figure
+from clearance_jax.units import to_si
 
 SCENE = Argument(..., metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")
 SETTINGS = Option(
@@ -46,13 +47,17 @@ def set_up() -> None:
         configure(cache=True)
 
 
-def read_scene(scene_file: Path) -> Any:
-    """Read a scene, without the changes of the command's options."""
+def read_scene(scene_file: Path, **robot: Any) -> Any:
+    """Read a scene, without the changes of the command's options; `robot`: the options of a robot's file."""
     check_there(scene_file, "scene file")
     set_up()
     from clearance_jax.io.scene.scene import read_scene
+    from clearance_jax.io.urdf.mechanism import IN_COMMAND
 
-    return read_scene(scene_file)
+    given = {name: value for name, value in robot.items() if value is not None}
+    if "density" in given:
+        given["density"] = to_si(given["density"], "kg/m^3", "`--density`")
+    return read_scene(scene_file, IN_COMMAND, **given)
 
 
 def change(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: list[str] | None = None) -> Any:
@@ -107,6 +112,12 @@ def output(help: str) -> Any:
 def choice(help: str, *allowed: str) -> Any:
     """An option whose value is one of some words, which the shell completes."""
     return Option(None, help=f"{help}: {', '.join(allowed)}.", autocompletion=lambda: list(allowed))
+
+
+BASE = choice("Base of a robot (URDF)", "fixed", "free")
+MIMIC = choice("Joints of a robot with <mimic>", "follow", "independent")
+INERTIA = choice("Impossible inertias, and missing masses, of a robot", "refuse", "balance", "from-geometry")
+DENSITY = Option(None, help="Density of shapes without mass, e.g. 2700kg/m^3 (with from-geometry; default: of water).")
 
 
 def check_distinct(**paths: Path | None) -> None:

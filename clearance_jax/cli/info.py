@@ -25,6 +25,10 @@ def info(
     settings: list[str] | None = common.SETTINGS,
     clearance: list[str] | None = common.CLEARANCES,
     ideal: bool = common.IDEAL,
+    base: str | None = common.BASE,
+    mimic: str | None = common.MIMIC,
+    inertia: str | None = common.INERTIA,
+    density: str | None = common.DENSITY,
     budget: bool = Option(
         False, "--budget", help="Instead: what the error of a point is made of, and what would help."
     ),
@@ -41,11 +45,14 @@ def info(
 
     With `--budget`, what the error of a point is made of: play, elasticity and dynamics, joint by joint.
     """
-    scene = common.read_scene(scene_file)
+    of_robot = {"base": base, "mimic": mimic, "inertia": inertia, "density": density}
+    scene = common.read_scene(scene_file, **of_robot)
     of_budget = {"point": point, "trajectory": trajectory, "t1": t1, "plot": plot}
     if budget:
         if ideal:
             raise ClearanceError("`--budget` is about play, which `--ideal` takes away. Leave one of them out.")
+        if point is not None and is_robot(scene_file):
+            scene = _with_point(scene, scene_file, point, of_robot)
         return say_budget(scene, scene_file, settings, clearance, **of_budget)
     for option, value in of_budget.items():
         if value is not None:
@@ -208,8 +215,6 @@ def say_budget(
     """Print the error budget of a point of a scene or a robot, and draw it if `plot` is given."""
     common.check_distinct(scene=scene_file, trajectory=trajectory, plot=plot)
     common.check_writable(plot, common.FIGURES)
-    if point is not None and is_robot(scene_file):
-        scene = scene._replace(mechanism=_with_point(scene.mechanism, scene_file, point))
     driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = common.change(driven, settings, False, clearance)
     name = _point(mechanism, point)
@@ -231,10 +236,9 @@ def say_budget(
         common.write_figure(budget_figure(budget), plot)
 
 
-def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
-    from clearance_jax.io.urdf.mechanism import load_urdf
-
-    return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)
+def _with_point(scene: Any, robot: Path, link: str, options: dict[str, Any]) -> Any:
+    names = [point.name for point in scene.mechanism.points]
+    return scene if link in names else common.read_scene(robot, **options, end_effector=link)
 
 
 def _point(mechanism: Any, asked: str | None) -> str:

@@ -13,7 +13,7 @@ HELD = 0.1
 
 def is_robot(scene_file: Any) -> bool:
     """Whether a file is a robot (URDF), not a scene."""
-    return scene_file.suffix.lower() == ".urdf"
+    return scene_file.suffix.lower() in (".urdf", ".xacro")
 
 
 def undriven(mechanism: Any) -> tuple[str, ...]:

@@ -30,6 +30,10 @@ def simulate(
     trajectory: Path | None = Option(None, help="Drives the joints that a CSV file of times and values names."),
     clearance: list[str] | None = common.CLEARANCES,
     ideal: bool = common.IDEAL,
+    base: str | None = common.BASE,
+    mimic: str | None = common.MIMIC,
+    inertia: str | None = common.INERTIA,
+    density: str | None = common.DENSITY,
     output: Path | None = common.output("Result file (NetCDF)."),
     plot: Path | None = Option(None, help="Figure of the result (.png, .pdf)."),
     plot_kind: str | None = common.KIND,
@@ -40,14 +44,12 @@ def simulate(
 
     Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """
-    scene = common.read_scene(scene_file)
+    scene = common.read_scene(scene_file, base=base, mimic=mimic, inertia=inertia, density=density)
     driven, lead, idle = driven_by(scene, scene_file, trajectory)
     mechanism = common.change(driven, settings, ideal, clearance)
     from clearance_jax.solve.simulate import EnergyWarning
 
-    common.check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
-    common.check_writable(output, common.DATASETS)
-    common.check_writable(plot, common.FIGURES)
+    _check_files(scene_file, trajectory, output, plot, movie)
     draw = figure_for(plot, plot_kind)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
@@ -79,6 +81,14 @@ def simulate(
     _write(dataset, output, plot, draw, movie, magnify)
     if result.message:
         raise Exit(130 if result.message == "interrupted" else 1)
+
+
+def _check_files(
+    scene: Path, trajectory: Path | None, output: Path | None, plot: Path | None, movie: Path | None
+) -> None:
+    common.check_distinct(scene=scene, trajectory=trajectory, output=output, plot=plot, movie=movie)
+    common.check_writable(output, common.DATASETS)
+    common.check_writable(plot, common.FIGURES)
 
 
 def _observed(mechanism: Any, solved: tuple, solve: dict[str, Any], shown: ProgressDisplay, told: dict) -> Any:

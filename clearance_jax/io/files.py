@@ -51,7 +51,16 @@ def read_table(path: Path, where: str, columns: str = "time [s] and value") -> t
 
 
 def read_text(path: Path, what: str, largest: int) -> str:
-    """The text of a file. **Raises** `ClearanceError` if it is too large or no file (a device may never end)."""
+    """The text of a file in UTF-8. **Raises** `ClearanceError` as `read_bytes`, and for another text."""
+    try:
+        text = read_bytes(path, what, largest).decode("utf-8")
+    except UnicodeDecodeError:
+        raise ClearanceError(f"Cannot read the {what} `{path}`: it is not a text in UTF-8.") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_bytes(path: Path, what: str, largest: int) -> bytes:
+    """The content of a file. **Raises** `ClearanceError` if it is too large or no file (a device may never end)."""
     if "\0" in str(path):
         raise ClearanceError(f"Cannot read the {what}: {quote(str(path))} is no path.")
     try:
@@ -59,11 +68,9 @@ def read_text(path: Path, what: str, largest: int) -> str:
             raise ClearanceError(f"Cannot read the {what} `{path}`: it is no file. Give the path of one.")
         if path.stat().st_size > largest:
             raise ClearanceError(f"Cannot read the {what} `{path}`: it is larger than {largest // 1_000_000} MB.")
-        return path.read_text(encoding="utf-8")
+        return path.read_bytes()
     except OSError as error:
         raise ClearanceError(f"Cannot read the {what} `{path}`: {error.strerror}.") from None
-    except UnicodeDecodeError:
-        raise ClearanceError(f"Cannot read the {what} `{path}`: it is not a text in UTF-8.") from None
 
 
 class Meant(NamedTuple):

@@ -194,8 +194,8 @@ class Inertia(Module):
         return Symmetric(lambda i, j: present(entries[i, j]))
 
 
-# Files print inertias with three digits or more: the moments of a flat body may miss their sum by this part.
-PRINTED = 1e-3
+# Files round inertias: the moments of a flat body may miss their sum by this part.
+PRINTED = 1e-2
 
 
 def check_inertia(tensor: np.ndarray, what: str) -> None:

@@ -10,7 +10,8 @@ from clearance_jax._basis.extras import require
 from clearance_jax.errors import ClearanceError, naming
 from clearance_jax.io.urdf import elements as xml
 from clearance_jax.io.urdf.bodies import merge
-from clearance_jax.io.urdf.file import describe
+from clearance_jax.io.urdf.file import describe, open_urdf
+from clearance_jax.io.urdf.inertia import load_mesh
 from clearance_jax.io.urdf.robot import rotation_of
 from clearance_jax.results.places import names_of
 from clearance_jax.viewer.scene import ViewedMotion
@@ -28,7 +29,7 @@ def with_meshes(scene: dict[str, Any], motion: ViewedMotion, path: str | Path) -
     if "body_rotation" not in motion.dataset:
         text = "This result does not hold the poses of bodies in space, which meshes need. Simulate again."
         raise ClearanceError(text).about("dataset")
-    _, top = xml.read_xml(Path(path), "URDF file")
+    _, top = open_urdf(path)
     with naming(f"`{path}`"):
         whole, shapes, missing = merge(describe(top)), {}, []
     bodies = names_of(motion.dataset, "body")
@@ -64,14 +65,7 @@ def _shape(visual: xml.Element, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     xyz, rpy = xml.pose(visual, where)
     given = next(iter(xml.need(visual, "geometry", where, '<sphere radius="0.1"/>')))
     if given.tag == "mesh":
-        name = xml.text(given, "filename", where).removeprefix("file://").removeprefix("package://")
-        tails = [name, *("/".join(name.split("/")[k:]) for k in range(1, len(name.split("/"))))]
-        files = [above / tail for tail in tails for above in (folder, *folder.resolve().parents[:4])]
-        path = next((file for file in files if file.is_file()), None)
-        if path is None:
-            raise OSError(f"there is no file `{name}`")
-        mesh: Any = trimesh.load(path, force="mesh")
-        mesh.apply_scale(xml.numbers(given, "scale", 3, where, (1.0, 1.0, 1.0)))
+        mesh = load_mesh(given, where, folder)
     elif given.tag == "box":
         mesh = trimesh.creation.box(xml.numbers(given, "size", 3, where))
     else:

@@ -4,7 +4,7 @@ from clearance_jax.io.keys.coupling import COUPLING_TABLES
 from clearance_jax.io.keys.declare import Keys, family, keys_of, kind, kinds, summary, table
 from clearance_jax.io.keys.kinds import Flag, Names, Sub, Text, Triple, VectorKey, Whole, Word, path, quantity, tables
 from clearance_jax.io.keys.play import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
-from clearance_jax.io.urdf.mechanism import BASES, MIMICS
+from clearance_jax.io.urdf.mechanism import BASES, INERTIAS, MIMICS
 from clearance_jax.mechanism.actuators import ConstantEffort, JointFriction, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque
@@ -138,6 +138,20 @@ ROBOT = table(
         '"independent"',
         allowed=MIMICS,
         default="follow",
+    ),
+    inertia=Word(
+        "whether links whose inertia no body has, and bodies without mass, are refused; whether such a link takes the "
+        "mean of its moments, or both the inertia of their shapes (see [robots](../robots.md#masses-and-inertias))",
+        '"from-geometry"',
+        allowed=INERTIAS,
+        default="refuse",
+    ),
+    density=quantity(
+        "of the shapes of bodies without mass, with `from-geometry`",
+        '"2700 kg/m^3"',
+        "kg/m^3",
+        "1000 kg/m^3",
+        above=0.0,
     ),
     end_effector=Names("links whose frames are points", '["tcp"]', "every link at the end of a limb"),
     trajectory=path(

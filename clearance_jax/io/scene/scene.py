@@ -16,7 +16,7 @@ from clearance_jax.io.keys.coupling import COUPLING_TABLES, COUPLINGS
 from clearance_jax.io.scene.joints import body_of, drive_of, joints_of, read_drive, robot_of
 from clearance_jax.io.table import TomlTable, variant
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
-from clearance_jax.io.urdf.mechanism import read_robot, warn_of_notes
+from clearance_jax.io.urdf.mechanism import IN_PYTHON, IN_SCENE, read_robot, warn_of_notes
 from clearance_jax.joints.checks import ImplausibleWarning, above_pin
 from clearance_jax.mechanism.body import Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
@@ -34,6 +34,8 @@ LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
 LEAST_CLEARANCE = 1e-10
 # Most sizes in a warning.
 NAMED = 4
+# Endings of robots' files, the second of one that xacro expands.
+ROBOTS = (".urdf", ".xacro")
 
 
 class Scene(NamedTuple):
@@ -54,12 +56,18 @@ def load_scene(path: str | Path) -> Scene:
     return scene
 
 
-def read_scene(path: str | Path) -> Scene:
-    """As `load_scene`, without warnings, for callers that change numbers before the mechanism is used."""
+def read_scene(path: str | Path, written: str = IN_PYTHON, **robot: Any) -> Scene:
+    """As `load_scene`, without warnings, for callers that change numbers before the mechanism is used; `robot`: options
+    of `load_urdf`, for a robot's file, and how messages write them.
+    """
     path = Path(path)
-    if path.suffix.lower() == ".urdf":  # a robot says nothing of how it wants to be solved
-        text, mechanism = read_robot(path)
+    if path.suffix.lower() in ROBOTS:  # a robot says nothing of how it wants to be solved
+        text, mechanism = read_robot(path, **robot, written=written)
         return Scene(mechanism, {}, text)
+    for name, value in robot.items():
+        key = IN_SCENE.format(name, value)
+        text = f"{written.format(name, value)} is about a robot's file, but `{path}` is none. In a scene write {key}."
+        raise ClearanceError(text).about(name, value)
     text, values = read_toml(path, "scene file")
     if "scene" in values:
         raise ClearanceError(f"`{path}` is a study, and not a scene: use `clearance run`.")

@@ -2,7 +2,7 @@
 frame of each link stays known by the link's name. A link may lack mass, as a sensor does: whole bodies are checked.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,14 +10,22 @@ from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.urdf import robot as parts
+from clearance_jax.io.urdf.text import Note
 from clearance_jax.mechanism.placement import PRINTED
 from clearance_jax.mechanism.tree.frame import JacobianColumn
 
 # Least radius of gyration [m]: a smaller one is round-off of printed digits.
 SMALLEST = 1e-7
+# Moments that miss the triangle rule by less are those of a flat body in three digits; by more they are noted, and from
+# `PRINTED` on refused.
+DIGITS = 1e-3
+# A negative moment that is, compared with the greatest, round-off of printed products.
+NEGATIVE = 1e-6
 # Least eigenvalue of the mass matrix, scaled to a unit diagonal, that is no round-off.
 NOTHING = 1e-12
 X, Y, Z = np.eye(3)
+Weight = tuple[float, parts.Vector3, parts.Matrix3]
+"""Mass [kg], centre of mass [m] and inertia [kg m^2] about it."""
 
 
 class LinkFrame(NamedTuple):
@@ -67,6 +75,12 @@ def _together(links: Sequence[parts.Link], frames: Mapping[str, LinkFrame]) -> p
     if len(weighing) == 1:  # as the file has it, to the last digit
         mass, center, inertia = weighing[0]
         return body._replace(mass=mass, center=center, inertia=inertia)
+    mass, center, inertia = sum_of(weighing)
+    return body._replace(mass=mass, center=center, inertia=inertia)
+
+
+def sum_of(weighing: Sequence[Weight]) -> Weight:
+    """Mass, centre of mass and inertia of several together, in one frame."""
     masses, centers, inertias = (np.array(values) for values in zip(*weighing, strict=True))
     mass = masses.sum()
     center = masses @ centers / mass if mass > 0 else np.zeros(3)
@@ -74,10 +88,10 @@ def _together(links: Sequence[parts.Link], frames: Mapping[str, LinkFrame]) -> p
     inertia = np.zeros((3, 3))
     for mass_of, arm, own_inertia in zip(masses, centers - center, inertias, strict=True):  # by Steiner
         inertia = inertia + (own_inertia + mass_of * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
-    return body._replace(mass=float(mass), center=center, inertia=inertia)
+    return float(mass), center, inertia
 
 
-def _in_body(link: parts.Link, pose: parts.FramePose) -> tuple[float, parts.Vector3, parts.Matrix3]:
+def _in_body(link: parts.Link, pose: parts.FramePose) -> Weight:
     """Mass, centre of mass and inertia of a link, in the frame and along the axes of its body."""
     if parts.is_identity(pose.rotation):
         return link.mass, pose.position + link.center, link.inertia
@@ -86,40 +100,59 @@ def _in_body(link: parts.Link, pose: parts.FramePose) -> tuple[float, parts.Vect
     return link.mass, center, parts.clean((inertia + inertia.T) / 2, np.abs(inertia).max())
 
 
-def check_bodies(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link]) -> None:
-    """Raise for an impossible inertia, and for a joint that moves no mass; `joints`: parents first."""
+def check_bodies(
+    joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link], say: Callable[[str], str]
+) -> list[Note]:
+    """What is assumed of inertias. **Raises** for an impossible one, and for a joint that moves no mass. `joints`:
+    parents first; `say`: writes the option `inertia` with a word.
+    """
+    notes, light = [], False
     for body in bodies.values():
-        _check_inertia(body)
-    if any(body.mass == 0 for body in bodies.values()):
-        _check_moved(joints, bodies)
+        missing = lack(body)
+        if missing > PRINTED or (body.mass == 0 and body.inertia.any()):
+            raise _impossible(body, say)
+        if missing > DIGITS:
+            notes.append(("moments of inertia of which two add up to less than the third, by less than 1 %", body.line))
+        is_thin = np.linalg.eigvalsh(body.inertia)[0] <= body.mass * SMALLEST**2
+        if is_thin and body.mass > 0:
+            notes.append(("mass without inertia about some axis is that of a point or a rod", body.line))
+        light |= bool(is_thin)
+    if light:
+        _check_moved(joints, bodies, say)
+    return notes
 
 
-def _check_inertia(body: parts.Link) -> None:
+def lack(body: parts.Link) -> float:
+    """By which part of the greatest principal moment the sum of the other two is less; infinite for a negative one."""
+    scale = np.abs(body.inertia).max()
+    if not scale > body.mass * SMALLEST**2:
+        return 0.0
+    least, middle, greatest = np.linalg.eigvalsh(body.inertia / scale)
+    is_negative = least < -max(body.mass * SMALLEST**2 / scale, NEGATIVE)
+    return float("inf") if is_negative else max(0.0, float(1 - (least + middle) / greatest))
+
+
+def _impossible(body: parts.Link, say: Callable[[str], str]) -> ClearanceError:
     fixed = len(body.links) - 1
     others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
     where = f"line {body.line}: link `{body.name}`{others}"
     if body.mass == 0:
-        if body.inertia.any():
-            raise ClearanceError(f"{where} has inertia without mass. Give it a mass, or take its <inertial> out.")
-        return
-    scale = np.abs(body.inertia).max() or 1.0
-    least, middle, greatest = np.linalg.eigvalsh(body.inertia / scale) * scale
-    shown = f"{least:.3g}, {middle:.3g} and {greatest:.3g} kg*m^2"
-    if not least > body.mass * SMALLEST**2:
-        raise ClearanceError(
-            f"{where} must have inertia about every axis, but its principal moments are {shown}. "
-            "Correct <inertia> (a box of mass m has m (a^2 + b^2) / 12 about the axis across its edges a and b)."
-        )
-    if least + middle < (1 - PRINTED) * greatest:
-        raise ClearanceError(
-            f"{where}: no body has its principal moments of inertia {shown}, of which the two "
-            "smaller must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units)."
-        )
+        return ClearanceError(f"{where} has inertia without mass. Give it a mass, or take its <inertial> out.")
+    shown = "{:.3g}, {:.3g} and {:.3g} kg*m^2".format(*np.linalg.eigvalsh(body.inertia))
+    return ClearanceError(
+        f"{where}: no body has its principal moments of inertia {shown}: none may be negative, and the two smaller "
+        f"ones must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units), or "
+        f"load the robot with {say('balance')} or, if the link has shapes, {say('from-geometry')}."
+    )
 
 
-def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link]) -> None:
+def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link], say: Callable[[str], str]) -> None:
     """Raise where joints move no mass, by the mass matrix at a random pose, where no axes are aligned by chance."""
     matrix, owners = mass_matrix(joints, bodies, 0)
+    met = np.diag(matrix)
+    # A radius of gyration below the smallest, of the lightest body, is round-off.
+    floor = SMALLEST**2 * min((body.mass for body in bodies.values() if body.mass > 0), default=0.0)
+    matrix = np.where(np.minimum.outer(met, met) > floor, matrix, 0.0)
     met = np.diag(matrix)
     size = 1 / np.sqrt(np.where(met > 0, met, 1.0))  # so that metres and radians compare
     values, vectors = np.linalg.eigh(matrix * np.outer(size, size))
@@ -128,7 +161,7 @@ def _check_moved(joints: Sequence[parts.Joint], bodies: Mapping[str, parts.Link]
     joint = owners[int(np.argmax(np.abs(vectors[:, 0])))]
     raise ClearanceError(
         f"line {joint.line}: joint `{joint.name}` can move without moving any mass. Give the link `{joint.child}`, or "
-        "what it carries, an <inertial>, or make the joint fixed."
+        f"what it carries, an <inertial>, or shapes and load the robot with {say('from-geometry')}, or fix the joint."
     )
 
 

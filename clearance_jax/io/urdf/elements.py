@@ -5,19 +5,21 @@ texts that are too large or nested too deep, and words that are nearly known one
 
 import difflib
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
+from xml.parsers.expat import errors
 
 import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser
 
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
-from clearance_jax.io.files import read_text
+from clearance_jax.io.files import read_bytes
 from clearance_jax.io.keys.kinds import check_text
 from clearance_jax.io.urdf.robot import NOWHERE, Triple
+from clearance_jax.io.urdf.text import Note, decoded, with_prefixes
 from clearance_jax.units import check_comma
 
 LARGEST_XML = 20_000_000
@@ -46,19 +48,24 @@ CLOSED = ("origin", "axis", "mass", "inertia")
 ALIKE = 0.75
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
-EXPAND = "Expand the file first: `xacro robot.urdf.xacro > robot.urdf`."
+EXPAND = "Install xacro (`pip install xacro`), or expand the file first: `xacro robot.urdf.xacro > robot.urdf`."
 # Numbers below it have finite products.
 LARGEST = 1e100
 
 
 class Element(ElementTree.Element):
-    """An element: its tag (`{namespace}name` where it has a namespace), `attrib`utes, the `line` that it begins at."""
+    """An element: its tag (`{namespace}name` where it has a namespace), `attrib`utes, the `line` that it begins at. The
+    outermost one has notes of what was `mended` in the file's text.
+    """
 
     line = 0
+    mended: Sequence[Note] = ()
     if TYPE_CHECKING:  # its children are of its kind
 
         def __iter__(self) -> Any: ...
         def iter(self, tag: str | None = None) -> Any: ...
+        def find(self, path: str, namespaces: Any = None) -> Any: ...
+        def findall(self, path: str, namespaces: Any = None) -> Any: ...
 
     @property
     def word(self) -> str:
@@ -86,19 +93,22 @@ class _Builder(ElementTree.TreeBuilder):
 
 def read_xml(path: Path, what: str) -> tuple[str, Element]:
     """Text and outermost element of an XML file; `what` it is, for messages, which name the file, line and column."""
-    text = read_text(path, what, LARGEST_XML)
+    text, notes = decoded(read_bytes(path, what, LARGEST_XML))
     with naming(f"`{path}`"):
-        return text, parse(text)
+        top = parse(text)
+    top.mended = [*notes, *top.mended]
+    return text, top
 
 
-def parse(text: str) -> Element:
-    """The outermost element of an XML text; messages name the line only."""
+def parse(text: str, notes: Sequence[Note] = ()) -> Element:
+    """The outermost element of an XML text; messages name the line only. `notes` of what was mended before."""
     builder: Any = _Builder(Element)
     parser = DefusedXMLParser(target=builder, forbid_dtd=True)
     builder.line = lambda: parser.parser.CurrentLineNumber
     try:
         parser.feed(text)
         top: Any = parser.close()
+        top.mended = notes
         return top
     except DefusedXmlException:
         raise ClearanceError(
@@ -108,6 +118,10 @@ def parse(text: str) -> Element:
     except ClearanceError:
         raise
     except (ElementTree.ParseError, ValueError) as error:
+        if getattr(error, "code", None) == errors.codes[errors.XML_ERROR_UNBOUND_PREFIX] and not notes:
+            mended, notes = with_prefixes(text)
+            if notes:
+                return parse(mended, notes)
         raise ClearanceError(f"is not valid XML: {quote(str(error))[1:-1]}. Mend it there.") from None
 
 

@@ -1,16 +1,23 @@
 """Reads URDF files as links and joints, and checks them.
 
-Pictures, collision shapes, materials and plugins of simulators are ignored. `unread` lists what else is not read.
+Pictures, collision shapes, materials and plugins of simulators are ignored. `notes` of the robot list what else is not
+read, `assumed` what was assumed.
 """
 
+import importlib
+import importlib.util
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.urdf import elements as xml
 from clearance_jax.io.urdf import robot as parts
+from clearance_jax.io.urdf.inertia import Weighing, with_inertias
+from clearance_jax.io.urdf.mend import is_unexpanded, macros_of, mend
+from clearance_jax.io.urdf.text import told
 from clearance_jax.mechanism.body import Limits
 
 # Elements without effect on the motion: looks, shapes for collisions, calibration, soft limits.
@@ -22,34 +29,48 @@ OF_GAZEBO |= {"selfCollide", "self_collide", "laserRetro", "provideFeedback", "s
 OF_TRANSMISSION = {"type", "joint", "actuator", "hardwareInterface", "mechanicalReduction", "motorTorqueConstant"}
 OF_TRANSMISSION |= {"rotor_inertia", "gear_ratio", "leftActuator", "rightActuator", "flexJoint", "role", "offset"}
 OF_OTHERS = {"gazebo": OF_GAZEBO, "transmission": OF_TRANSMISSION, "force_element": {"torsional_spring"}}
-# Most kinds in a message.
-SHOWN = 8
 
 
-def read_urdf(path: str | Path) -> tuple[str, parts.Robot]:
+def read_urdf(path: str | Path, weighing: Weighing = Weighing()) -> tuple[str, parts.Robot]:
     """Text of a URDF file, and the robot that it describes. **Raises** `ClearanceError` naming the file, the line, the
     element and the fix. (Whether moving bodies have mass is checked when links are merged, `bodies`.)
     """
-    path = Path(path)
-    written, top = xml.read_xml(path, "URDF file")
+    text, top = open_urdf(path)
     with naming(f"`{path}`"):
-        return written, describe(top)
+        return text, with_inertias(describe(top), top, Path(path).parent, weighing)
+
+
+def open_urdf(path: str | Path) -> tuple[str, xml.Element]:
+    """Text and outermost element of a URDF file, expanded by xacro if it has macros and xacro is installed."""
+    path = Path(path)
+    text, top = xml.read_xml(path, "URDF file")
+    if not (is_unexpanded(top) or path.suffix.lower() == ".xacro") or importlib.util.find_spec("xacro") is None:
+        return text, top
+    xacro: Any = importlib.import_module("xacro")
+    with naming(f"`{path}`"):
+        try:
+            text = xacro.process_file(str(path)).toprettyxml(indent="  ")
+        except Exception as error:  # its expressions may raise anything
+            why = quote(str(error))[1:-1]
+            raise ClearanceError(f"xacro cannot expand it: {type(error).__name__}, {why}. Mend it there.") from None
+        return text, xml.parse(text, [("the file is expanded by xacro, so that lines are those of the result", 1)])
 
 
 def describe(top: xml.Element) -> parts.Robot:
-    """The robot in the outermost element of a URDF."""
-    if top.tag != "robot":
+    """The robot in the outermost element of a URDF, which is mended in place."""
+    if top.word != "robot":
         raise ClearanceError(f"a URDF file must hold a <robot>, but it holds a <{top.tag[:60]}>. Give another file.")
-    for element in top.iter():  # a file that xacro has expanded may still declare its namespace
-        if "xacro}" in element.tag:
-            tag = f"<xacro:{element.word[:60]}>"
-            raise ClearanceError(f"line {element.line}: {tag} is a macro, not yet a robot. {xml.EXPAND}")
+    for element in macros_of(top):  # a file that xacro has expanded may still declare its namespace
+        tag = f"<xacro:{element.word[:60]}>"
+        raise ClearanceError(f"line {element.line}: {tag} is a macro, not yet a robot. {xml.EXPAND}")
+    assumed = mend(top)
     xml.check_spelling(top, "the robot")
     check_loops(top)
     links = tuple(_link(element) for element in top if element.tag == "link")
     joints = tuple(_joint(element) for element in top if element.tag == "joint")
     name = xml.text(top, "name", "the robot") if top.get("name", "").strip() else "robot"
-    return parts.robot_of(name, links, with_extras(joints, top))._replace(unread=unread(top))
+    robot = parts.robot_of(name, links, with_extras(joints, top))
+    return robot._replace(notes=told("not read", _of(top)), assumed=tuple(assumed))
 
 
 def _link(element: xml.Element) -> parts.Link:
@@ -125,21 +146,13 @@ def _limits(element: xml.Element, kind: str, where: str) -> Limits | None:
     elif {"lower", "upper"} & limit.attrib.keys():
         lower = 0.0 if "lower" not in limit.attrib else lower
         upper = 0.0 if "upper" not in limit.attrib else upper
-    if lower is not None and upper is not None and lower > upper:
-        raise ClearanceError(f"{where}: its lower limit {lower:g} is above the upper {upper:g}. Correct <limit>.")
-    most = [xml.bound(limit, key, where) for key in ("velocity", "effort")]
-    for key, value in zip(("velocity", "effort"), most, strict=True):
-        if value is not None and value < 0:
-            raise wrong_value(f"{where}: its limit of {key}", "at least 0", value, f"{value:g}", "Correct it.")
-    return Limits(lower, upper, *most)
+    return Limits(lower, upper, xml.bound(limit, "velocity", where), xml.bound(limit, "effort", where))
 
 
 def _mimic(element: xml.Element, kind: str, where: str) -> parts.Mimic | None:
     mimic = xml.only(element, "mimic", where)
     if mimic is None or kind == "fixed":  # who fixes a joint of a gripper often leaves its <mimic> there
         return None
-    if kind not in parts.MAY_MIMIC:
-        raise ClearanceError(f"{where} is {kind}: it has no single coordinate to follow another's. Remove <mimic>.")
     multiplier, offset = xml.number(mimic, "multiplier", where, 1.0), xml.number(mimic, "offset", where, 0.0)
     return parts.Mimic(xml.text(mimic, "joint", where), multiplier, offset)
 
@@ -166,7 +179,7 @@ def check_loops(top: xml.Element) -> None:
             )
         if element.word == "joint" and element.tag != "joint":
             raise ClearanceError(
-                f"{xml.place(element)} is no joint of URDF but of the dialect {quote(element.tag[1:-7])}, which is not "
+                f"{xml.place(element)} is no joint of URDF but of the dialect {quote(element.tag[1:-6])}, which is not "
                 "read. Write it as joints of URDF (a universal joint as two revolute ones, with a link without mass "
                 "between them)."
             )
@@ -240,15 +253,6 @@ def _check_spring(joint: parts.Joint, where: str) -> None:
                 f"joint, but this joint is {joint.kind}. Remove it, and add the spring in Python "
                 "(`Motion(actuators=...)`)."
             )
-
-
-def unread(top: xml.Element) -> tuple[str, ...]:
-    """At most `SHOWN` kinds of elements and attributes that were not read, with first line and count."""
-    lines: dict[str, list[int]] = {}
-    for words, line in _of(top):
-        lines.setdefault(words, []).append(line)
-    told = [f"{words} (line {at[0]}" + (f", {len(at)} times)" if len(at) > 1 else ")") for words, at in lines.items()]
-    return tuple(told if len(told) <= SHOWN else [*told[:SHOWN], f"{len(told) - SHOWN} kinds more"])
 
 
 def _of(element: xml.Element) -> Iterator[tuple[str, int]]:

@@ -1,5 +1,6 @@
 """Reads URDF files as mechanisms of robots."""
 
+import functools
 import itertools
 import warnings
 from collections.abc import Iterable, Sequence
@@ -11,9 +12,11 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.keys.kinds import Word
-from clearance_jax.io.urdf.bodies import Assembly, check_bodies, merge
+from clearance_jax.io.urdf.bodies import SMALLEST, Assembly, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
+from clearance_jax.io.urdf.inertia import WATER, Weighing
 from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Link, Robot, Triple, is_identity, rpy_of, triple
+from clearance_jax.io.urdf.text import told
 from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point
 from clearance_jax.mechanism.couplings import Coupling
@@ -24,6 +27,9 @@ from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
 
 BASES = ("fixed", "free")
 MIMICS = ("follow", "independent")
+INERTIAS = ("refuse", "balance", "from-geometry")
+# How a message writes an option of the robot: where Python, a scene or a command gave it.
+IN_PYTHON, IN_SCENE, IN_COMMAND = "`{}='{}'`", '`robot.{} = "{}"`', "`--{} {}`"
 EARTH = (0.0, 0.0, -9.81)
 
 
@@ -34,6 +40,8 @@ def load_urdf(
     gravity: Any = EARTH,
     end_effector: str | Sequence[str] | None = None,
     mimic: str = "follow",
+    inertia: str = "refuse",
+    density: float | None = None,
 ) -> Mechanism:
     """The mechanism of a robot's URDF file.
 
@@ -51,39 +59,57 @@ def load_urdf(
       body has this name, `NAME_frame`). By default every link at the end of a limb.
     - `mimic`: "follow": a joint with `<mimic>` follows the other one, by a coupling `NAME_mimic`. "independent": it
       moves by itself.
+    - `inertia`: what becomes of links whose inertia no body has, and of bodies without mass. "refuse": the file is
+      refused (a body without mass only if a joint moves nothing else). "balance": each moment of inertia of such a link
+      becomes their mean. "from-geometry": a link with mass takes the inertia of its shapes, scaled to its mass; a body
+      without mass takes mass and inertia of the shapes of its links. Shapes are those for collisions, else for the eye;
+      each is solid, and where two overlap both count. Meshes need the extra `meshes`.
+    - `density` [kg/m^3]: of the shapes of a body without mass, by default 1000.
 
     **Raises:** `ClearanceError` naming the file, the line, the element and the fix, for whatever is wrong or missing.
 
-    **Warns:** `NotReadWarning` of what in the file may be physics and was not read. The mechanism's `notes` say it too.
+    **Warns:** `NotReadWarning` of what in the file may be physics and was not read, and of what was assumed. The
+    mechanism's `notes` say it too.
     """
-    mechanism = read_robot(path, base=base, gravity=gravity, end_effector=end_effector, mimic=mimic)[1]
+    options = {"base": base, "gravity": gravity, "end_effector": end_effector, "mimic": mimic}
+    mechanism = read_robot(path, **options, inertia=inertia, density=density)[1]
     warn_of_notes(path, mechanism)
     return mechanism
 
 
 class NotReadWarning(UserWarning):
-    """A file holds what may be physics, and what was not read."""
+    """A robot's file holds what may be physics and was not read, or what was read by an assumption."""
 
 
 def warn_of_notes(path: str | Path, mechanism: Mechanism) -> None:
-    """Warn of what was not read in a mechanism's file."""
+    """Warn of what was not read in a mechanism's file, and of what was assumed."""
     if mechanism.notes:
         warnings.warn(f"{path}: {'; '.join(mechanism.notes)}", NotReadWarning, stacklevel=3)
 
 
 def read_robot(
-    path: str | Path, base: str = "fixed", gravity: Any = EARTH, end_effector: Any = None, mimic: str = "follow"
+    path: str | Path,
+    base: str = "fixed",
+    gravity: Any = EARTH,
+    end_effector: Any = None,
+    mimic: str = "follow",
+    inertia: str = "refuse",
+    density: float | None = None,
+    written: str = IN_PYTHON,
 ) -> tuple[str, Mechanism]:
-    """As `load_urdf`, with the file's text."""
-    for name, word, allowed in (("base", base, BASES), ("mimic", mimic, MIMICS)):
+    """As `load_urdf`, with the file's text; `written`: how messages write an option."""
+    for name, word, allowed in (("base", base, BASES), ("mimic", mimic, MIMICS), ("inertia", inertia, INERTIAS)):
         Word("", "", allowed=allowed).read(word, f"`{name}`", {})
+    if density is not None and (inertia != "from-geometry" or not 0 < density < np.inf):
+        needs = f"goes with {written.format('inertia', 'from-geometry')}, and is a number above 0"
+        raise ClearanceError(f"`density` {needs}. Correct it, or leave it out.").about("density", density)
     field = _gravity(gravity)
-    text, robot = read_urdf(path)
+    text, robot = read_urdf(path, Weighing(inertia, WATER if density is None else density, base == "free"))
     with naming(f"`{path}`"), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a robot is loaded inside a jitted function.
         if mimic == "independent":
             robot = robot._replace(joints=tuple(joint._replace(mimic=None) for joint in robot.joints))
-        return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector))
+        return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector), written)
 
 
 def _gravity(value: Any) -> Gravity:
@@ -110,15 +136,17 @@ def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
     return list(dict.fromkeys(asked))
 
 
-def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None) -> Mechanism:
+def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None, written: str) -> Mechanism:
     whole = merge(robot)
     joints, root = whole.joints, whole.bodies[whole.root]
     if not (free or joints):
-        raise ClearanceError("nothing of the robot moves: every joint is fixed. Load it with `base='free'`.")
+        fly = written.format("base", "free")
+        raise ClearanceError(f"nothing of the robot moves: every joint is fixed. Load it with {fly}.")
     if free and not root.mass > 0:
         raise ClearanceError(
             f"line {root.line}: the root link `{root.name}` has no mass, so it cannot be a free base. Give it an "
-            "<inertial>, or load the robot with `base='fixed'` (a link of it may hang on a floating joint)."
+            f"<inertial>, or shapes and load the robot with {written.format('inertia', 'from-geometry')}, or with "
+            f"{written.format('base', 'fixed')} (a link of it may hang on a floating joint)."
         )
     if free:
         name = "floating_base"
@@ -127,7 +155,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
         place = (NOWHERE, NOWHERE, (0.0, 0.0, 1.0))
         joints = (Joint(name, "floating", GROUND, whole.root, *place, None, None, 0.0, 0.0, root.line), *joints)
     moving = {joint.child: whole.bodies[joint.child] for joint in joints}
-    check_bodies(joints, moving)
+    assumed = (*robot.assumed, *check_bodies(joints, moving, functools.partial(written.format, "inertia")))
     taken = {GROUND, "gravity", "drive", "target"}
     bodies = {GROUND: GROUND, **unique_names(moving, "link", taken)}
     if not free:
@@ -147,7 +175,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
             Coupling(name, named[follower], named[mimic.joint], mimic.multiplier, mimic.offset)
             for name, (follower, mimic) in zip(couplings.values(), followers.items(), strict=True)
         ),
-        notes=(f"not read: {', '.join(robot.unread)}",) if robot.unread else (),
+        notes=(*robot.notes, *told("assumed", assumed)),
     )
 
 
@@ -155,7 +183,9 @@ def _body(body: Link, name: str) -> Body:
     if body.mass == 0:
         return Body(name)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = body.inertia.tolist()
-    return Body(name, body.mass, Inertia(xx, yy, zz, *_present((xy, xz, yz))), position_of(triple(body.center)))
+    is_point = np.abs(body.inertia).max() <= body.mass * SMALLEST**2
+    inertia = None if is_point else Inertia(xx, yy, zz, *_present((xy, xz, yz)))
+    return Body(name, body.mass, inertia, position_of(triple(body.center)))
 
 
 def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.io.urdf.text import Note
 from clearance_jax.mechanism.body import Limits
 
 Triple = tuple[float, float, float]
@@ -86,13 +87,16 @@ class Joint(NamedTuple):
 
 
 class Robot(NamedTuple):
-    """A robot: links in the file's order, joints parents first, the `root` link, and what was not read, in words."""
+    """A robot: links in the file's order, joints parents first, the `root` link. `notes`: what was not read, in words;
+    `assumed`: what was assumed, with its lines.
+    """
 
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     root: str
-    unread: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    assumed: tuple[Note, ...] = ()
 
 
 class FramePose(NamedTuple):
@@ -235,17 +239,6 @@ def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
 
 
 def _check_mimics(joints: Mapping[str, Joint]) -> None:
-    for joint in joints.values():
-        if joint.mimic is None:
-            continue
-        followed = joint.mimic.joint
-        if followed not in joints:
-            raise unknown_name(f"{_say(joint)} mimics `{followed}`, which is no joint.", followed, joints)
-        if joints[followed].kind not in MAY_MIMIC:
-            raise ClearanceError(
-                f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
-                "follow. Name another joint."
-            )
     led: set[str] = set()  # by a joint that follows none
     for joint in joints.values():
         followers = [joint.name]
