@@ -38,7 +38,7 @@ def test_a_budget_is_about_one_point():
     robot = SCENES / "six_axes.urdf"
     with pytest.raises(ClearanceError, match=r"has 2 \(jaw_left_frame, jaw_right_frame\)"):
         info(str(robot), "--budget")
-    assert [point.name for point in _with_point(load_scene(robot).mechanism, robot, "tcp").points] == ["tcp"]
+    assert [point.name for point in _with_point(load_scene(robot), robot, "tcp", {}).mechanism.points] == ["tcp"]
     with refused("end_effector", "tpc", "tcp"):
         info(str(robot), "--budget", "--point", "tpc")
     with refused("--point", "pistn", "piston"):

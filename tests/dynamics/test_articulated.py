@@ -71,7 +71,7 @@ def pins(count):
 
 def motion(mechanism, time, y):
     ready, time = mechanism.prepare(), jnp.asarray(time, float)
-    return write_out(ready.at(time), time, layout(ready).split(y))
+    return write_out(ready.at(time), time, layout(ready).split(y), (0.0,) * layout(ready).free)
 
 
 def factors(mechanism, time, y):
@@ -80,7 +80,8 @@ def factors(mechanism, time, y):
 
 def loops(mechanism, time, y, firm=None):
     ready, time = mechanism.prepare().as_table(), jnp.asarray(time, float)
-    return TabledFrames(ready.at(time), time, layout(ready).split(y)).mass_matrix(firm)
+    still = (0.0,) * layout(ready).free
+    return TabledFrames(ready.at(time), time, layout(ready).split(y), still).mass_matrix(firm)
 
 
 @pytest.mark.parametrize(
