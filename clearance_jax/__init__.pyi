@@ -22,6 +22,7 @@ from .dynamics.postures.follow import follow as follow
 from .dynamics.postures.inverse import Posture as Posture
 from .dynamics.postures.inverse import inverse_kinematics as inverse_kinematics
 from .errors import ClearanceError as ClearanceError
+from .io.mjcf.mechanism import load_mjcf as load_mjcf
 from .io.scene.scene import load as load
 from .io.study.calibrate import read_data as read_data
 from .io.study.study import Study as Study

@@ -17,7 +17,7 @@ SECTIONS = ("sweep", "design", "wear", "calibrate")
 
 
 def check(
-    file: Path = Argument(..., metavar="FILE", help="A scene, a study (TOML with units), or a robot (URDF)."),
+    file: Path = Argument(..., metavar="FILE", help="A scene, a study (TOML with units), or a robot (URDF, MJCF)."),
     base: str | None = common.BASE,
     mimic: str | None = common.MIMIC,
     inertia: str | None = common.INERTIA,

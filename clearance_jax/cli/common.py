@@ -20,7 +20,7 @@ from clearance_jax.examples import names
 from clearance_jax.report.figures import LISTED, save_figure
 from clearance_jax.units import to_si
 
-SCENE = Argument(..., metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")
+SCENE = Argument(..., metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF, MJCF).")
 SETTINGS = Option(
     None, "--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."
 )

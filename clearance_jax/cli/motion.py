@@ -12,8 +12,8 @@ HELD = 0.1
 
 
 def is_robot(scene_file: Any) -> bool:
-    """Whether a file is a robot (URDF), not a scene."""
-    return scene_file.suffix.lower() in (".urdf", ".xacro")
+    """Whether a file is a robot (URDF, MJCF), not a scene."""
+    return scene_file.suffix.lower() in (".urdf", ".xacro", ".xml")
 
 
 def undriven(mechanism: Any) -> tuple[str, ...]:

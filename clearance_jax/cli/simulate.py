@@ -40,7 +40,7 @@ def simulate(
     movie: Path | None = Option(None, help="Film of the motion (.gif, or .mp4 with ffmpeg)."),
     magnify: str | None = common.MAGNIFIED,
 ) -> None:
-    """Simulate a scene, or a robot (URDF), and write a dataset, a figure, a film.
+    """Simulate a scene, or a robot (URDF, MJCF), and write a dataset, a figure, a film.
 
     Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """

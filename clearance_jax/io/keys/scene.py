@@ -130,8 +130,8 @@ CONTROLLER = table(
 ROBOT = table(
     "robot",
     "Robot",
-    "A robot's URDF file. What else the scene has (bodies, joints, springs, points, ...) may name the robot's parts.",
-    file=path("the URDF file, beside the scene", '"arm.urdf"', required=True),
+    "A robot's URDF or MJCF file. What else the scene has (bodies, joints, springs, ...) may name the robot's parts.",
+    file=path("the URDF or MJCF file, beside the scene", '"arm.urdf"', required=True),
     base=Word("whether its base is the ground, or moves freely", '"free"', allowed=BASES, default="fixed"),
     mimic=Word(
         "whether joints that mimic others follow them, or move by themselves",

@@ -11,9 +11,10 @@ from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.kinds import Words
+from clearance_jax.io.robot import read_any_robot
 from clearance_jax.io.scene.contact import PLAYS, play_of
 from clearance_jax.io.table import TomlTable, check_table, variant
-from clearance_jax.io.urdf.mechanism import IN_SCENE, place_of, read_robot
+from clearance_jax.io.urdf.mechanism import IN_SCENE, place_of
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
 from clearance_jax.mechanism.actuators import Servo
 from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
@@ -125,7 +126,7 @@ def robot_of(top: TomlTable, path: Path) -> tuple[Mechanism, Path | None]:
     """Read the table `robot` of a scene: the robot with what it carries, and the file of its trajectory."""
     table = top.table("robot", keys.ROBOT)
     options = table.arguments("file", "trajectory", "payload", "joint")
-    robot = read_robot(path.parent / table.get("file"), **options, written=IN_SCENE)[1]
+    robot = read_any_robot(path.parent / table.get("file"), **options, written=IN_SCENE)[1]
     joints = {joint.name: joint for joint in robot.joints}
     for name, values, where in table.entries("joint"):
         if name not in joints:

@@ -13,10 +13,11 @@ from clearance_jax.errors import ClearanceError, naming, unknown_name, wrong_val
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.coupling import COUPLING_TABLES, COUPLINGS
+from clearance_jax.io.robot import ROBOTS, read_any_robot
 from clearance_jax.io.scene.joints import body_of, drive_of, joints_of, read_drive, robot_of
 from clearance_jax.io.table import TomlTable, variant
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
-from clearance_jax.io.urdf.mechanism import IN_PYTHON, IN_SCENE, read_robot, warn_of_notes
+from clearance_jax.io.urdf.mechanism import IN_PYTHON, IN_SCENE, warn_of_notes
 from clearance_jax.joints.checks import ImplausibleWarning, above_pin
 from clearance_jax.mechanism.body import Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
@@ -62,7 +63,7 @@ def read_scene(path: str | Path, written: str = IN_PYTHON, **robot: Any) -> Scen
     """
     path = Path(path)
     if path.suffix.lower() in ROBOTS:  # a robot says nothing of how it wants to be solved
-        text, mechanism = read_robot(path, **robot, written=written)
+        text, mechanism = read_any_robot(path, written, **robot)
         return Scene(mechanism, {}, text)
     for name, value in robot.items():
         key = IN_SCENE.format(name, value)
@@ -84,7 +85,7 @@ def read_scene(path: str | Path, written: str = IN_PYTHON, **robot: Any) -> Scen
 
 
 def load(path: str | Path) -> Mechanism:
-    """The mechanism of a scene file, or of a robot's URDF file (`load_urdf` takes options for it).
+    """The mechanism of a scene file, or of a robot's URDF or MJCF file (`load_urdf`, `load_mjcf` take options).
 
     **Arguments:** `path`: of the file.
 
@@ -95,22 +96,22 @@ def load(path: str | Path) -> Mechanism:
 
 def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
     robot, file = robot_of(top, path) if top.has("robot") else (None, None)
-    bodies, tree, points, notes, couplings = ((),) * 5
+    bodies, tree, points, notes, couplings, closed, wrenches = ((),) * 7
     if robot is not None:
         bodies, tree, points, notes = robot.bodies, robot.joints, robot.points, robot.notes
-        couplings = robot.couplings
+        couplings, closed, wrenches = robot.couplings, robot.loops, robot.wrenches
     joints, loops = joints_of(top, path, {joint.child for joint in tree})
     gravity = Gravity(*top.get("gravity")) if robot is None or top.has("gravity") else robot.gravity
     mechanism = Mechanism(
         (*bodies, *(body_of(name, table) for name, table in top.tables("body", keys.BODY))),
         (*tree, *joints),
-        tuple(loops),
+        (*closed, *loops),
         tuple(Spring(name, **table.arguments()) for name, table in top.tables("spring", keys.SPRING)),
         (*points, *(Point(name, **table.arguments()) for name, table in top.tables("point", keys.POINT))),
         gravity,
         top.get("name") or path.stem,
         top.get("assemble"),
-        tuple(_wrench(*part, path) for part in top.tables("wrench", keys.WRENCH, {"coordinate": ""})),
+        (*wrenches, *(_wrench(*part, path) for part in top.tables("wrench", keys.WRENCH, {"coordinate": ""}))),
         notes=notes,
         couplings=(*couplings, *_couplings(top, (*tree, *joints))),
     )

@@ -119,7 +119,7 @@ def _gravity(value: Any) -> Gravity:
         numbers = []
     if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
         raise wrong_value("`gravity`", "three finite numbers in m/s^2", value)
-    return Gravity(*_present(numbers))
+    return Gravity(*present_of(numbers))
 
 
 def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
@@ -161,12 +161,12 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     if not free:
         bodies[whole.root] = GROUND
     named = unique_names((joint.name for joint in joints), "joint", taken)
-    points = unique_names(_ends(robot, whole, free) if asked is None else asked, "frame", taken)
+    points = unique_names(ends_of(robot, whole, free) if asked is None else asked, "frame", taken)
     frames = {name: whole.frames[link] for link, name in points.items()}
     followers = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
     couplings = unique_names((f"{named[name]}_mimic" for name in followers), "coupling", taken)
     return Mechanism(
-        tuple(_body(body, bodies[name]) for name, body in moving.items()),
+        tuple(body_of(body, bodies[name]) for name, body in moving.items()),
         tuple(joint_of(joint, named[joint.name], bodies[joint.parent], bodies[joint.child]) for joint in joints),
         points=tuple(Point(name, bodies[on], *place_of(pose)) for name, (on, pose) in frames.items()),
         gravity=gravity,
@@ -179,16 +179,17 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     )
 
 
-def _body(body: Link, name: str) -> Body:
+def body_of(body: Link, name: str) -> Body:
+    """The body of a mechanism, by its name there."""
     if body.mass == 0:
         return Body(name)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = body.inertia.tolist()
     is_point = np.abs(body.inertia).max() <= body.mass * SMALLEST**2
-    inertia = None if is_point else Inertia(xx, yy, zz, *_present((xy, xz, yz)))
+    inertia = None if is_point else Inertia(xx, yy, zz, *present_of((xy, xz, yz)))
     return Body(name, body.mass, inertia, position_of(triple(body.center)))
 
 
-def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:
+def ends_of(robot: Robot, whole: Assembly, free: bool) -> list[str]:
     """The links at the ends of limbs: neither the link nor its body carries a joint, and the body moves."""
     carrying = {joint.parent for joint in robot.joints}
     inner = {joint.parent for joint in whole.joints} | (set() if free else {whole.root})
@@ -235,15 +236,16 @@ def place_of(pose: FramePose) -> tuple[Position, Orientation | None]:
 
 def position_of(xyz: Triple) -> Position:
     """A position [m]; zero components become `None`."""
-    return ORIGIN if xyz == NOWHERE else Position(*_present(xyz))
+    return ORIGIN if xyz == NOWHERE else Position(*present_of(xyz))
 
 
 def orientation_of(rpy: Triple) -> Orientation | None:
     """An orientation [rad]; zero angles become `None`, as does a zero rotation."""
-    return None if rpy == NOWHERE else Orientation(*_present(rpy))
+    return None if rpy == NOWHERE else Orientation(*present_of(rpy))
 
 
-def _present(numbers: Iterable[float]) -> list[float | None]:
+def present_of(numbers: Iterable[float]) -> list[float | None]:
+    """The numbers, with `None` for zero."""
     return [None if number == 0 else number for number in numbers]
 
 
