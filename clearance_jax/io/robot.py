@@ -9,7 +9,7 @@ from clearance_jax.io.mjcf.source import outermost
 from clearance_jax.io.urdf.mechanism import IN_PYTHON, read_robot
 from clearance_jax.mechanism.mechanism import Mechanism
 
-# Endings of files of robots: a URDF file may also end in .xml.
+# Endings of robots' files: xacro expands the second; either format may end in .xml.
 ROBOTS = (".urdf", ".xacro", ".xml")
 # Options that MJCF files do not have, and their defaults.
 OF_URDF = {"base": "fixed", "inertia": "refuse", "density": None}

@@ -291,6 +291,10 @@ def test_scenes_and_commands_take_mjcf(written, tmp_path):
     ran = CliRunner().invoke(app, ["check", str(path)])
     assert ran.exit_code == 0, ran.output
     assert "a valid robot" in ran.output
+    # What follows is not held: its leader is.
+    (idle,) = (line for line in ran.output.splitlines() if "nothing drives" in line)
+    assert "hand" in idle
+    assert "left" not in idle
     scene.write_text('[robot]\nfile = "robot.xml"\nbase = "free"\n')
     with refused("base", "free"):
         cj.load(scene)

@@ -35,8 +35,6 @@ LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
 LEAST_CLEARANCE = 1e-10
 # Most sizes in a warning.
 NAMED = 4
-# Endings of robots' files, the second of one that xacro expands.
-ROBOTS = (".urdf", ".xacro")
 
 
 class Scene(NamedTuple):
