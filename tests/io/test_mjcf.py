@@ -26,7 +26,9 @@ SPHERE = '<geom size="0.1"/>'
 
 
 @pytest.fixture
-def written(tmp_path):
+def written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log into the working folder
+
     def write(world, rest="", name="robot.xml", top="<mujoco model='robot'>"):
         path = tmp_path / name
         path.write_text(f"{top}{rest}<worldbody>{world}</worldbody></mujoco>")
@@ -267,7 +269,7 @@ def test_inactive_equalities_do_nothing(written):
 
 
 def test_backlash_is_seen_by_name_or_range(written):
-    hinge = '<joint name="{}" axis="0 1 0" range="{}"/>'
+    hinge = '<joint name="{}" axis="0 1 0" range="{}" armature="0.01"/>'
     world = body(hinge.format("pan", "-90 90") + hinge.format("pan_backlash", "-0.5 0.5"), "a")
     with pytest.warns(NotReadWarning):
         robot = loaded(written(world))
@@ -313,6 +315,11 @@ REFUSED = {
     "misspelt": (body('<joint axsi="1 0 0"/>'), {}, "unrecognized attribute: 'axsi' Element 'joint', line 1"),
     "no mass": ('<body name="light"><joint/></body>', {}, "Element name 'light'"),
     "nothing moves": (body(""), {}, "nothing of the robot moves"),
+    "two hinges about one axis": (
+        body('<joint/><joint name="second"/>'),
+        {},
+        "can move without moving any mass",
+    ),
     "no such point": (body("<joint/>"), {"end_effector": "b"}, "must name sites or bodies, but there is none called"),
     "mimic": (body("<joint/>"), {"mimic": "never"}, "`mimic`"),
     "no mesh": (body('<joint/><geom type="mesh" mesh="m"/>'), {}, "mesh"),

@@ -65,6 +65,7 @@ def _mechanism(source: Source, asked: Any, follow: bool) -> Mechanism:
     hung = tuple(source.hung())
     if all(joint.kind == "fixed" for joint in hung):
         raise ClearanceError("nothing of the robot moves: no body has a joint. Give one a <joint> or a <freejoint>.")
+    source.check_moved()
     between = [joint.child for joint in hung if joint.child not in source.bodies]
     massless = (Link(name, 0.0, np.zeros(3), np.zeros((3, 3)), 0) for name in between)
     robot = Robot(source.name, (*source.links(), *massless), hung, GROUND)

@@ -16,6 +16,7 @@ from clearance_jax._basis.extras import require
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.files import read_text
 from clearance_jax.io.urdf import robot as parts
+from clearance_jax.io.urdf.bodies import NOTHING
 from clearance_jax.io.urdf.elements import LARGEST_XML
 from clearance_jax.mechanism.body import GROUND, Limits
 
@@ -131,6 +132,21 @@ class Source:
         losses = damping, friction, 0, stiffness, rest, float(model.dof_armature[dof])
         word = "prismatic" if kind == "SLIDE" else "revolute"
         return parts.Joint(ends[0], word, *ends[1:], *place, limits, None, *losses)
+
+    def check_moved(self) -> None:
+        """Raise where joints move no mass, by the mass matrix at a random pose, where no axes are aligned by chance."""
+        mujoco, model, data = self.mujoco, self.model, self.mujoco.MjData(self.model)
+        mujoco.mj_integratePos(model, data.qpos, np.random.default_rng(0).uniform(0.3, 1.2, model.nv), 1.0)
+        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_crb):
+            compute(model, data)
+        matrix = np.zeros((model.nv, model.nv))
+        for column, unit in zip(matrix, np.eye(model.nv), strict=True):
+            mujoco.mj_mulM(model, data, column, unit)
+        size = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))  # so that metres and radians compare
+        values, vectors = np.linalg.eigh(matrix * np.outer(size, size))
+        if not values[0] > NOTHING:
+            name = self.joints[model.dof_jntid[np.argmax(np.abs(vectors[:, 0]))]]
+            raise ClearanceError(f"joint `{name}` can move without moving any mass. Give it an `armature`.").about(name)
 
     def list_left_out(self) -> None:
         """List what acts in MuJoCo and has no counterpart, but for equality constraints."""
