@@ -14,9 +14,10 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax.cli.main import app
 from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.urdf.mechanism import NotReadWarning
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import initial_values, layout
 
 mujoco: Any = pytest.importorskip("mujoco")
 
@@ -217,6 +218,65 @@ def test_connected_bodies_close_a_loop(written):
     world = FOUR_BAR.replace('name="rod" axis="0 0 1"/>', f'name="rod" axis="0 0 1"/>{sites}')
     tied = loaded(written(f'{world}<site name="t" pos="0.3 0.1 0"/>', equalities('<connect site1="t" site2="s"/>')))
     assert [(loop.parent, loop.child, float(loop.at_parent.x)) for loop in tied.loops] == [("ground", "rod_", 0.3)]
+
+
+def test_a_loop_accelerates_as_multipliers_say(written):
+    """Against MuJoCo's mass matrix and forces, with the condition that the two anchors stay together."""
+    path = written(FOUR_BAR, equalities('<connect name="pin" body1="rod_" body2="rocker_" anchor="0.2 0.1 0"/>'))
+    robot, model = loaded(path), mujoco.MjModel.from_xml_path(str(path))
+    at_q, at_v = places(model, robot)
+    assert at_q == at_v == [0, 1, 2]
+    plan, ready, data = layout(robot), robot.prepare(), mujoco.MjData(model)
+    accelerations = jax.jit(lambda y: slope(jnp.zeros(()), y, ready)[plan.v])
+
+    def relative(velocity):
+        """Jacobian of the relative motion of the anchors, and its acceleration without those of the coordinates."""
+        data.qvel[:] = velocity
+        mujoco.mj_forward(model, data)
+        jacobians, turning = [], []
+        for i, name in enumerate(("rod_", "rocker_")):
+            here = data.body(name)
+            place = here.xpos + here.xmat.reshape(3, 3) @ model.eq_data[0, 3 * i : 3 * i + 3]
+            moves, turns = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+            mujoco.mj_jac(model, data, moves, turns, place, model.body(name).id)
+            rates = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+            mujoco.mj_jacDot(model, data, *rates, place, model.body(name).id)
+            jacobians.append(moves)
+            turning.append(rates[0] @ velocity)
+        return (jacobians[0] - jacobians[1])[:2], (turning[0] - turning[1])[:2]
+
+    gap, _ = relative(np.zeros(3))
+    velocity = np.linalg.svd(gap)[2][-1]
+    gap, bias = relative(velocity)
+    mass = np.zeros((3, 3))
+    for column, unit in zip(mass, np.eye(3), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    whole = np.block([[mass, gap.T], [gap, np.zeros((2, 2))]])
+    theirs = np.linalg.solve(whole, np.concatenate([data.qfrc_passive - data.qfrc_bias, -bias]))[:3]
+    ours = accelerations(jnp.asarray(np.concatenate([data.qpos, velocity])))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(theirs).max())
+
+
+def test_sites_and_bodies_are_where_mujoco_has_them(written):
+    site = '<site name="tip" pos="0.1 0.2 -0.3" quat="0.5 0.1 0.3 -0.7"/>'
+    several = CASES["several joints on one body"].replace("</body>", f"{site}{body('', 'tool', TURNED)}</body>")
+    path = written(several)
+    robot, model = loaded(path, end_effector=["tip", "tool"]), mujoco.MjModel.from_xml_path(str(path))
+    at_q, _ = places(model, robot)
+    ready, plan, data = robot.prepare(), layout(robot), mujoco.MjData(model)
+    start = np.asarray(initial_values(robot))
+    np.testing.assert_allclose(start[: len(at_q)], model.qpos0[at_q], atol=1e-15)
+    mujoco.mj_integratePos(model, data.qpos, np.random.default_rng(3).uniform(-0.7, 0.7, model.nv), 1.0)
+    mujoco.mj_forward(model, data)
+    motion = frames(ready, jnp.zeros(()), plan.split(jnp.concatenate([data.qpos[at_q], jnp.zeros(plan.free)])))
+    tip, tool = ((point, motion[point.body].move_origin(point.at.vector)) for point in robot.points)
+    for (point, frame), place, turn in (
+        (tip, data.site("tip").xpos, data.site("tip").xmat),
+        (tool, data.body("tool").xpos, data.body("tool").xmat),
+    ):
+        np.testing.assert_allclose([float(x) for x in frame.position], place, atol=1e-14)
+        rows = np.array(frame.rotate(point.orientation.rotation).rotation.rows, float)
+        np.testing.assert_allclose(rows, turn.reshape(3, 3), atol=1e-14)
 
 
 def test_parts_and_their_names(written):
