@@ -90,6 +90,10 @@ def _print_terms(mechanism) -> None:
             f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
             f"(class {clearance.normal.smoothness}), {friction}{_made_words(clearance)}{_worn_words(clearance)}"
         )
+    for coupling in mechanism.couplings:
+        terms = " + ".join(f"{float(ratio):g} {leader}" for leader, ratio in coupling.terms)
+        added = f" + {float(coupling.offset):g}" if float(coupling.offset) else ""
+        common.console.print(f"coupling {coupling.name}: {coupling.follower} = {terms}{added}", highlight=False)
     for line in _acting_words(mechanism):
         common.console.print(line, highlight=False)
     common.console.print(f"equations of motion: {mechanism.form}", highlight=False)

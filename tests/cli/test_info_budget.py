@@ -63,3 +63,18 @@ def test_what_says_nothing_of_a_budget_is_refused(arguments, message):
 def test_a_robot_without_play_has_no_budget():
     with refused("clearance"):
         info(str(SCENES / "six_axes.urdf"), "--budget", "--point", "tcp")
+
+
+def test_couplings_are_named(tmp_path):
+    text = "".join(
+        f'[body.{name}]\nmass = "1 kg"\ninertia = "1 kg*m^2"\n[joint.at_{name}]\ntype = "revolute"\nparent = "ground"\n'
+        f'child = "{name}"\n'
+        for name in ("sun", "ring", "arm")
+    )
+    train = (
+        '[coupling.train]\ntype = "planetary"\nsun = "at_sun"\nring = "at_ring"\ncarrier = "at_arm"\nteeth = [20, 60]\n'
+    )
+    (tmp_path / "train.toml").write_text(text + train)
+    said = info(str(tmp_path / "train.toml"))
+    assert "coupling train: at_arm = 0.25 at_sun + 0.75 at_ring" in said
+    assert "positions and speeds of at_sun, at_ring" in said
