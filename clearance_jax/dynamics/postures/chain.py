@@ -21,6 +21,7 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Point
+from clearance_jax.mechanism.couplings import leaders_of
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts
@@ -134,7 +135,9 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     # The spring of an elastic drive stays as it is: its motor moves the link.
     movable = {name: c for name, c in movable.items() if not gives_way(c.motion)}
     if joints is None:
-        joints = [name for name, c in movable.items() if not ideal.closures() or not c.motion.is_free]
+        names = [name for name, c in movable.items() if not ideal.closures() or not c.motion.is_free]
+        # A follower is moved by what it follows in the end.
+        joints = list(dict.fromkeys(root for name in names for root in sorted(leaders_of(name, ideal.couplings))))
     if not joints:
         raise _no_joint(point, movable, bool(ideal.closures()))
     bodies = tuple(Body(b.name) for b in ideal.bodies)
