@@ -89,8 +89,8 @@ def over_time(history: TimeHistory) -> Figure:
 def contributions(why: Sequence[Response]) -> Figure:
     """Shares of the clearances in each limit's value, to first order, and the rest."""
     names = [*why[0].contributions, "the rest"]
-    said = [style.fit(response.limit, WIDTH - 0.4) for response in why]
-    row_height = 0.55 + ENTRY * max(text.count("\n") for text in said)
+    titles = [style.fit(response.limit, WIDTH - 0.4) for response in why]
+    row_height = 0.55 + ENTRY * max(text.count("\n") for text in titles)
     figure, axes = new_figure(WIDTH, 0.8 + row_height * len(why) + 0.18 * len(names))
     for row, response in enumerate(why):
         ends = [0.0, 0.0]  # negative parts to the left, the others to the right
@@ -100,7 +100,7 @@ def contributions(why: Sequence[Response]) -> Figure:
             colour = "0.75" if i == len(names) - 1 else style.COLOURS[i % len(style.COLOURS)]
             axes.barh(row, share, 0.5, left=ends[side], color=colour, label=names[i] if row == 0 else None)
             ends[side] += share
-        axes.annotate(said[row], (0, row - 0.3), xytext=(4, 0), textcoords="offset points", va="bottom")
+        axes.annotate(titles[row], (0, row - 0.3), xytext=(4, 0), textcoords="offset points", va="bottom")
     axes.axvline(100, color="k", ls="--", lw=0.8)
     # Names stand above the bars: beside them they would leave no room on a phone.
     axes.set(yticks=[], xlabel="share of the bound, %", ylim=(len(why) - 0.6, -0.75))

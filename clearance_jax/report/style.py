@@ -83,7 +83,7 @@ def keep_labels(figure: Figure) -> None:
 
 def _holds_labels(axis: Any) -> bool:
     """Whether the labels of axes in space, as they were drawn, are on the page, and above a legend below the axes."""
-    boxes = [one.label.get_window_extent() for one in (axis.xaxis, axis.yaxis, axis.zaxis)]
+    boxes = [line.label.get_window_extent() for line in (axis.xaxis, axis.yaxis, axis.zaxis)]
     whole, legend = axis.figure.bbox, axis.get_legend()
     floor = whole.y0 if legend is None else legend.get_window_extent().y1
     return all(whole.x0 <= b.x0 and b.x1 <= whole.x1 and floor <= b.y0 and b.y1 <= whole.y1 for b in boxes)
