@@ -68,6 +68,12 @@ def without_derivatives(tree: Any) -> Any:
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
+# What roots and powers are taken of where their argument is not positive: nothing that is seen. Two kernels may compute
+# an argument near 0 with other roundings, and so disagree about its sign. A one here, taken by the kernel that finds
+# the argument positive, would be a pin that has gone one metre into its sleeve.
+_UNSEEN = 1e-30
+
+
 def _horner(coefficients, x):
     value = jnp.full_like(x, coefficients[0])
     for coefficient in coefficients[1:]:
@@ -78,7 +84,7 @@ def _horner(coefficients, x):
 def safe_sqrt(x: Real) -> Real:
     """`sqrt(max(x, 0))` whose gradient at and below 0 is 0, not infinite."""
     positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, _UNSEEN)), 0.0)
 
 
 def safe_norm(x: Real, y: Real) -> Real:
@@ -106,7 +112,7 @@ def power_three_halves(x: Real) -> Real:
 def positive_power(x: Real, exponent: Real) -> Real:
     """`max(x, 0)**exponent` for exponent >= 1, with gradient 0 for x <= 0."""
     positive = x > 0
-    return jnp.where(positive, jnp.where(positive, x, 1.0) ** exponent, 0.0)
+    return jnp.where(positive, jnp.where(positive, x, _UNSEEN) ** exponent, 0.0)
 
 
 def step3(s: Real) -> Real:

@@ -30,6 +30,8 @@ WIDTH, HEIGHT = 3.6, 2.6
 PAGE = mpl.rc_context(style.STYLE | {"legend.fontsize": 9})
 # Characters of a label that fit along the figure's height and width.
 UPRIGHT, LEVEL = 30, 44
+# The height of a line of a legend [inch].
+ENTRY = 0.2
 # Of the picture of a mechanism: its least and greatest height [inch].
 LOW, HIGH = 1.5, 4.2
 # Relative to the mechanism's size: distance below which places share a label, and margin for labels.
@@ -65,7 +67,9 @@ def _label(text: str, unit: str, width: int) -> str:
 @PAGE
 def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound; times that do not count are shaded."""
-    figure, axes = new_figure(WIDTH, HEIGHT)
+    # For further lines of the legend the axes give no height away: their label needs it.
+    lines = len(history.values) + (history.since is not None) if len(history.values) > 1 else 0
+    figure, axes = new_figure(WIDTH, HEIGHT + ENTRY * lines)
     factor, unit = _scale(history.unit)
     per_second = time_axis(axes, float(history.times[-1]))
     times = per_second * history.times
@@ -85,7 +89,9 @@ def over_time(history: TimeHistory) -> Figure:
 def contributions(why: Sequence[Response]) -> Figure:
     """Shares of the clearances in each limit's value, to first order, and the rest."""
     names = [*why[0].contributions, "the rest"]
-    figure, axes = new_figure(WIDTH, 0.8 + 0.55 * len(why) + 0.18 * len(names))
+    titles = [style.fit(response.limit, WIDTH - 0.4) for response in why]
+    row_height = 0.55 + ENTRY * max(text.count("\n") for text in titles)
+    figure, axes = new_figure(WIDTH, 0.8 + row_height * len(why) + 0.18 * len(names))
     for row, response in enumerate(why):
         ends = [0.0, 0.0]  # negative parts to the left, the others to the right
         for i, part in enumerate([*response.contributions.values(), response.rest]):
@@ -94,7 +100,7 @@ def contributions(why: Sequence[Response]) -> Figure:
             colour = "0.75" if i == len(names) - 1 else style.COLOURS[i % len(style.COLOURS)]
             axes.barh(row, share, 0.5, left=ends[side], color=colour, label=names[i] if row == 0 else None)
             ends[side] += share
-        axes.annotate(response.limit, (0, row - 0.3), xytext=(4, 0), textcoords="offset points", va="bottom")
+        axes.annotate(titles[row], (0, row - 0.3), xytext=(4, 0), textcoords="offset points", va="bottom")
     axes.axvline(100, color="k", ls="--", lw=0.8)
     # Names stand above the bars: beside them they would leave no room on a phone.
     axes.set(yticks=[], xlabel="share of the bound, %", ylim=(len(why) - 0.6, -0.75))
@@ -111,14 +117,15 @@ def trade(tradeoff: Tradeoff, design: Design) -> Figure:
     axes.plot(factor * tradeoff.bounds, times * tradeoff.objectives, "o-", lw=1)
     axes.plot([factor * tradeoff.asked], [times * design.objective], "k*", ms=12, label="the design")
     axes.set(xlabel=_label(f"bound on {tradeoff.label}", unit, LEVEL), ylabel=label)
-    legend_below(axes)
+    legend_outside(figure, 1)
     return figure
 
 
 @PAGE
 def intervals(maintenance: Maintenance, design: Design) -> Figure:
     """After how many cycles a limit is met, against the clearance; or against the share of the designed ones."""
-    figure, axes = new_figure(WIDTH, HEIGHT)
+    # A condition has up to three lines of the legend.
+    figure, axes = new_figure(WIDTH, HEIGHT + 3 * ENTRY * (len(maintenance.lives) - 1))
     places, label = maintenance.shares, "clearances, share of the design"
     if len(design.specification.names) == 1:
         factor, unit = _scale(next(iter(design.units.values())))

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
-from clearance_jax.report.style import NARROW, fit, legend_below, look
+from clearance_jax.report.style import NARROW, ZOOM, fit, keep_labels, legend_below, look
 from clearance_jax.results.places import bounds, names_of
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
@@ -27,6 +27,8 @@ SHORT = 0.2
 MOST_NAMED = 10
 # Relative to the size of what is shown: the margin, and half the least extent of an axis.
 ROOM, LEAST = 0.12, 0.3
+# The height of a panel in space over that of another one, where panels lie below each other.
+SPACE = 1.3
 # Points drawn per interval of a flight. Places nearer in time than this part of the flight count as one.
 FINE, NEAR = 12, 1e-3
 
@@ -65,13 +67,16 @@ def page(shown: list[Panel], dataset: xr.Dataset, title: str, narrow: bool) -> F
     """A figure of panels with letters, in two to four columns, or below each other if it is `narrow`."""
     columns = 1 if narrow else min(len(shown), 2) if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
     rows = math.ceil(len(shown) / columns)
-    size = (NARROW, 2.6 * rows + 0.4) if narrow else (4.5 * columns, 3.5 * rows)
+    heights = [SPACE if narrow and panel.projection else 1.0 for panel in shown[::columns]]
+    size = (NARROW, 2.6 * sum(heights) + 0.4) if narrow else (4.5 * columns, 3.5 * rows)
     figure = Figure(figsize=size, layout="constrained")
+    places = figure.add_gridspec(rows, columns, height_ratios=heights)
     for i, panel in enumerate(shown):
-        axis = figure.add_subplot(rows, columns, i + 1, projection=panel.projection)
+        axis = figure.add_subplot(places[i // columns, i % columns], projection=panel.projection)
         panel.draw(axis, dataset)
         axis.set_title(f"({ascii_lowercase[i]}) {panel.title}" if len(shown) > 1 else panel.title)
     figure.suptitle(fit(title, size[0], 11.0))
+    keep_labels(figure)
     return figure
 
 
@@ -152,10 +157,12 @@ def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
     middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low) + ROOM * size, LEAST * size)
     for name, centre, reach in zip("xyz", middle, half, strict=False):
         getattr(axis, f"set_{name}lim")(centre - reach, centre + reach)
-        getattr(axis, f"set_{name}label")(f"{name}, m", labelpad=8 if len(half) == 3 else None)
-        getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=3 if reach < 0.7 * half.max() else 5))
+        getattr(axis, f"set_{name}label")(f"{name}, m", labelpad=13 if len(half) == 3 else None)
+        getattr(axis, f"{name}axis").set_major_locator(
+            MaxNLocator(nbins=3 if len(half) == 3 or reach < 0.7 * half.max() else 5)
+        )
     if len(half) == 3:
-        axis.set_box_aspect(tuple(half), zoom=0.85)
+        axis.set_box_aspect(tuple(half), zoom=ZOOM)
     else:
         axis.set_aspect("equal", adjustable="box")
     return middle - half

@@ -23,6 +23,8 @@ STYLED = mpl.rc_context(STYLE)
 BELOW = 0.45
 # The width of a figure for a narrow screen [inch]: on 390 pixels text of 9 points is 11 pixels high.
 NARROW = 4.2
+# How often axes in space are made smaller, each time by this factor, so that their labels lie inside; the first size.
+SHRINKS, SMALLER, ZOOM = 8, 0.92, 0.85
 # Of a legend in its font size: width of a character, and of a handle with the gaps around it.
 CHARACTER, HANDLE = 0.55, 5.0
 
@@ -58,9 +60,33 @@ def legend_outside(figure: Figure, columns: int, **how: Any) -> None:
     pairs = (zip(*axis.get_legend_handles_labels(), strict=True) for axis in figure.axes)
     known = {label: handle for axis in pairs for handle, label in axis}
     size, width = float(mpl.rcParams["font.size"]), float(figure.get_figwidth())
-    labels = [fit(label, width - HANDLE * size / 72, size) for label in known]
+    # Two letters' widths more are left free: a line may be of letters wider than the mean.
+    labels = [fit(label, width - (HANDLE + 2) * size / 72, size) for label in known]
     how["ncols"] = _columns(labels, width, columns, size)
     figure.legend(known.values(), labels, loc="outside lower center", **how)
+
+
+def keep_labels(figure: Figure) -> None:
+    """Make axes in space smaller until their labels are on the page: matplotlib's layout leaves no room for these."""
+    waiting, zoom = [axis for axis in figure.axes if axis.name == "3d"], ZOOM
+    for _ in range(SHRINKS if waiting else 0):
+        figure.draw_without_rendering()
+        waiting = [axis for axis in waiting if not _holds_labels(axis)]
+        if not waiting:
+            break
+        zoom *= SMALLER
+        for axis in waiting:
+            space: Any = axis
+            sizes = [np.ptp(limits) for limits in (space.get_xlim(), space.get_ylim(), space.get_zlim())]
+            space.set_box_aspect(tuple(sizes), zoom=zoom)
+
+
+def _holds_labels(axis: Any) -> bool:
+    """Whether the labels of axes in space, as they were drawn, are on the page, and above a legend below the axes."""
+    boxes = [line.label.get_window_extent() for line in (axis.xaxis, axis.yaxis, axis.zaxis)]
+    whole, legend = axis.figure.bbox, axis.get_legend()
+    floor = whole.y0 if legend is None else legend.get_window_extent().y1
+    return all(whole.x0 <= b.x0 and b.x1 <= whole.x1 and floor <= b.y0 and b.y1 <= whole.y1 for b in boxes)
 
 
 def _columns(labels: list[str], width: float, most: int, size: float) -> int:

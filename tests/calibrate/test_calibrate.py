@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from key_reference import example
+from looks import check_texts
 from places import ROOT, refused
 from scipy import stats
 from typer.testing import CliRunner
@@ -23,6 +24,7 @@ from clearance_jax.calibrate.result import Minimum, doubts
 from clearance_jax.calibrate.run import search, settle, starts_of
 from clearance_jax.cli.main import app
 from clearance_jax.io.keys import study as calibrate_keys
+from clearance_jax.report import calibration_figures
 from clearance_jax.solve.settings import settings_of
 
 search_module = importlib.import_module("clearance_jax.calibrate.run")
@@ -559,6 +561,13 @@ def test_a_report_says_what_is_not_determined(tmp_path):
     assert "The data do not determine" in page
     assert "Other minima" in page
     assert "3.25" in page
+    # Nothing in its figures is cut off.
+    for figure in (
+        calibration_figures.signal_fit(found, PLACE),
+        calibration_figures.interval_widths(found),
+        calibration_figures.correlations(found),
+    ):
+        check_texts(figure)
     with refused(tmp_path / "no" / "r.html"):
         cj.calibration_report(found, tmp_path / "no" / "r.html")
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import slider_crank
+from looks import check_texts
 from made_findings import CLEARANCE, answer, crank_motion, made, piston_limit, rows_of, text_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -17,6 +18,7 @@ from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
+from clearance_jax.design.judge.explain import Maintenance
 from clearance_jax.design.judge.findings import CUT_SHORT, known_findings
 from clearance_jax.design.judge.observed import Observed, _of_fall, pin_size, standings
 from clearance_jax.design.search.yields import YieldEstimate
@@ -174,6 +176,29 @@ def test_a_mechanism_is_drawn_where_its_joints_are_apart_and_says_their_names():
     assert all(figure.bbox.containsx(x) for box in boxes for x in (box.x0, box.x1))
     assert all(figure.bbox.containsy(y) for box in boxes for y in (box.y0, box.y1))
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+def test_nothing_in_figures_of_a_design_is_cut_off():
+    """However long the name of a limit is, and however many conditions there are."""
+    found = made(answer([piston_limit("error of the piston at the end of its stroke")]))
+    (history,), (why,) = found.time_histories, found.responses
+    conditions = ("cold and dry", "warm, with the heaviest payload", "at the end of its life")
+    many = history._replace(values=dict.fromkeys(conditions, history.values[""]), since=1e-3)
+    lives = np.array([3e4, 2e4, np.inf])
+    drawn = [
+        design_figures.over_time(history),
+        design_figures.over_time(many),
+        design_figures.contributions([why, why._replace(limit="force on the wrist")]),
+        design_figures.trade(found.tradeoff, found.design),
+        design_figures.convergence(found.design),
+        design_figures.intervals(
+            Maintenance("error", 10_000, 50_000, np.array([0.8, 1.0, 1.2]), dict.fromkeys(conditions, lives)),
+            found.design,
+        ),
+        design_figures.pin_in_sleeve(found.motions[""], "wrist"),
+    ]
+    for figure in drawn:
+        check_texts(figure)
 
 
 @pytest.mark.parametrize(("last", "unit"), [(1e-4, "ms"), (0.105, "ms"), (0.3, "s"), (7.0, "s"), (1234.5, "s")])

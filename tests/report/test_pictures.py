@@ -575,6 +575,24 @@ def test_every_kind_of_figure_can_be_read(erring, kind):
     assert 390 / figures.KINDS[kind](erring, narrow=True).get_figwidth() * 8 / 72 > 10
 
 
+def wandering(*reach: float) -> xr.Dataset:
+    """A point that goes so far along x, y and z [m]."""
+    angle = np.linspace(0.0, 2 * np.pi, 21)
+    place = np.stack([np.cos(angle), np.sin(angle), np.sin(2 * angle + 0.3)], 1) * reach
+    coords = {"time": angle, "point": ["tool"], "axis": ["x", "y", "z"]}
+    return xr.Dataset({"position": (("time", "point", "axis"), place[:, None])}, coords)
+
+
+@pytest.mark.parametrize("reach", [(0.3, 0.3, 1.0), (1.0, 0.02, 1.0), (1.0, 1.0, 0.02)])
+@pytest.mark.parametrize("narrow", [False, True])
+def test_the_labels_of_axes_in_space_are_on_the_page(reach, narrow):
+    """Layouts of matplotlib leave no room for them, whatever the box is like."""
+    figure = figures.motion(wandering(*reach), narrow=narrow)
+    check_texts(figure)
+    (axis,) = figure.axes
+    assert [getattr(axis, f"get_{name}label")() for name in "xyz"] == ["x, m", "y, m", "z, m"]
+
+
 def titled(figure, words: str) -> Any:
     (axis,) = [axis for axis in figure.axes if words in axis.get_title(loc="left")]
     return axis

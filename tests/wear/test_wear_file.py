@@ -7,7 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from key_reference import example
+from looks import check_texts
 from places import SCENES, refused
 from typer.testing import CliRunner
 
@@ -20,6 +22,7 @@ from clearance_jax.io.keys import wear as wear_keys
 from clearance_jax.io.scene.scene import load_scene
 from clearance_jax.io.study.study import load_study
 from clearance_jax.io.study.wear import WearAsked
+from clearance_jax.report import wear_figures
 from clearance_jax.results.play import pin_travel
 from clearance_jax.runs.journal import Journal
 
@@ -251,6 +254,20 @@ def test_figures_and_films_of_a_life(dataset, tmp_path):
         cj.wear_figures.overview(dataset.drop_vars("depth"))
     with refused("frames", 1):
         cj.wear_figures.animate(dataset, frames=1)
+
+
+def test_nothing_in_figures_of_a_life_is_cut_off(dataset):
+    for watched in (False, True):
+        if watched:
+            dataset["watched"] = ("cycle", [1e-4, 1.5e-4, 2.5e-4], {"units": "m", "bound": 2e-4, "long_name": "error"})
+            dataset.attrs["life"] = 123_456.0
+        for narrow in (False, True):
+            check_texts(wear_figures.overview(dataset, narrow=narrow))
+    cycles, half = np.linspace(0, 1e6, 5), np.linspace(0, 0.5, 5)
+    check_texts(wear_figures.failures(wear.Failures(cycles, half, 0.5 * half, 1.5 * half, 0.95)))
+    lives = ("sample", [2e5, 3e5, np.inf])
+    over = xr.Dataset({"life": lives, "pin.normal.stiffness": ("sample", [1e9, 2e9, 3e9])}, attrs={"cycles": 500_000})
+    check_texts(wear_figures.intervals(over, "pin.normal.stiffness"))
 
 
 # The command ---------------------------------------------------------------------------------------------------------
