@@ -16,6 +16,7 @@ from scipy.special import ellipk
 import clearance_jax as cj
 from clearance_jax.dynamics.applied import exert
 from clearance_jax.dynamics.field import energies, slope
+from clearance_jax.dynamics.postures.chain import chain_of
 from clearance_jax.dynamics.quantities import observe
 from clearance_jax.mechanism.state import initial_values, layout
 
@@ -218,6 +219,15 @@ def test_a_follower_of_a_drive_moves_as_if_it_had_one():
     assert float(other["drive_force"][-1, 0]) == pytest.approx(left - 2.5 * right, rel=1e-8)
     assert float(other["torque"][-1, 0]) == pytest.approx(right, rel=1e-8)
     assert float(b.energy_residual) < 1e-6
+
+
+def test_inverse_kinematics_moves_what_a_follower_follows():
+    following = dataclasses.replace(geared_arms(), couplings=(cj.Coupling("mesh", "right", "left", -2.5, offset=0.1),))
+    chain = chain_of(following, "tip", None)
+    assert chain.joints == ("left", "knee")
+    assert layout(chain.mechanism).positions == ("left", "knee")
+    with refused("right"):
+        chain_of(following, "tip", ["right"])
 
 
 def geared_five_bar():
