@@ -120,7 +120,11 @@ def Rack(name: str, follower: str, leader: str, radius: Number, *, offset: Numbe
 
 
 def Screw(name: str, follower: str, leader: str, lead: Number, *, offset: Number = 0.0) -> Coupling:
-    """A screw: the slide `follower` moves by `lead` [m] a turn of the leader (negative: a left-hand thread)."""
+    """A screw: the slide `follower` moves by the lead a turn of the leader: x = lead q / (2 pi).
+
+    **Arguments:** `name`, `follower`, `leader`, `offset` [m]: as in `Coupling`; `lead` [m]: negative of a left-hand
+    thread.
+    """
     return Coupling(name, follower, leader, lead / (2 * math.pi), offset)
 
 
@@ -139,8 +143,10 @@ def Belt(
 
 
 def Differential(name: str, cage: str, left: str, right: str, *, follower: str | None = None) -> Coupling:
-    """A bevel differential: the cage turns by the mean of its side gears, whose angles are against the same body as the
-    cage's. `follower`: which of the three follows the others (default: the cage).
+    """A bevel differential: the cage turns by the mean of its side gears.
+
+    **Arguments:** `name`: of the coupling; `cage`, `left`, `right`: names of coordinates, whose angles are against the
+    same body; `follower`: which of the three follows the others (default: the cage).
 
     **Raises:** `ClearanceError` for a follower that is none of them.
     """
