@@ -169,6 +169,7 @@ class PreparedSpline(AbstractMotionLaw):
     end_speed: Scalar | None = physical("coordinate/s", default=None)
 
     def __call__(self, time):
+        time = jnp.asarray(time, float)
         if self.end_speed is None:
             return self._within(time)
         last = self.times[-1]
