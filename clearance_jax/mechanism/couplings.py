@@ -15,7 +15,7 @@ import equinox as eqx
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
-from clearance_jax.parameters import Parametrised, describe, physical
+from clearance_jax.parameters import Demand, Parametrised, describe, physical
 from clearance_jax.spatial import Term, plus, times
 
 # Of a preset: also a plain one.
@@ -56,6 +56,14 @@ class Coupling(Parametrised):
         if (self.second is None) != (self.second_ratio is None):
             text = f"Coupling `{self.name}` needs `second` and `second_ratio`, or neither of them."
             raise ClearanceError(text).about(f"{self.name}.second_ratio")
+        if self.second == self.leader:
+            text = f"Coupling `{self.name}` names `{self.leader}` as `leader` and as `second`. Add up their ratios."
+            raise ClearanceError(text).about(f"{self.name}.second")
+
+    def demands(self):
+        for name in ("ratio", "second_ratio"):
+            if (ratio := getattr(self, name)) is not None:
+                yield Demand(name, ratio != 0, lambda: "must not be 0")
 
     def units_by(self, kinds: Mapping[str, str]) -> dict[str, str]:
         """The units of its numbers by the words of its fields; `kinds`: units of coordinates by name."""
@@ -90,7 +98,7 @@ def _two(name: str, key: str, values: Sequence[float | int]) -> tuple[float, flo
 
 def _teeth(name: str, counts: Sequence[float | int]) -> tuple[float, float]:
     for count in counts:
-        if int(count) != count or count < LEAST_TEETH:
+        if count % 1 != 0 or count < LEAST_TEETH:
             raise wrong_value(f"`{name}.teeth`", f"whole numbers of at least {LEAST_TEETH}", count, name="teeth")
     return _two(name, "teeth", counts)
 
@@ -175,6 +183,8 @@ def Planetary(
 
 def _solved(name: str, factors: Mapping[str, float], follower: str) -> Coupling:
     """The coupling of sum k_i q_i = 0."""
+    if len(factors) < 3:
+        raise ClearanceError(f"Coupling `{name}` needs three coordinates, but names one of them twice.").about(name)
     if follower not in factors:
         raise unknown_name(f"The follower of coupling `{name}` must be one of its own.", follower, factors)
     (leader, ratio), (second, second_ratio) = (

@@ -28,6 +28,8 @@ def mark_followers(mechanism: AbstractMechanism) -> tuple[AbstractJoint, ...]:
     """
     by_name = {coupling.follower: coupling for coupling in mechanism.couplings}
     drives = {c.name: c.motion.drive for c in mechanism.coordinates()}
+    if not by_name and not any(isinstance(drive, Follows) for drive in drives.values()):
+        return mechanism.joints
 
     def is_driven(name: str, deep: int = 0) -> bool:
         if name not in by_name:

@@ -174,6 +174,8 @@ class Inertia(Module):
     xy: Scalar | None = physical("kg*m^2", default=None)
     xz: Scalar | None = physical("kg*m^2", default=None)
     yz: Scalar | None = physical("kg*m^2", default=None)
+    rounding: float = eqx.field(static=True, default=1e-3)
+    """By which part the largest moment may exceed the sum of the others: files print three digits or more."""
 
     def __check_init__(self):
         six = [self.xx, self.yy, self.zz, self.xy, self.xz, self.yz]
@@ -183,7 +185,7 @@ class Inertia(Module):
         if not all(hasattr(n, "dtype") for n in six[:3]):
             return
         xx, yy, zz, xy, xz, yz = (0.0 if n is None else float(n) for n in six)
-        check_inertia(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), "An inertia")
+        check_inertia(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), "An inertia", self.rounding)
 
     @property
     def symmetric(self) -> Symmetric:
@@ -194,12 +196,10 @@ class Inertia(Module):
         return Symmetric(lambda i, j: present(entries[i, j]))
 
 
-# Files round inertias: the moments of a flat body may miss their sum by this part.
-PRINTED = 1e-2
-
-
-def check_inertia(tensor: np.ndarray, what: str) -> None:
-    """Raise for a tensor that no body has: a negative principal moment, or one above the sum of the other two."""
+def check_inertia(tensor: np.ndarray, what: str, rounding: float) -> None:
+    """Raise for a tensor that no body has: a negative principal moment, or one above the sum of the other two by more
+    than the part `rounding`.
+    """
     if not np.all(np.isfinite(tensor)):
         raise ClearanceError(f"{what} must be finite.")
     least, middle, most = np.linalg.eigvalsh(tensor)
@@ -207,7 +207,7 @@ def check_inertia(tensor: np.ndarray, what: str) -> None:
     moments = f"its principal moments are {least:g}, {middle:g}, {most:g} kg m^2"
     if least < -1e-6 * size or most <= 0:
         raise ClearanceError(f"{what} must be positive, but {moments}.")
-    if least + middle < most * (1 - PRINTED):
+    if least + middle < most * (1 - rounding):
         raise ClearanceError(
             f"{what} belongs to no body: {moments}, of which the largest is more than the other two together. Give it "
             "about the centre of mass, in the body's axes."

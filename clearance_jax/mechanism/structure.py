@@ -15,7 +15,7 @@ from clearance_jax.mechanism.couplings import Coupling, Follows, check_couplings
 from clearance_jax.mechanism.placement import Inertia, Position
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic, Revolute
-from clearance_jax.mechanism.variants import gives_way
+from clearance_jax.mechanism.variants import gives_way, motor_of
 
 RESERVED = (GROUND, "gravity", "drive", "target")
 # Degrees of freedom between two frames.
@@ -154,12 +154,15 @@ def _check_coupled(mechanism: AbstractMechanism) -> None:
     driven = {c.name for c in every if c.motion.drive is not None and not isinstance(c.motion.drive, Follows)}
     known = {c.name: c.play is None and not c.is_ball for c in every}
     check_couplings(mechanism.couplings, known, driven, motors)
+    followers = {coupling.follower for coupling in mechanism.couplings}
     for c in every:
-        roots = leaders_of(c.name, mechanism.couplings) if c.motion.actuators else ()
-        if driven.intersection(roots):
-            leader = min(driven.intersection(roots))
+        roots = leaders_of(c.name, mechanism.couplings) if c.name in followers and c.motion.actuators else set()
+        # A link whose drive gives way is moved by its motor too.
+        firm = driven.intersection(roots | {motor_of(name) for name in roots})
+        if firm:
+            leader = min(firm)
             text = f"`{c.name}` follows the driven `{leader}`, so it takes no actuators, friction or springs."
-            raise ClearanceError(text)
+            raise ClearanceError(text).about(c.name)
 
 
 def _check_control(

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import clearance_jax as cj
+from clearance_jax import ClearanceError
 from clearance_jax.dynamics.applied import exert
 from clearance_jax.dynamics.field import energies, slope
 from clearance_jax.dynamics.postures.chain import chain_of
@@ -319,3 +320,25 @@ def test_what_does_not_fit_is_refused():
         cj.Differential("d", "cage", "left", "right", follower="up")
     with refused("d.second_ratio"):
         cj.Coupling("d", "a", "b", 1.0, second="c")
+    with refused("d.second"):
+        cj.Coupling("d", "a", "b", 1.0, second="b", second_ratio=2.0)
+    with refused("d"):
+        cj.Differential("d", "cage", "left", "left")
+    with refused("teeth"):
+        cj.Gear("g", "b", "a", (20, float("nan")))
+    still = given(cj.Coupling("mesh", "spin", "hip", 0.0))
+    with pytest.raises(ClearanceError) as caught:
+        cj.simulate(still, 0.01)
+    assert "`mesh.ratio` must not be 0" in str(caught.value)
+
+
+def test_friction_of_a_follower_of_an_elastic_drive_is_refused():
+    """The motor's `drive_force` would lack it."""
+    driven = geared_arms().with_joint(cj.Revolute("left", "ground", "first", motion=cj.Motion(cj.drives.Constant(0.3))))
+    elastic = cj.with_compliance(driven, "left", cj.Compliance(800.0))
+    friction = cj.Motion(actuators=(cj.actuators.JointFriction(0.1),))
+    right = dataclasses.replace(elastic.joint("right"), motion=friction)
+    with refused("right"):
+        dataclasses.replace(elastic.with_joint(right), couplings=(cj.Coupling("mesh", "right", "left", -2.0),))
+    following = dataclasses.replace(elastic, couplings=(cj.Coupling("mesh", "right", "left", -2.0),))
+    assert chain_of(following, "tip", None).joints == ("left_motor", "knee")

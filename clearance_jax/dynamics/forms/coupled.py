@@ -37,7 +37,8 @@ class CoupledFrames(Module, Frames):
     @property
     def followers(self) -> list[int]:
         """The velocities of the tree that follow others."""
-        return [i for i, each in enumerate(self.weights) if i not in self.leaders]
+        leaders = set(self.leaders)
+        return [i for i in range(len(self.weights)) if i not in leaders]
 
     @property
     def leaders(self) -> list[int]:

@@ -27,7 +27,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint
-from clearance_jax.mechanism.variants import drivable, gives_way
+from clearance_jax.mechanism.variants import drivable, gives_way, motor_of
 from clearance_jax.spatial import IDENTITY, Term, absent, as_array, length_of, rotation_between
 
 NO_LIMITS = Limits()
@@ -136,8 +136,9 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     movable = {name: c for name, c in movable.items() if not gives_way(c.motion)}
     if joints is None:
         names = [name for name, c in movable.items() if not ideal.closures() or not c.motion.is_free]
-        # A follower is moved by what it follows in the end.
-        joints = list(dict.fromkeys(root for name in names for root in sorted(leaders_of(name, ideal.couplings))))
+        # A follower is moved by what it follows in the end; where that gives way, by its motor.
+        roots = [root for name in names for root in sorted(leaders_of(name, ideal.couplings))]
+        joints = list(dict.fromkeys(motor_of(root) if gives_way(known[root].motion) else root for root in roots))
     if not joints:
         raise _no_joint(point, movable, bool(ideal.closures()))
     bodies = tuple(Body(b.name) for b in ideal.bodies)

@@ -11,14 +11,13 @@ from jaxtyping import Float
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.urdf import robot as parts
 from clearance_jax.io.urdf.text import Note
-from clearance_jax.mechanism.placement import PRINTED
 from clearance_jax.mechanism.tree.frame import JacobianColumn
 
 # Least radius of gyration [m]: a smaller one is round-off of printed digits.
 SMALLEST = 1e-7
 # Moments that miss the triangle rule by less are those of a flat body in three digits; by more they are noted, and from
-# `PRINTED` on refused.
-DIGITS = 1e-3
+# `ROUNDED` on refused.
+DIGITS, ROUNDED = 1e-3, 1e-2
 # A negative moment that is, compared with the greatest, round-off of printed products.
 NEGATIVE = 1e-6
 # Least eigenvalue of the mass matrix, scaled to a unit diagonal, that is no round-off.
@@ -109,7 +108,7 @@ def check_bodies(
     notes, light = [], False
     for body in bodies.values():
         missing = lack(body)
-        if missing > PRINTED or (body.mass == 0 and body.inertia.any()):
+        if missing > ROUNDED or (body.mass == 0 and body.inertia.any()):
             raise _impossible(body, say)
         if missing > DIGITS:
             notes.append(("moments of inertia of which two add up to less than the third, by less than 1 %", body.line))

@@ -9,9 +9,8 @@ from clearance_jax._basis.extras import require
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.io.urdf import elements as xml
 from clearance_jax.io.urdf import robot as parts
-from clearance_jax.io.urdf.bodies import SMALLEST, Weight, lack, merge, sum_of
+from clearance_jax.io.urdf.bodies import ROUNDED, SMALLEST, Weight, lack, merge, sum_of
 from clearance_jax.io.urdf.text import Note
-from clearance_jax.mechanism.placement import PRINTED
 
 # Density of a body without mass [kg/m^3]: that of water, as in MuJoCo.
 WATER = 1000.0
@@ -36,7 +35,7 @@ def with_inertias(robot: parts.Robot, top: xml.Element, folder: Path, weighing: 
     links = []
     for link in robot.links:
         body = whole.bodies[whole.frames[link.name].body]
-        is_wrong = lack(link) > PRINTED or (link.mass == 0 and bool(link.inertia.any()))
+        is_wrong = lack(link) > ROUNDED or (link.mass == 0 and bool(link.inertia.any()))
         is_point = link.mass > 0 and np.abs(link.inertia).max() <= link.mass * SMALLEST**2
         if body.name == whole.root and not weighing.free:
             pass

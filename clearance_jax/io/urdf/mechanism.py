@@ -12,7 +12,7 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.keys.kinds import Word
-from clearance_jax.io.urdf.bodies import SMALLEST, Assembly, check_bodies, merge
+from clearance_jax.io.urdf.bodies import ROUNDED, SMALLEST, Assembly, check_bodies, merge
 from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.io.urdf.inertia import WATER, Weighing
 from clearance_jax.io.urdf.robot import NOWHERE, FramePose, Joint, Link, Robot, Triple, is_identity, rpy_of, triple
@@ -21,6 +21,7 @@ from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, J
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.motion.drives import Constant
 from clearance_jax.mechanism.placement import ORIGIN, Gravity, Inertia, Orientation, Position, as_axis
 from clearance_jax.mechanism.tree.compounds import Ball, Free, Planar
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic, Revolute
@@ -163,9 +164,11 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
     named = unique_names((joint.name for joint in joints), "joint", taken)
     points = unique_names(ends_of(robot, whole, free) if asked is None else asked, "frame", taken)
     frames = {name: whole.frames[link] for link, name in points.items()}
-    followers = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
+    mimics = {joint.name: joint.mimic for joint in joints if joint.mimic is not None}
+    followers = {name: mimic for name, mimic in mimics.items() if mimic.multiplier}
+    still = {named[name]: Constant(mimic.offset) for name, mimic in mimics.items() if not mimic.multiplier}
     couplings = unique_names((f"{named[name]}_mimic" for name in followers), "coupling", taken)
-    return Mechanism(
+    mechanism = Mechanism(
         tuple(body_of(body, bodies[name]) for name, body in moving.items()),
         tuple(joint_of(joint, named[joint.name], bodies[joint.parent], bodies[joint.child]) for joint in joints),
         points=tuple(Point(name, bodies[on], *place_of(pose)) for name, (on, pose) in frames.items()),
@@ -177,6 +180,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
         ),
         notes=(*robot.notes, *told("assumed", assumed)),
     )
+    return mechanism.with_drives(still)
 
 
 def body_of(body: Link, name: str) -> Body:
@@ -185,7 +189,7 @@ def body_of(body: Link, name: str) -> Body:
         return Body(name)
     (xx, xy, xz), (_, yy, yz), (*_, zz) = body.inertia.tolist()
     is_point = np.abs(body.inertia).max() <= body.mass * SMALLEST**2
-    inertia = None if is_point else Inertia(xx, yy, zz, *present_of((xy, xz, yz)))
+    inertia = None if is_point else Inertia(xx, yy, zz, *present_of((xy, xz, yz)), rounding=ROUNDED)
     return Body(name, body.mass, inertia, position_of(triple(body.center)))
 
 
