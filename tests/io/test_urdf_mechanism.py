@@ -281,7 +281,7 @@ def test_joints_that_follow_others(written):
     assert (float(coupling.ratio), float(coupling.offset)) == (2.0, 0.5)
     assert layout(cj.load_urdf(written(text))).positions == ("shoulder",)
     with pytest.warns(NotReadWarning):
-        rigid = cj.load_urdf(written(text.replace('multiplier="2"', 'multiplier="0"')))
+        rigid: Any = cj.load_urdf(written(text.replace('multiplier="2"', 'multiplier="0"')))
     assert rigid.couplings == ()
     assert float(rigid.joint("elbow").motion.drive(0.0)[0]) == 0.5
     assert layout(cj.load_urdf(written(text), mimic="independent")).positions == ("shoulder", "elbow")
