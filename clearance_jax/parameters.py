@@ -50,7 +50,7 @@ def outside(part: Any) -> Any:
 
 def physical(
     unit: str, help: str = "", example: str = "", absent: str = "", *, above: float | None = None,
-    least: float | None = None, below: float | None = None, instead: str = "", **field,
+    least: float | None = None, below: float | None = None, instead: str = "", lifted: bool = False, **field,
 ):  # fmt: skip
     """A field of a class of your own that holds one physical number, or `None` where the quantity may be absent.
 
@@ -62,10 +62,11 @@ def physical(
     - `help`, `example`, `absent`: for the reference of scene files: what the number is, its value in TOML, and what its
       absence means.
     - `instead`: what to do instead, said where a value is out of bounds.
+    - `lifted`: whether dotted names leave out the member of a tuple that it is in.
     - `field`: passed on to `dataclasses.field` (for instance `default`).
     """
     metadata = {"unit": unit, "above": above, "least": least, "below": below, "instead": instead}
-    metadata |= {"help": help, "example": example, "absent": absent}
+    metadata |= {"help": help, "example": example, "absent": absent, "lifted": lifted}
     return eqx.field(**({"converter": as_leaf, "metadata": metadata} | field))
 
 
@@ -75,6 +76,12 @@ def describe(help: str, example: str, absent: str = "", *, least: int = 0, most:
     """
     metadata = {"help": help, "example": example, "absent": absent, "least": least, "most": most}
     return eqx.field(metadata=metadata, **field)
+
+
+def like(cls: type, name: str, **changes):
+    """A field like that of another class, with changes of its metadata."""
+    given = {field.name: field for field in dataclasses.fields(cls)}[name]
+    return dataclasses.field(default=given.default, metadata={**given.metadata, **changes})
 
 
 def flatten(member: str | None = None, **field):
@@ -154,13 +161,21 @@ def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
 
 
 def leaves(
-    module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", owners: tuple = (), former: str | None = None
+    module: eqx.Module,
+    path: tuple[str, ...] = (),
+    prefix: str = "",
+    owners: tuple = (),
+    former: str | None = None,
+    outer: str = "",
 ) -> Iterator[Leaf]:
-    """Every number of `module`, with its dotted name and path; `prefix`, `former`: the beginnings of names."""
+    """Every number of `module`, with its dotted name and path; `prefix`, `former`, `outer` (of lifted ones): the
+    beginnings of names.
+    """
     # Attribute lookup of a module is slow, its variables are not.
     owners, values = (*owners, module), vars(module)
     for field in _fields(type(module)):
-        value, here, name = values[field.name], (*path, field.name), _extended(prefix, field)
+        begin = outer if field.metadata.get("lifted") else prefix
+        value, here, name = values[field.name], (*path, field.name), _extended(begin, field)
         before = None if former is None else _extended(former, field)
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
             if value is not None:
@@ -179,7 +194,7 @@ def leaves(
                 label, numbered = getattr(member, "name", None), f"{name}{index}."
                 inner = numbered if label is None else f"{label}." if word is None else f"{name}{word}.{label}."
                 old = None if label is None or word is None else numbered
-                yield from leaves(member, (*here, str(index)), inner, owners, old)
+                yield from leaves(member, (*here, str(index)), inner, owners, old, name)
 
 
 def _extended(prefix: str, field: dataclasses.Field) -> str:

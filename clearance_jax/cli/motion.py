@@ -26,7 +26,7 @@ def undriven(mechanism: Any) -> tuple[str, ...]:
 def _idle(mechanism: Any, fixed: tuple[str, ...] = ()) -> list[tuple[Any, str]]:
     """Every joint with the name of a coordinate that is neither driven nor controlled nor `fixed`, and follows none."""
     moved = {*fixed, *(reference.name for controller in mechanism.controllers for reference in controller.references)}
-    moved |= {coupling.follower for coupling in mechanism.couplings}
+    moved |= {coupling.follower for coupling in mechanism.firm_couplings}
     every = [(joint, coordinate) for joint in mechanism.joints for coordinate in joint.own_coordinates()]
     free = [(joint, c.name) for joint, c in every if c.play is None and c.motion.is_free]
     return [(joint, name) for joint, name in free if name not in moved]

@@ -14,6 +14,7 @@ from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.applied import applied_pairs, exert
 from clearance_jax.dynamics.conditions import Condition, closing_pairs, closure_conditions, conditions, constraint
 from clearance_jax.dynamics.forms.frames import Frames, Pair
+from clearance_jax.dynamics.gaps import added, gap_actions, gap_efforts
 from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance
@@ -24,8 +25,9 @@ from clearance_jax.spatial import Term, minus, plus, times
 
 
 class Balance(NamedTuple):
-    """The solved equations of motion: frames, actions of clearance joints (by name), wrench pairs of clearances,
-    springs and loads, efforts of actuators and controllers, free accelerations, and wrenches of the ideal closures.
+    """The solved equations of motion: frames, actions of clearance joints and of gaps (by name), wrench pairs of
+    clearances, springs and loads, efforts of actuators and controllers, free accelerations, wrenches of the ideal
+    closures, and efforts of gaps by coordinate.
     """
 
     motion: Frames
@@ -35,6 +37,7 @@ class Balance(NamedTuple):
     efforts: list[Term]
     acceleration: list[Term]
     closing: list[Pair]
+    in_gaps: dict[str, Term]
 
 
 def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance:
@@ -45,9 +48,10 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     acting = [(joint.clearance, pins[joint.name].relative, state.memory[joint.name]) for joint in joints]
     actions = dict(zip([joint.name for joint in joints], each_joint(PreparedClearance.act, acting), strict=True))
     pairs = contact_pairs(mechanism, pins, actions) + applied_pairs(mechanism, time, motion)
-    efforts = exert(mechanism, time, state)
-    acceleration, closing = accelerations(motion, pairs, efforts)
-    return Balance(motion, pins, actions, pairs, efforts, share(acceleration), closing)
+    actions |= gap_actions(mechanism, time, state)
+    efforts, gaps = exert(mechanism, time, state), gap_efforts(mechanism, time, state, actions)
+    acceleration, closing = accelerations(motion, pairs, added(efforts, gaps.free))
+    return Balance(motion, pins, actions, pairs, efforts, share(acceleration), closing, gaps.by_name)
 
 
 def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, PinMotion], actions: dict[str, Action]) -> list[Pair]:

@@ -21,7 +21,8 @@ from clearance_jax.dynamics.forms.frames import Frames, rotors
 from clearance_jax.dynamics.kinematics import frames, relative_motions, spring_state
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
-from clearance_jax.mechanism.followers import relations_of, unfold
+from clearance_jax.mechanism.followers import relations_of
+from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, parts, position_rates, vector
 from clearance_jax.mechanism.tree.compounds import Ball
@@ -76,7 +77,10 @@ def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term,
     if not driven:
         return []
     forces = dict(zip(driven, now.motion.drive_forces([*now.pairs, *now.closing], now.acceleration), strict=True))
-    if not mechanism.couplings:
+    for name in now.in_gaps.keys() & forces.keys():
+        effort, speed = forces[name]
+        forces[name] = minus(effort, now.in_gaps[name]), speed
+    if not mechanism.firm_couplings:
         return [*forces.values()]
     needed = carrying_efforts(mechanism, now, forces)
     for name, relation in relations_of(mechanism).items():
@@ -96,13 +100,14 @@ def carrying_efforts(
     moved = [c.name for c in mechanism.moved_coordinates() for _ in c.velocities]
     out = {
         coupling.follower: forces[coupling.follower][0]
-        for coupling in mechanism.couplings
+        for coupling in mechanism.firm_couplings
         if coupling.follower in forces
     }
-    if isinstance(now.motion, CoupledFrames) and len(out) < len(mechanism.couplings):
+    if isinstance(now.motion, CoupledFrames) and len(out) < len(mechanism.firm_couplings):
         load = now.motion.whole_load([*now.pairs, *now.closing], now.acceleration)
         for i in now.motion.followers:
-            out[moved[i]] = minus(0.0, plus(load[i], efforts[i] if efforts else 0.0))
+            given = plus(now.in_gaps.get(moved[i], 0.0), efforts[i] if efforts else 0.0)
+            out[moved[i]] = minus(0.0, plus(load[i], given))
     return out
 
 
@@ -111,17 +116,23 @@ def mesh_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, now: 
     driven = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
     pairs = [*now.pairs, *now.closing]
     forces = dict(zip(driven, now.motion.drive_forces(pairs, now.acceleration), strict=True)) if driven else {}
+    for name in now.in_gaps.keys() & forces.keys():
+        forces[name] = minus(forces[name][0], now.in_gaps[name]), forces[name][1]
     whole = unfold(mechanism, time, state)
     alone = carrying_efforts(mechanism, now, forces, exert_each(whole.mechanism, time, whole.state))
     done: dict[str, Term] = {}
 
     def of(name: str) -> Term:
         if name not in done:
-            passed = [times(dict(c.terms)[name], of(c.follower)) for c in mechanism.couplings if name in dict(c.terms)]
+            firm = mechanism.firm_couplings
+            passed = [times(dict(c.terms)[name], of(c.follower)) for c in firm if name in dict(c.terms)]
             done[name] = plus(alone[name], total(passed))
         return done[name]
 
-    return [of(coupling.follower) for coupling in mechanism.couplings]
+    return [
+        of(coupling.follower) if coupling.backlash is None else now.actions[coupling.name].force[0]
+        for coupling in mechanism.couplings
+    ]
 
 
 class Energies(NamedTuple):
@@ -162,7 +173,7 @@ def energies(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Energies:
 
 def contact_energy(mechanism: PreparedMechanism, time: Scalar, y: Array, motion: Frames | None = None) -> Term:
     """Elastic energy of the contacts [J]; `motion`: the frames of all bodies, if they are known."""
-    joints, motions = mechanism.clearance_joints(), relative_motions(time, y, mechanism, motion)
+    joints, motions = mechanism.contacts(), relative_motions(time, y, mechanism, motion)
     stored = [(joint.clearance, at) for joint, at in zip(joints, motions, strict=True)]
     return total(each_joint(PreparedClearance.elastic_energy, stored))
 

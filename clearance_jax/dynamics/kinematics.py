@@ -14,6 +14,7 @@ from clearance_jax.dynamics.forms.coupled import coupled
 from clearance_jax.dynamics.forms.frames import Extra, Frames
 from clearance_jax.dynamics.forms.table import TabledFrames
 from clearance_jax.dynamics.forms.written_out import write_out
+from clearance_jax.dynamics.gaps import gap_motions
 from clearance_jax.dynamics.relative_motion import (
     as_numbers,
     coordinate_values,
@@ -24,7 +25,8 @@ from clearance_jax.dynamics.relative_motion import (
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Spring
-from clearance_jax.mechanism.followers import unfold
+from clearance_jax.mechanism.unfolded import unfold
+from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
@@ -115,14 +117,15 @@ def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
 def relative_motions(
     time: Scalar, y: Array | Rows, mechanism: PreparedMechanism, motion: Frames | None = None
 ) -> list[Relative]:
-    """The relative motion in every clearance joint; `motion`: the frames of all bodies, if they are known."""
+    """The relative motion of every contact (`contacts`); `motion`: the frames of all bodies, if they are known."""
     state = layout(mechanism).split(y)
     in_tree = tree_relative_motions(
         mechanism, time, coordinate_values(mechanism, time, state), mechanism.clearance_joints()
     )
     loops = loop_plays(mechanism, time, state, motion)
     motions = {name: at.now for name, at in in_tree.items()} | {name: at.relative for name, (at, _) in loops.items()}
-    return [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
+    joints = [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
+    return joints + [at.now for at in gap_motions(mechanism, time, state)]
 
 
 def loop_plays(
@@ -142,14 +145,21 @@ def loop_plays(
 def relative_accelerations(
     time: Scalar, y: Array, slope: Array, mechanism: PreparedMechanism, groups: Groups | None = None
 ) -> list[tuple[Relative, Relative]]:
-    """The relative motion in every clearance joint and its rate, from a state and its slope; or of groups of them."""
-    plan, joints = layout(mechanism), mechanism.clearance_joints()
+    """The relative motion of every contact and its rate, from a state and its slope; or of groups of them."""
+    plan, joints = layout(mechanism), mechanism.contacts()
     state, speeds = plan.split(y), tuple(slope[i] for i in range(plan.v.start, plan.v.stop))
     values, loops = coordinate_values(mechanism, time, state, speeds), loop_plays(mechanism, time, state)
     groups = range(len(joints)) if groups is None else groups
-    in_tree = tree_relative_motions(mechanism, time, values, [joints[i] for i in groups if isinstance(i, int)])
+    alone_ones = [joints[i] for i in groups if isinstance(i, int)]
+    pins = [joint for joint in alone_ones if isinstance(joint, ClearanceJoint)]
+    in_tree, motions = tree_relative_motions(mechanism, time, values, pins), {}
+    if mechanism.gaps:
+        seen = gap_motions(mechanism, time, state, speeds)
+        motions = {gap.name: at for gap, at in zip(mechanism.gaps, seen, strict=True)}
 
-    def alone(joint: ClearanceJoint) -> tuple[Relative, Relative]:
+    def alone(joint: ClearanceJoint | CoordinateGap) -> tuple[Relative, Relative]:
+        if isinstance(joint, CoordinateGap):
+            return motions[joint.name]
         if joint.in_tree:
             now, rate = in_tree[joint.name]
         else:
@@ -162,7 +172,8 @@ def relative_accelerations(
         if isinstance(group, int):
             out.append(alone(joints[group]))
         elif joints[group[0]].in_tree:
-            now, rate = motions_together([joints[i] for i in group], time, values)
+            several = [joints[i] for i in group]
+            now, rate = motions_together([j for j in several if isinstance(j, ClearanceJoint)], time, values)
             out.append((now, share(rate)))
         else:
             out.append(stack_trees([alone(joints[i]) for i in group]))

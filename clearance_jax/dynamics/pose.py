@@ -157,7 +157,7 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
         return carry[0] + 1, newton(time, mechanism, carry[1].play, carry[1].y)
 
     _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begun))
-    state = step.state(mechanism)
+    state = step.state(mechanism, time)
     pressed = [
         (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
         for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
@@ -173,7 +173,7 @@ def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...
     fixed = mechanism.hold_pins(by_joint(mechanism, play))
     ideal = project(time, ideal, fixed, CLOSING) if mechanism.loops else ideal
     still, free = tuple(map(jnp.zeros_like, play)), tuple(jnp.asarray(False) for _ in play)
-    return whole_state(mechanism, Seats(ideal, play), Seats(place_rates(fixed, ideal), still), free)
+    return whole_state(mechanism, time, Seats(ideal, play), Seats(place_rates(fixed, ideal), still), free)
 
 
 def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> StaticPose:
@@ -189,7 +189,7 @@ def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPos
     play, ideal = jax.lax.stop_gradient((pose.play, pose.ideal))
     begin = _unstepped(time, mechanism, play, ideal)
     step = jax.lax.fori_loop(0, DIFFERENTIATED, lambda _, now: newton(time, mechanism, now.play, now.y), begin)
-    return step.state(mechanism)
+    return step.state(mechanism, time)
 
 
 def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "NewtonStep":
@@ -211,10 +211,10 @@ class NewtonStep(NamedTuple):
     unborne: Array
     moved: Array
 
-    def state(self, mechanism: PreparedMechanism) -> Array:
+    def state(self, mechanism: PreparedMechanism, time: Scalar) -> Array:
         """The state `[q, v, memory]` with all play at rest."""
         still = tuple(map(jnp.zeros_like, self.play))
-        return whole_state(mechanism, Seats(self.y, self.play), Seats(self.rates, still), self.pressed)
+        return whole_state(mechanism, time, Seats(self.y, self.play), Seats(self.rates, still), self.pressed)
 
 
 def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> NewtonStep:

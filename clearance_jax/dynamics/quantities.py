@@ -22,7 +22,7 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.laws._friction import speed_of
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
-from clearance_jax.mechanism.followers import unfold
+from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, actuated_coordinates, layout, parts
 from clearance_jax.spatial import Vector, add, as_array, length_of, rotation_vector, scale
@@ -47,7 +47,7 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
         whole = unfold(mechanism, time, state)
         every = exert_each(whole.mechanism, time, whole.state) if whole.weights else now.efforts
         out["actuator_effort"] = as_array([every[part.v.start] for part in moved])
-    if mechanism.couplings:
+    if mechanism.firm_couplings:
         out["torque"] = as_array(mesh_efforts(mechanism, time, state, now))
     energy = energies(time, y, mechanism)
     out |= {"kinetic_energy": energy.kinetic, "potential_energy": energy.potential, "elastic_energy": energy.elastic}
@@ -189,7 +189,7 @@ OF_COORDINATES = {"q": "position", "v": "velocity"}
 def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     """By name: a dimension and the labels of its entries."""
     coordinates = list(mechanism.coordinates())
-    followers = [coupling.follower for coupling in mechanism.couplings]
+    followers = [coupling.follower for coupling in mechanism.firm_couplings]
     driven = [c for c in coordinates if not c.motion.is_free and c.name not in followers]
     slides = {c.name for c in coordinates if c.slides is not None}
     moved = actuated_coordinates(mechanism)
@@ -205,7 +205,7 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
         "any_joint": ("any_joint", [j.name for j in mechanism.all_joints()]),
         "drive": ("drive", [c.name for c in driven]),
         "drive_unit": ("drive", ["N m" if c.slides is None else "N" for c in driven]),
-        "coupling": ("coupling", [coupling.name for coupling in mechanism.couplings]),
+        "coupling": ("coupling", [coupling.name for coupling in mechanism.firm_couplings]),
         "coupling_unit": ("coupling", ["N" if name in slides else "N m" for name in followers]),
         "actuated": ("actuated", [part.coordinate.name for part in moved]),
         "actuated_unit": ("actuated", ["N m" if part.coordinate.slides is None else "N" for part in moved]),

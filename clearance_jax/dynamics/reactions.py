@@ -90,8 +90,8 @@ def reactions(
     effort of a driven or actuated joint, and both contact and holding forces of a joint with clearance.
     """
     wrenches = now.motion.wrenches(now.acceleration)
-    # The first pairs are those of the clearance joints, in the order of their actions.
-    by_name = dict(zip(now.actions, now.pairs, strict=False))
+    # The first pairs are those of the clearance joints.
+    by_name = dict(zip(now.plays, now.pairs, strict=False))
     by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
     out: dict[str, SpatialForce] = {}
     for joint in mechanism.joints:

@@ -13,7 +13,6 @@ sleeve bears little, or a moment that is about to change its side, the place of 
 a pin begins at relative rest.
 """
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -25,49 +24,16 @@ from jaxtyping import Array
 from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import HELD, StartErrors, correct
+from clearance_jax.dynamics.deflected import deflect, engage, touching_gaps
 from clearance_jax.dynamics.equations import balance
-from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.reactions import by_joint, held_reactions, hold_still
 from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.seating import Near, Seat, SeatLoad, Turned, relative_at, seat, size_of, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
-from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, place_rates
-from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import gives_way, with_motions
 from clearance_jax.spatial import as_array, dot, hamilton, scale
-
-# Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more
-# make first and second derivatives right.
-DEFLECTIONS = 4
-
-
-def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
-    """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal."""
-    springs = [part for part in parts(mechanism.ideal()) if gives_way(part.coordinate.motion)]
-    if not springs:
-        return mechanism
-    ideal = mechanism.ideal().without_sampling().as_small_program()
-    places, speeds = (np.array([getattr(part, which).start for part in springs]) for which in "qv")
-    begin = initial_values(ideal)
-
-    def accelerations(x: Array) -> Array:
-        return slope(time, begin.at[places].set(x), ideal)[layout(ideal).v][speeds]
-
-    def once(_, x):
-        stiff = jax.lax.stop_gradient(jax.jacfwd(accelerations)(jax.lax.stop_gradient(x)))
-        return x - jnp.linalg.solve(stiff, accelerations(x))
-
-    positions = jax.lax.fori_loop(0, DEFLECTIONS, once, begin[places])
-    at = {part.coordinate.name: positions[i] for i, part in enumerate(springs)}
-
-    def change(c: Coordinate) -> Motion:
-        return dataclasses.replace(c.motion, position=at[c.name]) if c.name in at else c.motion
-
-    return dataclasses.replace(mechanism, joints=tuple(with_motions(joint, change) for joint in mechanism.joints))
-
 
 # Rounds with pins seated: each reduces the error by the ratio of clearance to length.
 ROUNDS = 16
@@ -143,16 +109,16 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, (first, still, (still, apart), errors))
     now, resting, (rate, (pressed, firm)), errors = begun
     paces = [speed / size for speed, size in zip(rate.play, sizes, strict=True)]
-    seated = _keep_pace(mechanism, time, whole_state(mechanism, now, rate, pressed), paces, firm, sizes)
+    seated = _keep_pace(mechanism, time, whole_state(mechanism, time, now, rate, pressed), paces, firm, sizes)
     rates = tuple(jnp.where(rest > 0, 0.0, p) for rest, p in zip(seated.rest, rate.play, strict=True))
     # If pins are at rest and close loops, the velocities are those of the mechanism with all pins held.
     y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
-    return whole_state(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
+    return whole_state(mechanism, time, now, Seats(y, rates), pressed), errors._replace(seated=seated)
 
 
 def _check(mechanism: PreparedMechanism) -> None:
     """Raise for a mechanism that has no settled start."""
-    for joint in mechanism.clearance_joints():
+    for joint in mechanism.contacts():
         if not joint.clearance.normal.law.has_static_force:
             raise ClearanceError(
                 f'`start = "settled"` does not know how far `{type(joint.clearance.normal.law).__name__}` in the joint '
@@ -250,7 +216,9 @@ def seats_of(
     return [seats[k] for k in range(len(joints))]
 
 
-def whole_state(mechanism: PreparedMechanism, now: Seats, rate: Seats, pressed: tuple[Array, ...]) -> Array:
+def whole_state(
+    mechanism: PreparedMechanism, time: Scalar, now: Seats, rate: Seats, pressed: tuple[Array, ...]
+) -> Array:
     """The state of the mechanism with its play; a pressed contact counts as touching."""
     by_name: dict[str, tuple[Any, Any]] = {}
     for c, q, _ in parts(mechanism.ideal()):
@@ -269,5 +237,11 @@ def whole_state(mechanism: PreparedMechanism, now: Seats, rate: Seats, pressed: 
         width = len(joint.clearance.remembers) // joint.clearance.joint.count
         for i, name in enumerate(joint.clearance.remembers):
             memory.append(touching[i // width] if name.startswith("touching") else 0.0)
-    values = [by_name[coordinate.name] for coordinate in mechanism.free_coordinates()]
-    return as_array([x for place, _ in values for x in place] + [x for _, speed in values for x in speed] + memory)
+    # What follows with backlash is no state of the ideal mechanism; `engage` places it.
+    none = (0.0,), (0.0,)
+    values = [by_name.get(coordinate.name, none) for coordinate in mechanism.free_coordinates()]
+    y = as_array([x for place, _ in values for x in place] + [x for _, speed in values for x in speed] + memory)
+    if not mechanism.gaps:
+        return y
+    y = engage(mechanism, time, y)
+    return jnp.concatenate([y, as_array(touching_gaps(mechanism, time, y))])

@@ -15,6 +15,7 @@ from clearance_jax.laws.friction.velocity import (
 )
 from clearance_jax.laws.geometry import Geometry, Material
 from clearance_jax.laws.normal.constant_restitution import Anagnostopoulos, Tsuji
+from clearance_jax.laws.normal.flank import Flank
 from clearance_jax.laws.normal.line import (
     LineContact,
     Winkler,
@@ -104,6 +105,7 @@ __all__ = [
     "CubicCoulomb",
     "Dahl",
     "ElastoPlastic",
+    "Flank",
     "Geometry",
     "Hertz",
     "HuntCrossley",

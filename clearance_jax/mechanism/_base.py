@@ -1,5 +1,6 @@
 """The base of both kinds of mechanism, the user's and the one prepared for a solve: structure, and times of breaks."""
 
+import abc
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
@@ -14,12 +15,13 @@ from clearance_jax.errors import unknown_name
 from clearance_jax.mechanism.actuators import instants
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController, Reference
-from clearance_jax.mechanism.couplings import Coupling
+from clearance_jax.mechanism.couplings import Coupling, without_backlash
 from clearance_jax.mechanism.form import Columns, EquationForm, columns_of, is_less_by_blocks
+from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
-from clearance_jax.mechanism.variants import without_play
+from clearance_jax.mechanism.variants import without_gaps, without_play
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
 
@@ -92,7 +94,7 @@ class AbstractMechanism(Parametrised):
 
     def free_coordinates(self) -> tuple[Coordinate, ...]:
         """The free coordinates that follow no other, which are states."""
-        followers = {coupling.follower for coupling in self.couplings}
+        followers = {coupling.follower for coupling in self.firm_couplings}
         return tuple(c for c in self.moved_coordinates() if c.name not in followers)
 
     def moved_coordinates(self) -> tuple[Coordinate, ...]:
@@ -107,6 +109,20 @@ class AbstractMechanism(Parametrised):
             for joint in group
             if isinstance(joint, AbstractPlayed) and joint.clearance is not None
         )
+
+    @property
+    @abc.abstractmethod
+    def gaps(self) -> tuple[CoordinateGap, ...]:
+        """The gaps of coordinates: backlash and stops."""
+
+    def contacts(self) -> tuple[ClearanceJoint | CoordinateGap, ...]:
+        """Everything that touches and comes off: clearance joints, then gaps of coordinates."""
+        return (*self.clearance_joints(), *self.gaps)
+
+    @property
+    def firm_couplings(self) -> tuple[Coupling, ...]:
+        """The couplings without backlash, whose followers are no states."""
+        return tuple(coupling for coupling in self.couplings if coupling.backlash is None)
 
     def closures(self) -> tuple[AbstractJoint, ...]:
         """The loops without clearance: ideal constraints."""
@@ -174,16 +190,21 @@ class AbstractMechanism(Parametrised):
         every = len(list(self.coordinates()))
         columns = self.columns.values()
         loose = sum(each.count for each in columns if each.is_loose)
-        played, by_blocks = bool(self.clearance_joints()), is_less_by_blocks(columns, self.is_plane)
+        played, by_blocks = bool(self.contacts()), is_less_by_blocks(columns, self.is_plane)
         return EquationForm(free, conditions, every, played, self.is_plane, loose, by_blocks)
 
     def ideal(self: Kind) -> Kind:
-        """The same mechanism without clearances and misalignments."""
+        """The same mechanism without clearances, backlash, stops and misalignments."""
         return self.hold_pins({})._with_joints(without_misalignment)
 
     def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
         """The ideal mechanism with pins held at values of their `play` by joint [m or rad] (default: in the middle)."""
-        return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
+        held = self._with_joints(lambda joint: without_gaps(without_play(joint, play.get(joint.name))))
+        return held._without_gaps() if self.gaps else held
+
+    def _without_gaps(self: Kind) -> Kind:
+        """The same mechanism, whose joints have no gaps any more, with couplings without backlash."""
+        return dataclasses.replace(self, couplings=without_backlash(self.couplings))
 
     def _with_joints(self: Kind, change: Callable[[AbstractJoint], AbstractJoint]) -> Kind:
         """The same mechanism with every joint changed."""

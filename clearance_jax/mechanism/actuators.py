@@ -13,8 +13,9 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.laws.normal.flank import Flank, Pieces
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
-from clearance_jax.parameters import describe, physical
+from clearance_jax.parameters import describe, flatten, physical
 from clearance_jax.spatial import Term
 
 __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"]
@@ -166,8 +167,28 @@ class JointSpring(AbstractActuator):
         return self.damping * velocity**2, 0.0
 
 
-class DriveSpring(JointSpring):
-    """The spring and damper of a drive. A settled start is deflected by the load that it bears."""
+class DriveSpring(AbstractActuator):
+    """The spring and damper of a drive: -T_e(q - q0) - c q', with the effort and the damping of its `flank`. A settled
+    start is deflected by the load that it bears.
+
+    With `backlash`, the width of the whole gap [rad], of a slide [m], it is no actuator: its flanks act as a contact
+    (`mechanism.gaps`). Energy balances count that as a contact's, and not as an actuator's work.
+    """
+
+    flank: Flank = flatten()
+    backlash: Scalar | None = physical(
+        "coordinate", "the whole gap between its flanks", '"3 arcmin"', "none", above=0.0, lifted=True, default=None
+    )
+    rest: Scalar = physical("coordinate", "coordinate q0 at which the spring is relaxed", '"10 deg"', default=0.0)
+
+    def __call__(self, time, position, velocity):
+        if self.backlash is not None:
+            return 0.0 * position
+        pull = Pieces.of(self.flank.stiffness, self.flank.efforts).effort(position - self.rest)
+        return -pull - self.flank.damping * velocity
+
+    def losses(self, velocity):
+        return 0.0 if self.backlash is not None else self.flank.damping * velocity**2, 0.0
 
 
 class JointFriction(AbstractActuator):

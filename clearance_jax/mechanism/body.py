@@ -11,10 +11,12 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.joints.gap import Gap
+from clearance_jax.laws import AbstractNormalLaw
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.mechanism.placement import ORIGIN, Components, Inertia, Orientation, Position, as_inertia
-from clearance_jax.parameters import Parametrised, describe, flatten, lead, physical
+from clearance_jax.parameters import Demand, Parametrised, describe, flatten, lead, physical
 from clearance_jax.spatial import Term, Vector, scale
 
 GROUND = "ground"
@@ -124,6 +126,41 @@ class Limits(NamedTuple):
     effort: float | None = None
 
 
+class Stops(Parametrised):
+    """The stops of a free coordinate, which its link meets at the ends of its range: contacts with the law of a `flank`.
+
+    **Arguments:** `lower`, `upper` [rad or m]: where they are; `None`: there is none on this side; `flank`: their law,
+    with efforts [N m] of angles, [N] of lengths.
+
+    **Raises:** `ClearanceError` without any of the two.
+    """
+
+    lower: Scalar | None = physical("coordinate", "the lower stop", '"-170 deg"', "none", default=None)
+    upper: Scalar | None = physical("coordinate", "the upper stop", '"170 deg"', "none", default=None)
+    flank: AbstractNormalLaw = flatten(kw_only=True)
+
+    def __check_init__(self):
+        if self.lower is None and self.upper is None:
+            raise ClearanceError("Stops need `lower`, `upper` or both.").about("upper")
+
+    def demands(self):
+        if self.lower is not None and self.upper is not None:
+            yield Demand("upper", self.upper > self.lower, lambda: "must be greater than `lower`")
+
+    @property
+    def offset(self) -> Scalar:
+        """The place that the gap is counted from: the middle, or the only stop [rad or m]."""
+        if self.lower is None or self.upper is None:
+            return self.upper if self.lower is None else self.lower  # pyright: ignore[reportReturnType]
+        return 0.5 * (self.lower + self.upper)
+
+    def gap(self) -> Gap:
+        """The gap between them."""
+        if self.lower is None or self.upper is None:
+            return Gap(0.0, self.flank, "upper" if self.lower is None else "lower")
+        return Gap(self.upper - self.lower, self.flank)
+
+
 class Motion(Module):
     """How one coordinate of a joint moves: prescribed by a drive, or free, under any number of actuators.
 
@@ -133,7 +170,8 @@ class Motion(Module):
     - `position`, `velocity`: initial values of a free coordinate [rad, rad/s] or [m, m/s]. If a loop must be closed,
       they are first guesses.
     - `actuators`: forces along a free coordinate.
-    - `limits`: what its drive can do, as a data sheet says. A motion is not held within them.
+    - `limits`: what its drive can do, as a data sheet says. A motion is held within them by `stops` only.
+    - `stops`: of a free coordinate: what it hits at the ends of its range.
     - `rotor_inertia` [kg m^2], or [kg] of a slide: that of the motor of a free coordinate, times the square of the gear
       ratio. It resists the motion of this coordinate only. Its weight, and its resistance when the whole motor is
       moved, are left out.
@@ -162,6 +200,7 @@ class Motion(Module):
         above=0.0,
         default=None,
     )
+    stops: Stops | None = None
 
     def __check_init__(self):
         names = [actuator.name for actuator in self.actuators if actuator.name is not None]

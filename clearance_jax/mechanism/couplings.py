@@ -2,10 +2,11 @@
 
 A coordinate follows one or two others: q = ratio * q_leader + second_ratio * q_second + offset. It is no state: place,
 velocity and acceleration follow exactly, so nothing drifts. Its inertia, and the forces on it, act on its leaders
-through the ratio. Angles are those of the joints, so each is relative to the body that carries the joint: on a carrier
+through the ratio. (With backlash it moves by itself, and contacts keep it within a gap: `mechanism.gaps`.) Angles are those of the joints, so each is relative to the body that carries the joint: on a carrier
 that turns, the relation of the wheels is that in the carrier's axes (Willis).
 """
 
+import dataclasses
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -15,7 +16,8 @@ import equinox as eqx
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
-from clearance_jax.parameters import Demand, Parametrised, describe, physical
+from clearance_jax.laws import AbstractNormalLaw
+from clearance_jax.parameters import Demand, Parametrised, describe, flatten, physical
 from clearance_jax.spatial import Term, plus, times
 
 # Of a preset: also a plain one.
@@ -35,6 +37,9 @@ class Coupling(Parametrised):
     - `follower`, `leader`, `second`: names of coordinates of the tree. The follower has no drive. It may lead others.
     - `ratio`, `second_ratio`: rates of the follower by those of its leaders, in [1], [m/rad] or [rad/m].
     - `offset` [rad or m]: the follower's value where its leaders are zero.
+    - `backlash` [rad or m of the follower]: the whole gap between the teeth, with the law of their `flank` (a
+      `laws.Flank`, or another normal law, whose forces are then efforts on the follower). The follower is then a
+      coordinate of its own, which starts in the middle of the gap; its `position` and `velocity` count from there.
 
     **Raises:** `ClearanceError`, from the mechanism, for unknown coordinates, play, balls, a follower that a drive
     prescribes, and circles.
@@ -51,6 +56,10 @@ class Coupling(Parametrised):
     second_ratio: Scalar | None = physical(
         "follower/second", "its rate by that of the second one", "0.7", "one leader", default=None
     )
+    backlash: Scalar | None = physical(
+        "follower", "the whole gap between the teeth, on the follower", '"4 arcmin"', "none", above=0.0, default=None
+    )
+    flank: AbstractNormalLaw | None = flatten(default=None)
 
     def __check_init__(self):
         if (self.second is None) != (self.second_ratio is None):
@@ -60,6 +69,10 @@ class Coupling(Parametrised):
             text = f"Coupling `{self.name}` names `{self.leader}` as `leader` and as `second`. Add up their ratios."
             raise ClearanceError(text).about(f"{self.name}.second")
 
+        if (self.backlash is None) != (self.flank is None):
+            text = f"Coupling `{self.name}` needs a `backlash` and the law of its flanks (`stiffness`), or neither."
+            raise ClearanceError(text).about(f"{self.name}.backlash")
+
     def demands(self):
         for name in ("ratio", "second_ratio"):
             if (ratio := getattr(self, name)) is not None:
@@ -67,7 +80,9 @@ class Coupling(Parametrised):
 
     def units_by(self, kinds: Mapping[str, str]) -> dict[str, str]:
         """The units of its numbers by the words of its fields; `kinds`: units of coordinates by name."""
-        return coupling_units(kinds, self.follower, self.leader, self.second)
+        units = coupling_units(kinds, self.follower, self.leader, self.second)
+        effort = "N" if units["follower"] == "m" else "N*m"
+        return units | {"coordinate": units["follower"], "effort": effort}
 
     @property
     def terms(self) -> tuple[tuple[str, Scalar], ...]:
@@ -104,36 +119,63 @@ def _teeth(name: str, counts: Sequence[float | int]) -> tuple[float, float]:
 
 
 def Gear(
-    name: str, follower: str, leader: str, teeth: Sequence[float | int], *, internal: bool = False, offset: Number = 0.0
+    name: str,
+    follower: str,
+    leader: str,
+    teeth: Sequence[float | int],
+    *,
+    internal: bool = False,
+    offset: Number = 0.0,
+    backlash: Number | None = None,
+    flank: AbstractNormalLaw | None = None,
 ) -> Coupling:
     """A pair of gears with parallel axes, or of bevel gears.
 
-    **Arguments:** `name`, `follower`, `leader`, `offset`: as in `Coupling`; `teeth`: numbers of teeth of the leader and
-    of the follower; `internal`: whether one of them is a ring with teeth inside. Such a pair turns the same way, any
+    **Arguments:** `name`, `follower`, `leader`, `offset`, `backlash`, `flank`: as in `Coupling`; `teeth`: numbers of
+    teeth of the leader and of the follower; `internal`: whether one of them is a ring with teeth inside. Such a pair turns the same way, any
     other pair opposite ways. (Of bevel gears the sign depends on how their axes point: `internal` changes it.)
 
     **Raises:** `ClearanceError` for fewer than 5 teeth.
     """
     first, second = _teeth(name, teeth)
-    return Coupling(name, follower, leader, (1 if internal else -1) * first / second, offset)
+    ratio = (1 if internal else -1) * first / second
+    return Coupling(name, follower, leader, ratio, offset, backlash=backlash, flank=flank)
 
 
-def Rack(name: str, follower: str, leader: str, radius: Number, *, offset: Number = 0.0) -> Coupling:
+def Rack(
+    name: str,
+    follower: str,
+    leader: str,
+    radius: Number,
+    *,
+    offset: Number = 0.0,
+    backlash: Number | None = None,
+    flank: AbstractNormalLaw | None = None,
+) -> Coupling:
     """A rack, the slide `follower`, moved by a pinion: x = radius q.
 
-    **Arguments:** `name`, `follower`, `leader`, `offset` [m]: as in `Coupling`; `radius` [m]: pitch radius of the
+    **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `radius` [m]: pitch radius of the
     pinion, module times teeth / 2; negative where the rack moves the other way.
     """
-    return Coupling(name, follower, leader, radius, offset)
+    return Coupling(name, follower, leader, radius, offset, backlash=backlash, flank=flank)
 
 
-def Screw(name: str, follower: str, leader: str, lead: Number, *, offset: Number = 0.0) -> Coupling:
+def Screw(
+    name: str,
+    follower: str,
+    leader: str,
+    lead: Number,
+    *,
+    offset: Number = 0.0,
+    backlash: Number | None = None,
+    flank: AbstractNormalLaw | None = None,
+) -> Coupling:
     """A screw: the slide `follower` moves by the lead a turn of the leader: x = lead q / (2 pi).
 
-    **Arguments:** `name`, `follower`, `leader`, `offset` [m]: as in `Coupling`; `lead` [m]: negative of a left-hand
+    **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `lead` [m]: negative of a left-hand
     thread.
     """
-    return Coupling(name, follower, leader, lead / (2 * math.pi), offset)
+    return Coupling(name, follower, leader, lead / (2 * math.pi), offset, backlash=backlash, flank=flank)
 
 
 def Belt(
@@ -191,6 +233,11 @@ def _solved(name: str, factors: Mapping[str, float], follower: str) -> Coupling:
         (other, -factor / factors[follower]) for other, factor in factors.items() if other != follower
     )
     return Coupling(name, follower, leader, ratio, second=second, second_ratio=second_ratio)
+
+
+def without_backlash(couplings: Sequence[Coupling]) -> tuple[Coupling, ...]:
+    """The couplings without backlash."""
+    return tuple(dataclasses.replace(c, backlash=None, flank=None) if c.backlash is not None else c for c in couplings)
 
 
 class Resolved(NamedTuple):

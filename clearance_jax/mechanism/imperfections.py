@@ -15,29 +15,36 @@ on `NAME_axis`. The ideal mechanism has no misalignment, so errors of position a
 import dataclasses
 from collections.abc import Iterable
 
+from jaxtyping import Array
+
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.laws.normal.flank import Flank
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Body, Motion, Motor
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Fixed, Misalignment, Prismatic, Revolute
 from clearance_jax.mechanism.variants import motor_of
-from clearance_jax.parameters import Parametrised, physical
+from clearance_jax.parameters import Demand, Parametrised, check_demands, like, physical
 
 
 class Compliance(Parametrised):
-    """The elasticity between a motor and its link.
+    """The elasticity between a motor and its link, and its backlash.
 
     **Arguments:**
 
-    - `stiffness` [N m/rad] and `damping` [N m s/rad], seen from the link; of a slide [N/m] and [N s/m].
+    - `stiffness` [N m/rad] and `damping` [N m s/rad], seen from the link; of a slide [N/m] and [N s/m]. Several
+      stiffnesses, in an array, hold each up to the next of the rising `efforts` [N m] or [N], as of a harmonic drive.
+    - `backlash` [rad or m]: the whole gap, seen from the link. Its flanks have the law `laws.Flank` of these numbers;
+      `damping_factor` and `limited` are further ones of this law. The drive touches at either end of the gap, in
+      contacts like those of a clearance joint, by the name `NAME_drive`.
     - `rotor_inertia` [kg m^2], or [kg]: of a motor that actuators move: the inertia of the rotor times the square of
       the gear ratio.
     """
 
-    stiffness: Scalar = physical("effort/coordinate", "stiffness", '"50 kN*m/rad"', above=0.0)
-    damping: Scalar = physical("effort*s/coordinate", "damping", '"20 N*m*s/rad"', least=0.0, default=0.0)
+    stiffness: Scalar = like(Flank, "stiffness", help="stiffness, of several pieces in an array")
+    damping: Scalar = like(Flank, "damping")
     rotor_inertia: Scalar | None = physical(
         "effort*s^2/coordinate",
         "inertia of the motor's rotor, seen through the gears",
@@ -46,6 +53,21 @@ class Compliance(Parametrised):
         above=0.0,
         default=None,
     )
+    backlash: Scalar | None = like(DriveSpring, "backlash", lifted=False)
+    efforts: Array | None = like(Flank, "efforts")
+    damping_factor: Scalar | None = like(Flank, "damping_factor")
+    limited: bool = like(Flank, "limited")
+
+    def demands(self):
+        yield from self.flank.demands()
+        if self.damping_factor is not None:
+            words = "belongs to a `backlash`: leave it out, or give that too"
+            yield Demand("damping_factor", self.backlash is not None, lambda: words)
+
+    @property
+    def flank(self) -> Flank:
+        """The law of its flanks."""
+        return Flank(self.stiffness, self.damping, self.damping_factor, self.efforts, self.limited)
 
 
 def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> Mechanism:
@@ -71,8 +93,11 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
         text = f"`rotor_inertia` has no effect in joint `{name}`: its drive is followed exactly, whatever its motor is."
         raise ClearanceError(text)
     inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
-    spring = Motion(actuators=(DriveSpring(compliance.stiffness, compliance.damping, name="compliance"),))
-    return mechanism.with_joint(dataclasses.replace(joint, motor=Motor(**vars(joint.motion) | inertia), motion=spring))
+    check_demands(compliance, f"{name}.")
+    spring = Motion(actuators=(DriveSpring(compliance.flank, compliance.backlash, name="compliance"),))
+    moved = vars(joint.motion) | {"stops": None}
+    spring = dataclasses.replace(spring, stops=joint.motion.stops)
+    return mechanism.with_joint(dataclasses.replace(joint, motor=Motor(**moved | inertia), motion=spring))
 
 
 def with_misalignment(mechanism: Mechanism, names: Iterable[str] | None = None) -> Mechanism:

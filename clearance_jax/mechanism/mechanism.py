@@ -13,6 +13,7 @@ from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.followers import mark_followers, with_followed_drives
+from clearance_jax.mechanism.gaps import gaps_of
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.structure import check_model, check_structure
@@ -63,6 +64,10 @@ class Mechanism(AbstractMechanism):
 
     def __check_init__(self):
         check_structure(self)
+
+    @property
+    def gaps(self):
+        return gaps_of(tuple(self.coordinates()), self.couplings)
 
     # Variants ------------------------------------------------------------------------------------------------------
 
@@ -121,7 +126,7 @@ class Mechanism(AbstractMechanism):
         **Raises:** `ClearanceError` for an unknown coordinate, for one whose drive gives way (free its motor), and for
         one that follows another (free that one).
         """
-        check_freed(self.all_joints(), names, {coupling.follower for coupling in self.couplings})
+        check_freed(self.all_joints(), names, {coupling.follower for coupling in self.firm_couplings})
         return self._with_joints(lambda joint: with_drives(joint, dict.fromkeys(names)))
 
     def prepare(self) -> PreparedMechanism:
@@ -137,6 +142,7 @@ class Mechanism(AbstractMechanism):
             tuple(wrench.prepare() for wrench in self.wrenches),
             tuple(c.prepare(self._model_of(c).prepare().without_sampling()) for c in self.controllers),
             self.couplings,
+            gaps=tuple(gap.prepare() for gap in self.gaps),
         )
         return ready.as_table() if self.form.is_table else ready
 

@@ -11,6 +11,8 @@ from clearance_jax.mechanism._base import AbstractMechanism, sampling_periods
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.couplings import Coupling
+from clearance_jax.mechanism.followers import mark_followers, with_followed_drives
+from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree.links import ONCE, Links, links_of
 from clearance_jax.mechanism.tree.tree import AbstractJoint
@@ -37,6 +39,7 @@ class PreparedMechanism(AbstractMechanism):
     wrenches: tuple[Wrench, ...]
     controllers: tuple[AbstractController, ...]
     couplings: tuple[Coupling, ...] = ()
+    gaps: tuple[CoordinateGap, ...] = ()  # pyright: ignore[reportIncompatibleMethodOverride]
     chosen: Array | None = None
     links: Links | None = None
 
@@ -47,6 +50,11 @@ class PreparedMechanism(AbstractMechanism):
 
     def _with_joints(self, change):
         return dataclasses.replace(super()._with_joints(change), chosen=None, links=None)
+
+    def _without_gaps(self):
+        firm = dataclasses.replace(super()._without_gaps(), gaps=())
+        marked = dataclasses.replace(firm, joints=mark_followers(firm))
+        return dataclasses.replace(marked, joints=with_followed_drives(marked))
 
     def at(self, time: Scalar) -> "PreparedMechanism":
         """The mechanism with the payloads that it has at a time."""

@@ -115,7 +115,7 @@ class Layout(NamedTuple):
 
 def layout(mechanism: AbstractMechanism) -> Layout:
     """The state layout of a mechanism."""
-    memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
+    memories = tuple((j.name, j.clearance.remembers) for j in mechanism.contacts())
     free = mechanism.free_coordinates()
     positions = tuple(name for c in free for name in c.positions)
     efforts = tuple((s.name, s.coordinates) for s in effort_sources(mechanism) if s.period is not None)

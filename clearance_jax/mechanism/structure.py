@@ -30,7 +30,7 @@ def check_structure(mechanism: AbstractMechanism) -> None:
     _check_attached(bodies, mechanism.springs, (*mechanism.points, *mechanism.wrenches))
     _check_payloads(bodies, joints)
     _check_coupled(mechanism)
-    _check_control(mechanism.controllers, tuple(mechanism.coordinates()), mechanism.couplings)
+    _check_control(mechanism.controllers, tuple(mechanism.coordinates()), mechanism.firm_couplings)
     if not mechanism.is_plane:
         _check_tilting(bodies, joints)
         _check_loose(loops)
@@ -154,9 +154,9 @@ def _check_coupled(mechanism: AbstractMechanism) -> None:
     driven = {c.name for c in every if c.motion.drive is not None and not isinstance(c.motion.drive, Follows)}
     known = {c.name: c.play is None and not c.is_ball for c in every}
     check_couplings(mechanism.couplings, known, driven, motors)
-    followers = {coupling.follower for coupling in mechanism.couplings}
+    followers = {coupling.follower for coupling in mechanism.firm_couplings}
     for c in every:
-        roots = leaders_of(c.name, mechanism.couplings) if c.name in followers and c.motion.actuators else set()
+        roots = leaders_of(c.name, mechanism.firm_couplings) if c.name in followers and c.motion.actuators else set()
         # A link whose drive gives way is moved by its motor too.
         firm = driven.intersection(roots | {motor_of(name) for name in roots})
         if firm:

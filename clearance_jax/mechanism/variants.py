@@ -202,6 +202,21 @@ def without_play(joint: AbstractJoint, values: Sequence[Term] | None) -> Abstrac
     return dataclasses.replace(ideal, **changed)
 
 
+def without_gaps(joint: AbstractJoint) -> AbstractJoint:
+    """The joint without backlash in its drive, and without stops."""
+
+    def firm(actuator: Any) -> Any:
+        has_gap = isinstance(actuator, DriveSpring) and actuator.backlash is not None
+        return dataclasses.replace(actuator, backlash=None) if has_gap else actuator
+
+    def change(c: Coordinate) -> Motion:
+        actuators = tuple(firm(actuator) for actuator in c.motion.actuators)
+        changed = c.motion.stops is not None or any(a is not b for a, b in zip(actuators, c.motion.actuators, strict=True))
+        return dataclasses.replace(c.motion, actuators=actuators, stops=None) if changed else c.motion
+
+    return with_motions(joint, change)
+
+
 def change_each_play(mechanism: Any, change: Callable[[Any], Any]) -> Any:
     """The mechanism with `change(clearance)` in the place of every clearance."""
     for joint in mechanism.clearance_joints():

@@ -157,7 +157,7 @@ def _stack_jvp(primals, tangents, *, options):
 
 def refuse_jumps(mechanism: Mechanism) -> None:
     """Raise for a law whose force jumps at first touch: no tolerance removes the bias of its derivative."""
-    for joint in mechanism.clearance_joints():
+    for joint in mechanism.contacts():
         for law in joint.laws:
             if law.smoothness == "C-1":
                 raise ClearanceError(

@@ -37,7 +37,7 @@ time for the same error. The page found the same limit in the plane and in space
 def kind_of(model: Any) -> str:
     """The kind of a mechanism (or a model's), for the choice of a solver: without play, in the plane, or in space."""
     mechanism = model if isinstance(model, Mechanism) else model.mechanism
-    if not mechanism.clearance_joints():
+    if not mechanism.contacts():
         return SMOOTH
     return PLANE if mechanism.is_plane else SPACE
 

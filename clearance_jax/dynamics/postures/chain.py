@@ -137,7 +137,7 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     if joints is None:
         names = [name for name, c in movable.items() if not ideal.closures() or not c.motion.is_free]
         # A follower is moved by what it follows in the end; where that gives way, by its motor.
-        roots = [root for name in names for root in sorted(leaders_of(name, ideal.couplings))]
+        roots = [root for name in names for root in sorted(leaders_of(name, ideal.firm_couplings))]
         joints = list(dict.fromkeys(motor_of(root) if gives_way(known[root].motion) else root for root in roots))
     if not joints:
         raise _no_joint(point, movable, bool(ideal.closures()))

@@ -87,7 +87,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     """The verdict on a try."""
     t0, t1 = times
     error, of_motion = scaled_error(problem, trial, means, t1)
-    if not (means.locate_events and problem.mechanism.clearance_joints()):
+    if not (means.locate_events and problem.mechanism.contacts()):
         return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     joint_curves, misfit = curves(times, ends, problem.mechanism)

@@ -82,8 +82,8 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
 
 
 def event_groups(mechanism: PreparedMechanism) -> Groups:
-    """The clearance joints whose events are located together: each by itself, or alike ones of several points."""
-    joints = mechanism.clearance_joints()
+    """The contacts whose events are located together: each by itself, or alike ones of several points."""
+    joints = mechanism.contacts()
     several = [i for i, joint in enumerate(joints) if joint.has_points]
     groups: list[int | list[int]] = [i for i, joint in enumerate(joints) if not joint.has_points]
     ways = [[(c.slides, c.turns) for c in joints[i].joint.own_coordinates()] for i in several]
@@ -100,14 +100,14 @@ def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], 
     state's own.)
     """
     t0, h = times[0], times[1] - times[0]
-    plan, joints, groups = layout(mechanism), mechanism.clearance_joints(), event_groups(mechanism)
+    plan, joints, groups = layout(mechanism), mechanism.contacts(), event_groups(mechanism)
     y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
 
     begin, finish = at_both_ends(times, y0, y1, slope0, slope1, mechanism, groups)
     group_curves = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
     if all(joint.in_tree for joint in joints):
         return group_curves, jnp.zeros_like(h)
-    sizes = each_lane(lambda mechanism: [joint.size for joint in mechanism.clearance_joints()], h)(mechanism)
+    sizes = each_lane(lambda mechanism: [joint.size for joint in mechanism.contacts()], h)(mechanism)
 
     inside = between((y0, y1, slope0, slope1), h, CHECKED, plan)
     true = each_lane(relative_motions, h)(t0 + CHECKED * h, inside, mechanism)
@@ -173,7 +173,7 @@ def first_event(
     the step just after its start. There the starting regime is read (the start itself is the last event). It is also
     the precision of the place.
     """
-    joints, memory = mechanism.clearance_joints(), layout(mechanism).split(y).memory
+    joints, memory = mechanism.contacts(), layout(mechanism).split(y).memory
     first = jnp.full_like(begin, jnp.inf)
     every = [(joint.clearance, memory[joint.name]) for joint in joints]
     for group, curve in zip(event_groups(mechanism), curve_of, strict=True):

@@ -192,7 +192,7 @@ def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
     plan = layout(mechanism)
     memory, parts = plan.split(y).memory, []
     seen = relative_accelerations(time, y, slope, mechanism)
-    for joint, (at, rate) in zip(mechanism.clearance_joints(), seen, strict=True):
+    for joint, (at, rate) in zip(mechanism.contacts(), seen, strict=True):
         if joint.clearance.remembers:
             parts += joint.clearance.latch(memory[joint.name], at, rate)
     if plan.held:

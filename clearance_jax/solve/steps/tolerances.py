@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Each, Flag, Scalar
 from clearance_jax.dynamics.field import BALANCE_TERMS
 from clearance_jax.mechanism._base import AbstractMechanism
+from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, parts
@@ -138,6 +139,20 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
     return FLOOR * total
 
 
+def _gap_sizes(mechanism: PreparedMechanism) -> tuple[dict[str, Array], dict[str, Array]]:
+    """By coordinate the size of its own backlash; and of that in the least of its meshes, seen from it."""
+    own, meshed = {}, {}
+    for gap in mechanism.gaps:
+        if not gap.is_play:
+            continue
+        for name, factor in zip(gap.coordinates, gap.factors, strict=True):
+            if len(gap.coordinates) == 1:
+                own[name] = gap.size
+            else:
+                meshed[name] = jnp.minimum(meshed.get(name, jnp.inf), gap.size / jnp.abs(jnp.asarray(factor)))
+    return own, meshed
+
+
 def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
     """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
     (velocities, and penetrations that may exceed a tiny clearance). `atol` (by component of the state) overrides the
@@ -147,16 +162,21 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     without states takes its steps from it. Integrals are controlled by their signals' scales.
     """
     mechanism = problem.mechanism
-    size, joints = scales(mechanism, y0, t0, t1), mechanism.clearance_joints()
+    size, joints = scales(mechanism, y0, t0, t1), mechanism.contacts()
     position, velocity, adapt = [], [], []
+    own, meshed = _gap_sizes(mechanism)
     for coordinate in mechanism.free_coordinates():
-        turns, c = coordinate.slides is None, coordinate.play
+        turns, c = coordinate.slides is None, own.get(coordinate.name, coordinate.play)
         if c is not None:
             slow = size.spin * c
             position.append(c)
-            velocity.append(slow if turns else jnp.maximum(slow, jnp.sqrt(2 * size.acceleration * c)))
+            # A link crosses its gap as a pin does; a tilt is slower.
+            fall = size.acceleration / size.length if coordinate.name in own and turns else size.acceleration
+            is_tilt = turns and coordinate.name not in own
+            velocity.append(slow if is_tilt else jnp.maximum(slow, jnp.sqrt(2 * fall * c)))
         else:
-            position += [jnp.asarray(1.0) if turns else size.length] * len(coordinate.positions)
+            least = meshed.get(coordinate.name, jnp.inf)
+            position += [jnp.minimum(1.0 if turns else size.length, least)] * len(coordinate.positions)
             velocity += [size.spin if turns else size.spin * size.length] * len(coordinate.velocities)
         adapt += [0.0 if c is None else 1.0] * len(coordinate.positions)
     memory = [scale for joint in joints for scale in joint.clearance.memory_scale()]
@@ -177,8 +197,9 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (energy_balance,)), *(rtol * unit for unit in signals)])
     # The surfaces' places are known to the round-off of lengths and of angles turned, however short the step.
     turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
-    smallest = jnp.min(jnp.stack([joint.size for joint in joints])) if joints else jnp.inf
-    noise = 64 * _EPS * size.length * turned / smallest
+    lengths = [1.0 if isinstance(joint, CoordinateGap) and joint.turns else size.length for joint in joints]
+    fuzzy = [length / joint.size for joint, length in zip(joints, lengths, strict=True)]
+    noise = 64 * _EPS * turned * (jnp.max(jnp.stack(fuzzy)) if fuzzy else 0.0)
     # The event left inside a cut step causes an error of second order in the margin (a fraction of the uncut step); of
     # first order if a force jumps, and in derivatives if its slope jumps.
     first_order = problem.varies or any(law.smoothness == "C-1" for joint in joints for law in joint.laws)

@@ -1,0 +1,161 @@
+"""Drives that give way, and gears with backlash, under the load of the start: deflected, on the flank that bears it.
+
+The ideal mechanism has no backlash. Its springs and couplings are put where the loaded flanks are (`DriveSpring.rest`, by
+half a gap; `Coupling.offset`, by the place in the gap), so its loads are those of the settled mechanism. A gap that
+nothing loads starts in the middle.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._basis.types import Scalar
+from clearance_jax.dynamics.equations import balance
+from clearance_jax.dynamics.field import mesh_efforts, slope
+from clearance_jax.dynamics.gaps import gap_motions
+from clearance_jax.joints._base import TOUCHING
+from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.gaps import DRIVE
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import StateSlices, initial_values, layout, parts
+from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.variants import gives_way, with_motions
+from clearance_jax.spatial import Term, plus, times
+
+# Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more
+# make first and second derivatives right.
+DEFLECTIONS = 4
+# Rounds of loads and flanks. A flank moves its link by half a gap, and changes the loads by about that angle.
+ROUNDS = 3
+
+
+def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
+    """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal, and with
+    gaps on the flanks that bear the load.
+    """
+    mechanism = _deflected(time, mechanism)
+    gaps = {gap.name: gap for gap in mechanism.gaps if gap.is_play}
+    for _ in range(ROUNDS if gaps else 0):
+        ideal = mechanism.ideal().without_sampling()
+        state = layout(ideal).split(initial_values(ideal))
+        # The springs' efforts on their links, and those of the meshes.
+        pull = {
+            DRIVE.format(c.name): spring(time, jnp.asarray(c.motion.position, float), 0.0)
+            for c in (part.coordinate for part in _springs(ideal))
+            for spring in c.motion.actuators
+        }
+        if any(coupling.name in gaps for coupling in mechanism.couplings):
+            pull |= dict(
+                zip(
+                    (c.name for c in ideal.couplings),
+                    mesh_efforts(ideal, time, state, balance(ideal, time, state)),
+                    strict=True,
+                )
+            )
+        places = {name: _seat(gap, jnp.asarray(pull[name], float)) for name, gap in gaps.items()}
+        mechanism = _deflected(time, _on_flanks(mechanism, gaps, places))
+    return mechanism
+
+
+def _springs(ideal: PreparedMechanism) -> list[StateSlices]:
+    return [part for part in parts(ideal) if gives_way(part.coordinate.motion)]
+
+
+def _deflected(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
+    """The mechanism with the springs of drives deflected by the load."""
+    springs = _springs(mechanism.ideal())
+    if not springs:
+        return mechanism
+    ideal = mechanism.ideal().without_sampling().as_small_program()
+    places, speeds = (np.array([getattr(part, which).start for part in springs]) for which in "qv")
+    begin = initial_values(ideal)
+
+    def accelerations(x: Array) -> Array:
+        return slope(time, begin.at[places].set(x), ideal)[layout(ideal).v][speeds]
+
+    def once(_, x):
+        stiff = jax.lax.stop_gradient(jax.jacfwd(accelerations)(jax.lax.stop_gradient(x)))
+        return x - jnp.linalg.solve(stiff, accelerations(x))
+
+    positions = jax.lax.fori_loop(0, DEFLECTIONS, once, begin[places])
+    at = {part.coordinate.name: positions[i] for i, part in enumerate(springs)}
+
+    def change(c: Coordinate) -> Motion:
+        return dataclasses.replace(c.motion, position=at[c.name]) if c.name in at else c.motion
+
+    return dataclasses.replace(mechanism, joints=tuple(with_motions(joint, change) for joint in mechanism.joints))
+
+
+def _seat(gap, effort: Array) -> tuple[Array, Array]:
+    """The middle of the flank that gives an effort (-1, 1; 0: nothing loads it), and the place of rest in the gap."""
+    (place, _), pressed = gap.clearance.seat((effort, jnp.zeros(())))
+    side = jnp.where(pressed, -jnp.sign(effort), 0.0)
+    return side, jnp.where(pressed, place, 0.0)
+
+
+def _on_flanks(mechanism: PreparedMechanism, gaps: dict, places: dict) -> PreparedMechanism:
+    """The mechanism whose ideal one has its springs and couplings where the flanks are."""
+
+    def change(c: Coordinate) -> Motion:
+        name = DRIVE.format(c.name)
+        if name not in gaps:
+            return c.motion
+        rest = places[name][0] * gaps[name].size
+        actuators = tuple(dataclasses.replace(spring, rest=rest) for spring in c.motion.actuators)
+        return dataclasses.replace(c.motion, actuators=actuators)
+
+    joints = tuple(with_motions(joint, change) for joint in mechanism.joints)
+    shifted = {
+        coupling.name: gaps[coupling.name].offset + places[coupling.name][1]
+        for coupling in mechanism.couplings
+        if coupling.name in gaps
+    }
+    couplings = tuple(
+        dataclasses.replace(c, offset=shifted[c.name]) if c.name in shifted else c for c in mechanism.couplings
+    )
+    return dataclasses.replace(mechanism, joints=joints, couplings=couplings)
+
+
+def engage(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
+    """The state with every follower with backlash where its coupling has it, and what the state says beyond that."""
+    meshes = {c.follower: c for c in mechanism.couplings if c.backlash is not None}
+    if not meshes:
+        return y
+    plan = layout(mechanism)
+    places = {part.coordinate.name: (part.q.start, plan.v.start + part.v.start) for part in parts(mechanism)}
+    drives = {c.name: c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None}
+    gaps, done = {gap.name: gap for gap in mechanism.gaps}, {}
+
+    def of(name: str) -> tuple[Term, Term]:
+        if name in drives:
+            return drives[name](time)[:2]
+        if name not in done:
+            own = y[places[name][0]], y[places[name][1]]
+            if name in meshes:
+                gap = gaps[meshes[name].name]
+                place, speed = plus(own[0], meshes[name].offset), own[1]
+                for leader, factor in zip(gap.coordinates[1:], gap.factors[1:], strict=True):
+                    at, moving = of(leader)
+                    place, speed = plus(place, times(-factor, at)), plus(speed, times(-factor, moving))
+                own = jnp.asarray(place, float), jnp.asarray(speed, float)
+            done[name] = own
+        return done[name]
+
+    for name in meshes:
+        (q, v), (place, speed) = places[name], of(name)
+        y = y.at[q].set(place).at[v].set(speed)
+    return y
+
+
+def touching_gaps(mechanism: PreparedMechanism, time: Scalar, y: Array) -> list[Array | float]:
+    """The first memory of the gaps' laws in a state: which flank touches."""
+    state = layout(mechanism).split(jnp.concatenate([y, jnp.zeros(layout(mechanism).size - y.shape[0])]))
+    memory: list[Array | float] = []
+    for gap, at in zip(mechanism.gaps, gap_motions(mechanism, time, state), strict=True):
+        depth, _ = gap.clearance.depths(at.now)
+        touches = jnp.where(depth[0] > 0, 1.0, 0.0)
+        memory += [touches if name == "touching" else 0.0 for name in gap.clearance.remembers]
+    return memory

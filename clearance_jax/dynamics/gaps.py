@@ -1,0 +1,82 @@
+"""The gaps of coordinates in a state: their places with rates, and the efforts of their contacts."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from clearance_jax._basis.types import Rows, Scalar
+from clearance_jax._compile.barriers import share
+from clearance_jax.dynamics.relative_motion import RelativeMotion, coordinate_values
+from clearance_jax.joints import Action, PreparedClearance, Relative
+from clearance_jax.mechanism.gaps import CoordinateGap
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import State, layout, moved_parts
+from clearance_jax.mechanism.tree.moved import motion_of
+from clearance_jax.mechanism.unfolded import fold, unfold
+from clearance_jax.spatial import ZERO, Term, minus, plus, times
+
+
+class GapEfforts(NamedTuple):
+    """Efforts of gaps: on the free velocities, and on every coordinate with a gap by its name."""
+
+    free: list[Term]
+    by_name: dict[str, Term]
+
+
+def gap_motions(
+    mechanism: PreparedMechanism, time: Scalar, state: State, accelerations: Rows | None = None
+) -> list[RelativeMotion]:
+    """The place in every gap, and its rate for accelerations of the free velocities (default: none)."""
+    if not mechanism.gaps:
+        return []
+    values = coordinate_values(mechanism, time, state, accelerations)
+    coordinates = {c.name: c for c in mechanism.coordinates()}
+    known = {
+        name: motion_of(coordinates[name], time, values)
+        for name in {name: None for gap in mechanism.gaps for name in gap.coordinates}
+    }
+    return [_motion(gap, known) for gap in mechanism.gaps]
+
+
+def _motion(gap: CoordinateGap, known: Mapping) -> RelativeMotion:
+    place: Term = minus(0.0, gap.offset)
+    speed: Term = 0.0
+    rise: Term = 0.0
+    for name, factor in zip(gap.coordinates, gap.factors, strict=True):
+        now = known[name]
+        place, speed = plus(place, times(factor, now.q[0])), plus(speed, times(factor, now.v[0]))
+        rise = plus(rise, times(factor, now.a[0]))
+    x, v, a = share(tuple(jnp.asarray(term, float) for term in (place, speed, rise)))
+    here = Relative((x, 0.0, 0.0), 0.0, (v, 0.0, 0.0), ZERO)
+    return RelativeMotion(here, Relative((v, 0.0, 0.0), 0.0, (a, 0.0, 0.0), ZERO))
+
+
+def gap_actions(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Action]:
+    """What the contacts of the gaps do, by name."""
+    seen = gap_motions(mechanism, time, state)
+    return {
+        gap.name: share(PreparedClearance.act(gap.clearance, at.now, state.memory[gap.name]))
+        for gap, at in zip(mechanism.gaps, seen, strict=True)
+    }
+
+
+def gap_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, actions: Mapping[str, Action]) -> GapEfforts:
+    """The efforts of the gaps' contacts."""
+    by_name: dict[str, Term] = {}
+    for gap in mechanism.gaps:
+        for name, factor in zip(gap.coordinates, gap.factors, strict=True):
+            by_name[name] = plus(by_name.get(name, 0.0), times(factor, actions[gap.name].force[0]))
+    if not by_name:
+        return GapEfforts([0.0] * layout(mechanism).free, by_name)
+    whole = unfold(mechanism, time, state)
+    every: list[Term] = [0.0] * len(whole.state.v)
+    for part in moved_parts(mechanism):
+        every[part.v.start] = by_name.get(part.coordinate.name, 0.0)
+    efforts = fold(whole.weights, every, layout(mechanism).free) if whole.weights else every
+    return GapEfforts(efforts, by_name)
+
+
+def added(efforts: Sequence[Term], more: Sequence[Term]) -> list[Term]:
+    """Efforts on the free velocities, added up."""
+    return [plus(a, b) for a, b in zip(efforts, more, strict=True)]

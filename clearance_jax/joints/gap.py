@@ -1,0 +1,61 @@
+"""The gap of a coordinate: backlash of a drive or a gear, and the stops of a joint.
+
+It is a contact along one number, the place x in the gap: an angle [rad], or a length [m]. The laws act on it as on
+walls: the penetration is |x| - b/2 between two flanks, and the "force" of a law is the effort on the coordinate.
+"""
+
+from typing import ClassVar, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._basis.types import Scalar
+from clearance_jax.joints._base import AbstractClearance
+from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
+from clearance_jax.joints.elements import AbstractElement
+from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry
+from clearance_jax.parameters import physical
+from clearance_jax.spatial import ZERO, X
+
+Sides = Literal["both", "upper", "lower"]
+
+
+class Gap(AbstractClearance):
+    """The gap of a coordinate between two flanks, or beside one of them.
+
+    **Arguments:** `width` b [rad or m]: of the whole gap; `normal`: the law of a flank, in [N m] of [rad] for an angle;
+    `sides`: where flanks are: one at either end, or only above (below) zero.
+    """
+
+    width: Scalar = physical("coordinate", least=0.0)
+    normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
+    sides: Sides = eqx.field(static=True, default="both")
+    friction: AbstractFrictionLaw | None = None
+    element: AbstractElement | None = None
+    tangents: ClassVar[int] = 0
+    flat: ClassVar[bool] = True
+    kind: ClassVar[str] = "gap"
+
+    def play(self):
+        return (PlayCoordinate("", self.half, slides=X),)
+
+    @property
+    def half(self) -> Scalar:
+        """Half of the gap's width [rad or m]."""
+        return 0.5 * self.width
+
+    def geometry(self):
+        return Geometry(self.half, self.half, self.half, kind="flat")
+
+    def points(self, at):
+        x, rate = at.place[0], at.velocity[0]
+        side = {"both": jnp.where(jnp.asarray(x) >= 0, 1.0, -1.0), "upper": 1.0, "lower": -1.0}[self.sides]
+        half = self.half if self.sides == "both" else 0.0
+        depth, speed = jnp.asarray(side * x - half, float), jnp.asarray(side * rate, float)
+        return ContactPoint(depth, speed, (), (jnp.asarray(side, float), 0.0, 0.0), (), ZERO)
+
+    def travel(self, along):
+        return self.half
+
+    def outline(self):
+        return None

@@ -1,0 +1,108 @@
+"""Gaps of coordinates: backlash of drives and of couplings, and the stops of joints.
+
+Each is a contact along one number x = sum k_i q_i - o of the mechanism's coordinates q_i. Its effort T acts on every one
+of them by k_i T. It is no wrench between two bodies: a motor does not feel the teeth of the gear behind it, but what the
+gear lets through.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._basis.module import Module
+from clearance_jax._basis.types import Scalar
+from clearance_jax.joints.gap import Gap
+from clearance_jax.mechanism.actuators import DriveSpring
+from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.couplings import Coupling
+from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.variants import gives_way, motor_of
+from clearance_jax.spatial import Term, minus
+
+DRIVE, STOP = "{}_drive", "{}_stop"
+"""Names of the gaps of a coordinate."""
+
+
+class CoordinateGap(Module):
+    """The gap of a place x = sum k_i q_i - o: `coordinates` with their `factors`, the `offset` o, and the `clearance`, a
+    `Gap` or one with its laws' constants.
+
+    - `in_tree`: whether all coordinates are states, so that the place is one too.
+    - `turns`: whether x is an angle [rad], else a length [m]; `is_play`: whether it is backlash, and no range of stops.
+    """
+
+    name: str = eqx.field(static=True)
+    coordinates: tuple[str, ...] = eqx.field(static=True)
+    factors: tuple[Term, ...]
+    offset: Term
+    clearance: Any
+    in_tree: bool = eqx.field(static=True)
+    turns: bool = eqx.field(static=True)
+    is_play: bool = eqx.field(static=True)
+
+    @property
+    def joint(self) -> "CoordinateGap":
+        """Itself, for what asks a clearance joint for its joint."""
+        return self
+
+    @property
+    def laws(self) -> tuple[Any, ...]:
+        """Its contact laws, as the user gave them."""
+        return self.clearance.laws
+
+    @property
+    def has_points(self) -> bool:
+        """Whether it can touch at several points."""
+        return False
+
+    @property
+    def size(self) -> Array:
+        """Half of its width [rad or m]."""
+        return jnp.asarray(getattr(self.clearance, "joint", self.clearance).half, float)
+
+    def own_coordinates(self) -> tuple[()]:
+        """None: its coordinates are those of joints."""
+        return ()
+
+    def prepare(self) -> "CoordinateGap":
+        """The gap with its laws' constants."""
+        return eqx.tree_at(lambda gap: gap.clearance, self, self.clearance.prepare())
+
+
+def gaps_of(coordinates: tuple[Coordinate, ...], couplings: tuple[Coupling, ...]) -> tuple[CoordinateGap, ...]:
+    """The gaps of drives and stops, in the order of the coordinates, then those of couplings."""
+    by_name = {c.name: c for c in coordinates}
+    every = [gap for c in coordinates if isinstance(c.motion, Motion) for gap in _of_coordinate(c, by_name)]
+    for coupling in couplings:
+        if coupling.backlash is not None:
+            names = (coupling.follower, *(leader for leader, _ in coupling.terms))
+            factors = (1.0, *(minus(0.0, ratio) for _, ratio in coupling.terms))
+            terms = dict(zip(names, factors, strict=True))
+            for name, factor in [*terms.items()]:
+                if gives_way(by_name[name].motion):
+                    terms[motor_of(name)] = factor
+            clearance = Gap(coupling.backlash, coupling.flank)  # pyright: ignore[reportArgumentType]
+            every.append(_gap(coupling.name, terms, coupling.offset, clearance, by_name))
+    return tuple(every)
+
+
+def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[CoordinateGap]:
+    for actuator in c.motion.actuators:
+        if isinstance(actuator, DriveSpring) and actuator.backlash is not None:
+            yield _gap(DRIVE.format(c.name), {c.name: 1.0}, 0.0, Gap(actuator.backlash, actuator.flank), by_name)
+    stops = c.motion.stops
+    if stops is not None and c.motion.is_free:
+        terms = {c.name: 1.0} | ({motor_of(c.name): 1.0} if gives_way(c.motion) else {})
+        yield _gap(STOP.format(c.name), terms, stops.offset, stops.gap(), by_name, is_play=False)
+
+
+def _gap(
+    name: str, terms: dict[str, Term], offset: Scalar | float, clearance: Gap, by_name: dict[str, Coordinate],
+    is_play: bool = True,
+) -> CoordinateGap:  # fmt: skip
+    in_tree = all(by_name[each].motion.is_free for each in terms)
+    turns = by_name[next(iter(terms))].slides is None
+    return CoordinateGap(name, tuple(terms), tuple(terms.values()), offset, clearance, in_tree, turns, is_play)
