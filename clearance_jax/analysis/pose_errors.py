@@ -82,7 +82,10 @@ def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any
 
 
 def play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
-    """The coordinates of a joint's play; none for a joint that cannot have play."""
+    """The coordinates of a joint's play, or of a gap's; none for a joint that cannot have play."""
+    for gap in mechanism.gaps:
+        if gap.name == name:
+            return (PlayCoordinate("", gap.size, slides=X),)
     joint = mechanism.joint(name)
     return joint.play() if isinstance(joint, AbstractPlayed) else ()
 
@@ -92,14 +95,14 @@ def place_slopes(mechanism: Mechanism, index: int, names: tuple[str, ...], t0, t
     """Derivatives of the place of the point with an index, in the ideal motion, by the play of each named joint or by
     its offset: (times, axes, play) for each name.
     """
-    ideal = mechanism.ideal()
+    ideal = mechanism.intended()
     solution = run(ideal, t1, settings_of(ideal, t1, {"t0": t0, "save_at": samples}))
     times, states, axes = solution.time, solution.y, len(axes_of(ideal))
     counts = [len(play_of(mechanism, name)) for name in names]
 
     def place(values, t, y):
         offsets = {name: tuple(offset) for name, offset, count in zip(names, values, counts, strict=True) if count}
-        moved = mechanism.hold_pins(offsets)
+        moved = mechanism.intended(offsets)
         for name, offset, count in zip(names, values, counts, strict=True):
             moved = moved if count else _offset(moved, name, offset)
         ready = moved.prepare()

@@ -132,7 +132,7 @@ def _ideal_motion(mechanism: Any, solution: Any, solve: dict[str, Any]) -> Any:
     from clearance_jax.metrics.ideal import freedom
     from clearance_jax.solve.simulate import simulate as solution_of
 
-    ideal = mechanism.ideal()
+    ideal = mechanism.intended()
     try:
         if not mechanism.clearance_joints() or freedom(ideal) == 0:
             return None

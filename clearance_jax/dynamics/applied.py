@@ -77,7 +77,8 @@ def renew(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool
 def command(source: Acting, time: Scalar, seen: Measured) -> Sequence[Term]:
     """The efforts of an actuator or a controller from a measurement now."""
     if isinstance(source.part, AbstractActuator):
-        position, velocity = _read(source.part.measures() or source.coordinates, seen)
+        position, _ = _read(source.part.measures() or source.coordinates, seen)
+        _, velocity = _read(source.part.measures_rate() or source.coordinates, seen)
         return [source.part(time, jnp.asarray(position, float), jnp.asarray(velocity, float))]
     # Inverse dynamics of the controller's model, in the order of its references.
     model: PreparedMechanism = source.part.model

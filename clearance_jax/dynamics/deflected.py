@@ -18,11 +18,10 @@ from clearance_jax.dynamics.field import mesh_efforts, slope
 from clearance_jax.dynamics.gaps import gap_motions
 from clearance_jax.joints._base import TOUCHING
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.gaps import DRIVE
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import StateSlices, initial_values, layout, parts
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import gives_way, with_motions
+from clearance_jax.mechanism.variants import DRIVE, gives_way, with_motions
 from clearance_jax.spatial import Term, plus, times
 
 # Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more

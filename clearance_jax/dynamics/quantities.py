@@ -18,6 +18,7 @@ from clearance_jax._compile.shapes import TreeShape, tree_shape
 from clearance_jax.dynamics.applied import exert_each
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.field import BALANCE_TERMS, drive_forces, energies, mesh_efforts, read_balance
+from clearance_jax.dynamics.gaps import gap_motions
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.laws._friction import speed_of
@@ -33,7 +34,8 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
     mechanism, plan = mechanism.at(time), layout(mechanism)
     state = plan.split(y)
     now = balance(mechanism, time, state)
-    out = coordinate_values(mechanism, time, state) | point_motions(mechanism, now) | contacts(mechanism, now)
+    out = coordinate_values(mechanism, time, state) | point_motions(mechanism, now)
+    out |= contacts(mechanism, now) | in_gaps(mechanism, time, state, now)
     axes = len(axes_of(mechanism))
     exerted = reactions(mechanism, now).values()
     out["joint_reaction"] = jnp.stack([as_array(w.force[:axes]) for w in exerted])
@@ -47,7 +49,7 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
         whole = unfold(mechanism, time, state)
         every = exert_each(whole.mechanism, time, whole.state) if whole.weights else now.efforts
         out["actuator_effort"] = as_array([every[part.v.start] for part in moved])
-    if mechanism.firm_couplings:
+    if mechanism.couplings:
         out["torque"] = as_array(mesh_efforts(mechanism, time, state, now))
     energy = energies(time, y, mechanism)
     out |= {"kinetic_energy": energy.kinetic, "potential_energy": energy.potential, "elastic_energy": energy.elastic}
@@ -58,11 +60,11 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
 
 def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
     """By joint with clearance: the pin's place (joints, axes), the normal force, and values at its deepest point."""
-    if not now.actions:
+    if not now.plays:
         return {}
-    plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
-    every = [action.points for action in now.actions.values()]
-    points, patterns = [action.deepest for action in now.actions.values()], {}
+    plays, actions = [at.relative for at in now.plays.values()], [now.actions[name] for name in now.plays]
+    every = [action.points for action in actions]
+    points, patterns = [action.deepest for action in actions], {}
     if len(axes_of(mechanism)) == 3:
         joints = [joint.clearance.joint for joint in mechanism.clearance_joints()]
         bearing = [joint.pattern(joint.points(at)) for joint, at in zip(joints, plays, strict=True)]
@@ -74,10 +76,26 @@ def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
         "eccentricity": jnp.stack([as_array(at.place[: len(axes_of(mechanism))]) for at in plays]),
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
-        "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),
+        "contact_force": jnp.stack([action.normal_force for action in actions]),
         "contact_power": jnp.stack([jnp.sum(each.normal_force * each.penetration_rate) for each in every]),
         "friction_force": jnp.stack([_friction(mechanism, now, joint) for joint in mechanism.clearance_joints()]),
         "slip_velocity": jnp.stack([p.slip[0] if len(p.slip) == 1 else speed_of(p.slip) for p in points]),
+    }
+
+
+def in_gaps(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> dict[str, Array]:
+    """By gap of a coordinate: the place in it, its contact, and the effort of the flanks."""
+    if not mechanism.gaps:
+        return {}
+    actions = [now.actions[gap.name] for gap in mechanism.gaps]
+    places = [at.now.place[0] for at in gap_motions(mechanism, time, state)]
+    return {
+        "gap_position": as_array(places),
+        "gap_penetration": jnp.stack([action.points.penetration for action in actions]),
+        "gap_penetration_rate": jnp.stack([action.points.penetration_rate for action in actions]),
+        "gap_effort": as_array([action.force[0] for action in actions]),
+        "gap_contact_force": jnp.stack([action.normal_force for action in actions]),
+        "gap_contact_power": jnp.stack([a.normal_force * a.points.penetration_rate for a in actions]),
     }
 
 
@@ -163,6 +181,12 @@ OBSERVED = {
     "pin_tilt": Variable(
         ("joint", "across"), "rad", "how the pin's axis leans along the sleeve's x and y (in space); 0 for a ball"
     ),
+    "gap_position": Variable(("gap",), "see gap_unit", "place in the gap of a drive, coupling or stop, from its middle"),
+    "gap_penetration": Variable(("gap",), "see gap_unit", "how deep a flank is pressed (negative: apart)"),
+    "gap_penetration_rate": Variable(("gap",), "see gap_rate_unit", "rate of the penetration (positive: approach)"),
+    "gap_effort": Variable(("gap",), "see gap_effort_unit", "effort of the flanks on the link or follower"),
+    "gap_contact_force": Variable(("gap",), "see gap_effort_unit", "size of the effort of the flanks"),
+    "gap_contact_power": Variable(("gap",), "W", "power taken up by the flanks (negative: given back)"),
     "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
     "joint_moment": Variable(
         ("any_joint", "axis"), "N m", "moment on the child body about the joint's place, world axes (in space)"
@@ -190,6 +214,7 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     """By name: a dimension and the labels of its entries."""
     coordinates = list(mechanism.coordinates())
     followers = [coupling.follower for coupling in mechanism.firm_couplings]
+    wheels, gaps = [coupling.follower for coupling in mechanism.couplings], mechanism.gaps
     driven = [c for c in coordinates if not c.motion.is_free and c.name not in followers]
     slides = {c.name for c in coordinates if c.slides is not None}
     moved = actuated_coordinates(mechanism)
@@ -205,8 +230,12 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
         "any_joint": ("any_joint", [j.name for j in mechanism.all_joints()]),
         "drive": ("drive", [c.name for c in driven]),
         "drive_unit": ("drive", ["N m" if c.slides is None else "N" for c in driven]),
-        "coupling": ("coupling", [coupling.name for coupling in mechanism.firm_couplings]),
-        "coupling_unit": ("coupling", ["N" if name in slides else "N m" for name in followers]),
+        "coupling": ("coupling", [coupling.name for coupling in mechanism.couplings]),
+        "coupling_unit": ("coupling", ["N" if name in slides else "N m" for name in wheels]),
+        "gap": ("gap", [gap.name for gap in gaps]),
+        "gap_unit": ("gap", ["rad" if gap.turns else "m" for gap in gaps]),
+        "gap_rate_unit": ("gap", ["rad/s" if gap.turns else "m/s" for gap in gaps]),
+        "gap_effort_unit": ("gap", ["N m" if gap.turns else "N" for gap in gaps]),
         "actuated": ("actuated", [part.coordinate.name for part in moved]),
         "actuated_unit": ("actuated", ["N m" if part.coordinate.slides is None else "N" for part in moved]),
     }
@@ -251,7 +280,7 @@ def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tup
     for i, label in enumerate(labelled[first][1]):
         unit = described.unit
         unit = labelled[unit.removeprefix("see ")][1][i] if unit.startswith("see ") else unit
-        name = f"{label}.{OF_COORDINATES.get(variable, variable)}"
+        name = f"{label}.{OF_COORDINATES.get(variable, variable.removeprefix('gap_'))}"
         yield name, QuantityEntry(variable, (i,), unit)
         if variable == "q":
             yield label, QuantityEntry(variable, (i,), unit)

@@ -3,6 +3,7 @@
 import abc
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -21,7 +22,7 @@ from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
-from clearance_jax.mechanism.variants import without_gaps, without_play
+from clearance_jax.mechanism.variants import gives_way, rigid, without_gaps, without_play
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
 
@@ -120,6 +121,11 @@ class AbstractMechanism(Parametrised):
         return (*self.clearance_joints(), *self.gaps)
 
     @property
+    def has_play(self) -> bool:
+        """Whether it has clearances or backlash."""
+        return bool(self.clearance_joints()) or any(gap.is_play for gap in self.gaps)
+
+    @property
     def firm_couplings(self) -> tuple[Coupling, ...]:
         """The couplings without backlash, whose followers are no states."""
         return tuple(coupling for coupling in self.couplings if coupling.backlash is None)
@@ -196,6 +202,22 @@ class AbstractMechanism(Parametrised):
     def ideal(self: Kind) -> Kind:
         """The same mechanism without clearances, backlash, stops and misalignments."""
         return self.hold_pins({})._with_joints(without_misalignment)
+
+    def intended(self: Kind, play: Mapping[str, Sequence[Term]] = MappingProxyType({})) -> Kind:
+        """The mechanism as it is meant to move, to which errors refer: the ideal one, with drives that do not give way.
+
+        **Arguments:** `play`: by joint, values of its play coordinates [m or rad] at which its pin is held; by gap of a
+        drive or a coupling the place in it (default: in the middle).
+        """
+        held = self.hold_pins(play)._with_joints(without_misalignment)
+        at = {name: places[0] for name, places in play.items()}
+        if any(gives_way(c.motion) for c in held.moved_coordinates()):
+            held = held._with_joints(lambda joint: rigid(joint, at))
+        meshes = [c for c in self.couplings if c.backlash is not None and c.name in at]
+        if not meshes:
+            return held
+        shifted = {c.name: dataclasses.replace(c, offset=c.offset + at[c.name]) for c in without_backlash(meshes)}
+        return dataclasses.replace(held, couplings=tuple(shifted.get(c.name, c) for c in held.couplings))
 
     def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
         """The ideal mechanism with pins held at values of their `play` by joint [m or rad] (default: in the middle)."""

@@ -91,6 +91,10 @@ class AbstractActuator(Module):
         """The coordinates whose sum it measures; none: the one that it acts on."""
         return ()
 
+    def measures_rate(self) -> tuple[str, ...]:
+        """The coordinates the sum of whose rates it measures; by default those of `measures`."""
+        return self.measures()
+
     def sampling_period(self) -> float | None:
         """The period [s] at whose multiples it measures, holding its force in between; `None`: it acts continuously."""
         return None
@@ -118,6 +122,9 @@ class Servo(AbstractActuator):
     - `stiffness` k [N m/rad] and `damping` b [N m s/rad], at least 0; of a slide [N/m] and [N s/m].
     - `encoder`: names of the coordinates whose sum is q. By default q is the coordinate that the servo moves. If a
       motor turns its link through a gear with play or a spring, the encoder may be on the link: `("motor", "link")`.
+    - `rate_encoder`: names of the coordinates the sum of whose rates is q'; by default those of `encoder`. A servo that
+      sees the link's place and the motor's speed is stable behind a spring or a gap where one that sees the link alone
+      is not.
     - `period` [s]: of a digital servo. It measures at whole multiples of the period, and holds its force between them
       (zero-order hold). The period is a fixed number of the program: you cannot differentiate by it.
     """
@@ -127,6 +134,7 @@ class Servo(AbstractActuator):
     damping: Scalar = physical("effort*s/coordinate", "gain b of the speed error", '"5 N*m*s/rad"', least=0.0)
     encoder: tuple[str, ...] = names_key("coordinates whose sum it measures", "its own")
     period: float | None = period_key()
+    rate_encoder: tuple[str, ...] = names_key("coordinates the sum of whose rates it measures", "those of `encoder`")
 
     def __check_init__(self):
         check_period(self.period, "A servo")
@@ -143,6 +151,9 @@ class Servo(AbstractActuator):
 
     def measures(self):
         return self.encoder
+
+    def measures_rate(self):
+        return self.rate_encoder or self.encoder
 
     def sampling_period(self):
         return self.period

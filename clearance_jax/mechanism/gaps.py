@@ -19,12 +19,8 @@ from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import gives_way, motor_of
+from clearance_jax.mechanism.variants import DRIVE, STOP, gives_way, motor_of
 from clearance_jax.spatial import Term, minus
-
-DRIVE, STOP = "{}_drive", "{}_stop"
-"""Names of the gaps of a coordinate."""
-
 
 class CoordinateGap(Module):
     """The gap of a place x = sum k_i q_i - o: `coordinates` with their `factors`, the `offset` o, and the `clearance`, a

@@ -16,7 +16,7 @@ from clearance_jax.mechanism.followers import mark_followers, with_followed_driv
 from clearance_jax.mechanism.gaps import gaps_of
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.structure import check_model, check_structure
+from clearance_jax.mechanism.structure import check_encoders, check_model, check_structure
 from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play
 
@@ -131,6 +131,7 @@ class Mechanism(AbstractMechanism):
 
     def prepare(self) -> PreparedMechanism:
         """The mechanism as a solve uses it: a `PreparedMechanism`, with everything that depends on its numbers only."""
+        check_encoders(tuple(self.coordinates()))
         ready = PreparedMechanism(
             self.bodies,
             tuple(joint.prepare() for joint in with_followed_drives(self)),

@@ -9,7 +9,7 @@ from jax.core import Tracer
 
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.mechanism.body import GROUND, Body, Motor, Spring
+from clearance_jax.mechanism.body import GROUND, Body, Motion, Motor, Spring
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.couplings import Coupling, Follows, check_couplings, leaders_of
 from clearance_jax.mechanism.placement import Inertia, Position
@@ -179,7 +179,10 @@ def _check_control(
                 "else acts on it. Leave out the drive or the actuators (friction and springs among them)."
             )
         for actuator in c.motion.actuators:
-            _check_encoder(f"An actuator of `{c.name}`", actuator.measures(), c, every)
+            seen = (*actuator.measures(), *actuator.measures_rate())
+            # A joint may name the motor that `with_compliance` is about to give it; `check_encoders` looks again.
+            known = every if isinstance(c.motion, Motor) or gives_way(c.motion) else every | {motor_of(c.name): c}
+            _check_encoder(f"An actuator of `{c.name}`", seen, c, known)
     owner: dict[str, str] = {}
     for controller in controllers:
         for reference in controller.references:
@@ -190,6 +193,16 @@ def _check_control(
                 raise ClearanceError(f"{what} commands `{name}`, which controller `{owner[name]}` commands already.")
             owner[name] = controller.name
             _check_encoder(what, reference.encoder, every[name], every)
+
+
+def check_encoders(coordinates: Sequence[Coordinate]) -> None:
+    """Raise where an actuator measures a motor that its joint does not have."""
+    names = {c.name for c in coordinates}
+    for c in coordinates:
+        for actuator in c.motion.actuators if isinstance(c.motion, Motion) else ():
+            if {*actuator.measures(), *actuator.measures_rate()} - names:
+                text = f"An actuator of `{c.name}` measures its motor, but the joint has none: give its drive a compliance."
+                raise ClearanceError(text).about(motor_of(c.name))
 
 
 def _check_encoder(what: str, encoder: Sequence[str], coordinate: Coordinate, every: dict[str, Coordinate]) -> None:

@@ -13,6 +13,7 @@ from clearance_jax.joints.presets import BALL, FIT, GUIDE, OWN, PIN, SHAFT, Pres
 from clearance_jax.joints.seating import pose_at
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.motion.drives import Constant
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.placement import Position, as_prepared
 from clearance_jax.mechanism.tree.compounds import Ball, Cylindrical, Spherical
@@ -25,6 +26,10 @@ from clearance_jax.spatial import IDENTITY, UNIT, Term, add, is_zero, product, t
 def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
     """The coordinates of joints of the tree that a drive may prescribe, by name: all but play and balls."""
     return {c.name: c for joint in joints for c in joint.own_coordinates() if _field(joint, c) is not None}
+
+
+DRIVE, STOP = "{}_drive", "{}_stop"
+"""Names of the gaps of a coordinate: of its drive, and of its stops."""
 
 
 def motor_of(name: str) -> str:
@@ -213,6 +218,17 @@ def without_gaps(joint: AbstractJoint) -> AbstractJoint:
         actuators = tuple(firm(actuator) for actuator in c.motion.actuators)
         changed = c.motion.stops is not None or any(a is not b for a, b in zip(actuators, c.motion.actuators, strict=True))
         return dataclasses.replace(c.motion, actuators=actuators, stops=None) if changed else c.motion
+
+    return with_motions(joint, change)
+
+
+def rigid(joint: AbstractJoint, at: Mapping[str, Any]) -> AbstractJoint:
+    """The joint whose drive does not give way; `at`: by name of a drive's gap the place at which its link is held."""
+
+    def change(c: Coordinate) -> Motion:
+        if not gives_way(c.motion):
+            return c.motion
+        return Motion(Constant(at.get(DRIVE.format(c.name), 0.0)).prepare(), limits=c.motion.limits)
 
     return with_motions(joint, change)
 

@@ -46,7 +46,7 @@ def freedom(ideal: Mechanism) -> int:
 
 def ideal_state(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """The state of an ideal mechanism that drives and closures determine: the actual one's, with loops closed."""
-    ideal = mechanism.ideal()
+    ideal = mechanism.intended()
     plan, ideal_plan = layout(mechanism), layout(ideal)
     if ideal_plan.free == 0:
         return jnp.zeros(0)

@@ -117,7 +117,7 @@ class PathDeviation(AbstractSignal):
         raise ClearanceError("A path deviation is of a whole motion: `prepare` it by the mechanism and its span.")
 
     def _curve(self, mechanism: Mechanism, t1: Any, options: Settings) -> SampledPath:
-        times, ideal = evenly(options.t0, t1, self.samples), mechanism.ideal()
+        times, ideal = evenly(options.t0, t1, self.samples), mechanism.intended()
         if self.against_free(mechanism):
             y = self._freely(mechanism, t1, times, options)
         elif layout(ideal).free:

@@ -69,7 +69,7 @@ class AbstractSignal(Module):
             return Instant(signal)
         times = evenly(options.t0, t1, TABLE)
         y = self._freely(mechanism, t1, times, options)
-        ready = mechanism.ideal().prepare()
+        ready = mechanism.intended().prepare()
         return Tabulated(signal, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
 
     def integrand(self, mechanism: Mechanism, t1: Any, options: Settings, power: int) -> "Integrand":
@@ -89,7 +89,7 @@ class AbstractSignal(Module):
 
     def against_free(self, mechanism: Mechanism) -> bool:
         """Whether it refers to an ideal mechanism that moves freely."""
-        return self.needs_ideal and freedom(mechanism.ideal()) > 0
+        return self.needs_ideal and freedom(mechanism.intended()) > 0
 
     def _reference(self, time, y, mechanism):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None
@@ -102,7 +102,7 @@ class AbstractSignal(Module):
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             ).about("y0")
         settings = options._replace(save_at=times, atol=None, energy_balance=False, fidelity=DYNAMICS)
-        return run(mechanism.ideal(), t1, settings).y
+        return run(mechanism.intended(), t1, settings).y
 
 
 @solo_jit
@@ -209,7 +209,7 @@ class PositionError(AbstractSignal):
         return play_size(mechanism)  # a distance has a kink at zero
 
     def value(self, time, y, mechanism, reference):
-        ideal = point_at(self.point, mechanism.ideal(), time, reference)
+        ideal = point_at(self.point, mechanism.intended(), time, reference)
         return length_of(subtract(point_at(self.point, mechanism, time, y), ideal))
 
 
@@ -231,7 +231,7 @@ class OrientationError(AbstractSignal):
     def value(self, time, y, mechanism, reference):
         index_of("body", self.body, [body.name for body in mechanism.bodies])
         here = frame_of(self.body, mechanism, time, y).rotation
-        ideal = frame_of(self.body, mechanism.ideal(), time, reference).rotation
+        ideal = frame_of(self.body, mechanism.intended(), time, reference).rotation
         if here.is_plane and ideal.is_plane and self.axis is None:
             return jnp.abs(jnp.asarray(minus(here.angle, ideal.angle), float))
         off = rotation_between(ideal, here)

@@ -79,7 +79,7 @@ def _observe(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, 
 
 def _ideal_mark_places(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
     """The marks of the ideal mechanism, which drives and closures place."""
-    return mark_positions(mechanism.ideal(), time, ideal_state(time, y[: layout(mechanism).size], mechanism))
+    return mark_positions(mechanism.intended(), time, ideal_state(time, y[: layout(mechanism).size], mechanism))
 
 
 def _observe_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
@@ -88,17 +88,17 @@ def _observe_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) ->
     rate, size = jnp.zeros_like(y), layout(mechanism).size
     rate = rate.at[:size].set(slope(time, y[:size], mechanism))
     seen, rates = _along(mechanism, time, y, rate)
-    return seen | dict(zip(RATES, rates, strict=True))
+    return seen | rates
 
 
 def _along(
     mechanism: PreparedMechanism, time: Scalar, y: Array, rate: Array
-) -> tuple[dict[str, Array], tuple[Array, Array]]:
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """What `_observe` gives of a state that changes at a `rate`, and the rates of the contact forces and powers."""
 
     def contact(time, y):
         seen = _observe(mechanism, time, y)
-        return (seen["contact_force"], seen["contact_power"]), seen
+        return {RATES[name]: seen[name] for name in RATES if name in seen}, seen
 
     _, rates, seen = jax.jvp(contact, (time, y), (jnp.ones_like(time), rate), has_aux=True)
     return seen, rates
@@ -112,16 +112,28 @@ def _inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: 
     part, y = s * jnp.maximum(h - 16 * jnp.finfo(h.dtype).eps * jnp.abs(time), 0.0), y[: layout(mechanism).size]
     end = time + part
     trial = try_step(Problem(mechanism), EXACT, (time, end), y, jnp.zeros_like(y), True)
-    if not mechanism.clearance_joints():
-        seen, contact = _observe(mechanism, end, trial.end), {}
+    if not mechanism.contacts():
+        seen, rates = _observe(mechanism, end, trial.end), {}
     else:
-        seen, (force_rate, power_rate) = _along(mechanism, end, trial.end, trial.slope1)
-        contact = {"contact": Inside(seen["contact_force"], force_rate * h, seen["contact_power"], power_rate * h)}
+        seen, rates = _along(mechanism, end, trial.end, trial.slope1)
+    contact = {
+        f"{begin}contact": Inside(
+            seen[f"{begin}contact_force"],
+            rates[f"{begin}force_rate"] * h,
+            seen[f"{begin}contact_power"],
+            rates[f"{begin}power_rate"] * h,
+        )
+        for begin in ("", "gap_")
+        if f"{begin}force_rate" in rates
+    }
     return contact | {name: seen[name] for name in OF_POINTS if name in seen}
 
 
 EXACT = diffrax.Dopri8()
-RATES = ("force_rate", "power_rate")
+RATES = {
+    f"{begin}contact_{what}": f"{begin}{what}_rate" for begin in ("", "gap_") for what in ("force", "power")
+}
+"""The rates of contacts, by the names of what changes."""
 OF_POINTS = ("velocity", "acceleration")
 observed, observed_with_rates = _batch(_observe), _batch(_observe_with_rates)
 inside = _batch(_inside)

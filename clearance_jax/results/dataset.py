@@ -31,6 +31,7 @@ _OF_PINS = ("eccentricity", "contact_pattern", "pin_tilt")
 
 VARIABLES = OBSERVED | {
     "contact_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact"),
+    "gap_state": Variable(("gap",), "1", "0 free, 1 contact, 2 impact"),
     "mark_position": Variable(("mark", "axis"), "m", "place of a joint, point or spring on the body `mark_body`"),
     "body_position": Variable(("body", "axis"), "m", "place of a body's frame (in space)"),
     "body_rotation": Variable(("body", "axis", "own_axis"), "1", "axes of a body's frame as columns (in space)"),
@@ -43,6 +44,9 @@ STEPS = {
     "step_time": Variable((), "s", "end of an integration step"),
     "step_eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre at the step ends"),
     "step_force": Variable(("joint",), "N", "normal contact force at the step ends"),
+    "step_gap_position": Variable(("gap",), "see gap_unit", "place in the gap at the step ends"),
+    "step_gap_effort": Variable(("gap",), "see gap_effort_unit", "effort of the flanks at the step ends"),
+    "step_gap_state": Variable(("gap",), "1", "0 free, 1 contact, 2 impact, at the step ends"),
     "step_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact, at the step ends"),
     "step_pattern": Variable(("joint",), "", "where a pin bears at the step ends, as `contact_pattern` (in space)"),
     "step_tilt": Variable(("joint", "across"), "rad", "how the pin's axis leans at the step ends (in space)"),
@@ -60,6 +64,20 @@ EPISODES = {
         (), "1", "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)"
     ),
 }
+
+
+
+def _named(begin: str, name: str) -> str:
+    """The name of a column of episodes, of gaps with another beginning."""
+    return begin + (name.replace("joint", "gap") if begin else name)
+
+
+_IN_GAP = {"m/s": "rad/s (m/s of a slide)", "N": "N m (N of a slide)"}
+GAP_EPISODES = {
+    _named("gap_", name): Variable((), _IN_GAP.get(of.unit, of.unit), of.meaning.replace("clearance joint", "gap"))
+    for name, of in EPISODES.items()
+}
+"""The same of gaps, along a dimension of their own: their efforts and speeds have other units."""
 
 # Of a trace: what `after` [s] is the start or the end of the first falls.
 EXTREMES = {
@@ -97,11 +115,11 @@ def to_dataset(
     point from its place on the ideal mechanism; where that is not known, the attribute `ideal` says why.
 
     **Arguments:** `mechanism`; `solution`: a `Solution` or a `Trace` of its motion; `ideal`: the motion of
-    `mechanism.ideal()` at the same times, where drives do not prescribe it; `progress`: called with the fraction done;
+    `mechanism.intended()` at the same times, where drives do not prescribe it; `progress`: called with the fraction done;
     `provenance`: anything to be kept as attributes, beside version, result and counts.
     """
-    joints = len(mechanism.clearance_joints())
-    shown = joints or mechanism.points
+    joints, gaps = len(mechanism.clearance_joints()), len(mechanism.gaps)
+    shown = joints or gaps or mechanism.points
     traced = solution if isinstance(solution, Trace) and shown and solution.time.size > 1 else None
     solved = solution.solution if isinstance(solution, Trace) else solution
     if solved.time.ndim != 1:
@@ -112,11 +130,12 @@ def to_dataset(
     reached = np.isfinite(np.asarray(solved.time))
     time, y = np.asarray(solved.time)[reached], np.asarray(solved.y)[reached]
     share = 1.0 if traced is None else _LOOKED_AT * time.size / (time.size + traced.time.size)
-    alone = traced is None or not joints or time.size > blocks.SHARED
+    alone = traced is None or not (joints or gaps) or time.size > blocks.SHARED
     program = blocks.observed if alone else blocks.observed_with_rates
     seen = in_blocks(program, mechanism, time, y, progress=_part(progress, 0.0, share))
-    seen = {name: values for name, values in seen.items() if name not in blocks.RATES}
+    seen = {name: values for name, values in seen.items() if name not in blocks.RATES.values()}
     steps, table, impacts, extremes = {}, {}, [episodes.NO_IMPACTS] * joints, {}
+    gap_table, gap_impacts = {}, [episodes.NO_IMPACTS] * gaps
     if traced is not None:
         rest = _part(progress, share, 1.0)
         ends = _step_ends(mechanism, traced, _part(rest, 0.0, _LOOKED_AT))
@@ -124,17 +143,24 @@ def to_dataset(
         if joints:
             steps, table, impacts = _of_contacts(mechanism, traced, ends)
             falls_over = max(falls_over, *first_falls_over(traced.time, steps["step_state"]))
+        if gaps:
+            gap_steps, gap_table, gap_impacts = _of_contacts(mechanism, traced, ends, "gap_")
+            steps |= gap_steps
         if mechanism.points:
             extremes = of_points(mechanism, traced, ends, falls_over)
         if rest is not None:
             rest(1.0)
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
+    if gaps:
+        seen["gap_state"] = _states(time, seen["gap_penetration"], gap_impacts)
+        seen = {name: values for name, values in seen.items() if name not in ("gap_contact_force", "gap_contact_power")}
     errors, unknown = against_ideal(mechanism, time, y, seen, ideal)
     seen |= errors
     labelled = labels(mechanism) | mark_labels(mechanism)
     after = extremes.pop("after", None)
     data = _variables("time", seen, VARIABLES, labelled) | _variables("step", steps, STEPS, labelled)
+    data |= _variables("gap_episode", gap_table, GAP_EPISODES, labelled)
     data |= _variables("episode", table, EPISODES, labelled) | _variables("after", extremes, EXTREMES, labelled)
     used = {dim for dims, _, _ in data.values() for dim in dims}
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
@@ -164,7 +190,7 @@ def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, A
 # Where errors against the ideal mechanism are not known, why.
 FREE = (
     "the ideal mechanism moves freely, and its motion is not known: give it, "
-    "`to_dataset(..., ideal=simulate(mechanism.ideal(), t1, save_at=...))`"
+    "`to_dataset(..., ideal=simulate(mechanism.intended(), t1, save_at=...))`"
 )
 
 
@@ -174,7 +200,7 @@ def against_ideal(
     """The variables of a dataset that refer to the ideal mechanism, at the times [s] of states `y`; if there are none,
     why.
 
-    **Arguments:** `seen`: the other variables; `ideal`: the motion of `mechanism.ideal()` at these times, where it
+    **Arguments:** `seen`: the other variables; `ideal`: the motion of `mechanism.intended()` at these times, where it
     moves freely.
 
     **Raises:** `ClearanceError` for an `ideal` at other times.
@@ -192,15 +218,15 @@ def against_ideal(
 
 def _ideal_places(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, ideal: Solution | None) -> tuple[Any, str]:
     """The places of all marks on the ideal mechanism [m], (times, marks, axes); or `None`, and why."""
-    if not mechanism.clearance_joints():
+    if not mechanism.has_play:
         return None, "the mechanism is ideal itself"
     if ideal is not None:
         if np.shape(ideal.time) != time.shape or not np.array_equal(np.asarray(ideal.time), time):
             text = "`ideal` has other times than the solution. Solve it with the same `save_at`."
             raise ClearanceError(text).about("ideal")
-        return in_blocks(blocks.mark_places, mechanism.ideal(), time, np.asarray(ideal.y)), ""
+        return in_blocks(blocks.mark_places, mechanism.intended(), time, np.asarray(ideal.y)), ""
     try:
-        if freedom(mechanism.ideal()) > 0:
+        if freedom(mechanism.intended()) > 0:
             return None, FREE
     except ClearanceError as error:
         return None, str(error)
@@ -209,38 +235,50 @@ def _ideal_places(mechanism: Mechanism, time: np.ndarray, y: np.ndarray, ideal: 
 
 def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> dict[str, np.ndarray]:
     """Variables at the step ends by name, shape (step ends, ...)."""
-    program = blocks.observed_with_rates if mechanism.clearance_joints() else blocks.observed
+    program = blocks.observed_with_rates if mechanism.contacts() else blocks.observed
 
     def some(*given):
         seen = program(*given)  # more variables than are kept of so many states
-        return {name: seen[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in seen}
+        in_gaps = ("gap_position", "gap_effort", *(f"gap_{name}" for name in _OF_CONTACTS))
+        kept = (*_OF_CONTACTS, *_OF_PINS, *in_gaps, *blocks.OF_POINTS)
+        return {name: seen[name] for name in kept if name in seen}
 
     return in_blocks(some, mechanism, np.asarray(trace.time), np.asarray(trace.y), progress=progress)
 
 
-def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]) -> tuple[dict, dict, list]:
-    """The variables of the step ends, the table of episodes, and of each joint the begins and ends of impacts [s]."""
+def _of_contacts(
+    mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], begin: str = ""
+) -> tuple[dict, dict, list]:
+    """The variables of the step ends, the table of episodes, and of each joint the begins and ends of impacts [s];
+    `begin`: of the names ("gap_" of gaps).
+    """
     t, y = np.asarray(trace.time), np.asarray(trace.y)
+    touching = mechanism.gaps if begin else mechanism.clearance_joints()
     tables, impacts = [], []
-    for joint in range(seen["penetration"].shape[1]):
-        ends = episodes.StepEnds(t, *(seen[name][:, joint] for name in _OF_CONTACTS))
+    for joint, owner in enumerate(touching):
+        ends = episodes.StepEnds(t, *(seen[begin + name][:, joint] for name in _OF_CONTACTS))
         spans = episodes.spans(t, ends.penetration)
 
         def inside(step, s, joint=joint):
-            contact = blocks.inside_steps(mechanism, t, y, step, s)["contact"]
+            contact = blocks.inside_steps(mechanism, t, y, step, s)[f"{begin}contact"]
             return episodes.Inside(*(values[:, joint] for values in contact))
 
         top, restitution = peaks(ends, spans, inside), restitutions(ends, spans, inside)
-        if message := doubt(mechanism.clearance_joints()[joint].name, restitution):
+        if message := doubt(owner.name, restitution):
             warnings.warn(message, ContactWarning, stacklevel=3)
         columns = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.value, "peak_time": top.time}
         tables.append(columns | episodes.table(ends, spans) | {"restitution": restitution})
         impacts.append((t[spans.first], episodes.impact_ends(t, ends.penetration_rate, spans)))
-    steps = {"step_time": t, "step_eccentricity": seen["eccentricity"], "step_force": seen["contact_force"]}
-    steps["step_state"] = _states(t, seen["penetration"], impacts)
-    if "pin_tilt" in seen:
+    states = _states(t, seen[f"{begin}penetration"], impacts)
+    if begin:
+        steps = {"step_gap_position": seen["gap_position"], "step_gap_effort": seen["gap_effort"]}
+        steps |= {"step_time": t, "step_gap_state": states}
+    else:
+        steps = {"step_time": t, "step_eccentricity": seen["eccentricity"], "step_force": seen["contact_force"]}
+        steps["step_state"] = states
+    if not begin and "pin_tilt" in seen:
         steps |= {"step_pattern": seen["contact_pattern"], "step_tilt": seen["pin_tilt"]}
-    return steps, {name: np.concatenate([rows[name] for rows in tables]) for name in EPISODES}, impacts
+    return steps, {_named(begin, name): np.concatenate([rows[name] for rows in tables]) for name in EPISODES}, impacts
 
 
 def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndarray:

@@ -104,7 +104,7 @@ def validity_of(
     names, unit = tuple(point.name for point in mechanism.points), "m"
     joints = mechanism.clearance_joints()
     if names:
-        without = mechanism.ideal()
+        without = mechanism.intended()
         here = jax.vmap(lambda time, y: evaluate("position", time, y, mechanism))(times, poses.y)
         error = here - jax.vmap(lambda time, y: evaluate("position", time, y, without))(times, ideal)
     else:

@@ -45,7 +45,7 @@ def static_weights(
     **Raises:** `ClearanceError` for an unknown point or joint, if there is no joint to ask for, and for an ideal
     mechanism that moves freely (its pose depends on forces) or is over-constrained (an offset strains it).
     """
-    ideal = mechanism.ideal()
+    ideal = mechanism.intended()
     if freedom(ideal) > 0:
         raise ClearanceError("An ideal mechanism that moves freely has no static bound: drive its joints.")
     if ideal.may_repeat and (repeated := mobility(ideal, t0).repeated):
@@ -57,12 +57,13 @@ def static_weights(
     known = [p.name for p in mechanism.points]
     if point not in known:
         raise ClearanceError(f"There is no point `{point}`. Allowed: {', '.join(known)}.").about(point, allowed=known)
-    names = tuple(joint.name for joint in mechanism.clearance_joints()) if joints is None else tuple(joints)
+    names = loose_names(mechanism) if joints is None else tuple(joints)
     if not names:
         text = "No joint has clearance here: name the joints that are to be asked for, `joints=`."
         raise ClearanceError(text).about("joints")
     # The clearance of each joint, of those that have one.
-    made = [getattr(mechanism.joint(name), "clearance", None) for name in names]
+    gaps = {gap.name for gap in mechanism.gaps}
+    made = [None if name in gaps else getattr(mechanism.joint(name), "clearance", None) for name in names]
     slopes = place_slopes(mechanism, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
     weights: dict[str, float] = {}
     for name, clearance, slope in zip(names, made, slopes, strict=True):
@@ -70,6 +71,11 @@ def static_weights(
         reaches = _reaches(play_of(mechanism, name), np.asarray(slope), flat)
         weights |= {name + ending: float(np.max(reach)) for ending, reach in reaches.items()}
     return weights
+
+
+def loose_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """The names of everything with play: joints with clearance, then drives and couplings with backlash."""
+    return (*(j.name for j in mechanism.clearance_joints()), *(gap.name for gap in mechanism.gaps if gap.is_play))
 
 
 def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
@@ -81,7 +87,8 @@ def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
         if name.endswith(AXIAL):
             size = float(next(c.scale for c in play if c.suffix == ".play_z"))
         else:
-            size, clearance = float(play[0].scale), getattr(mechanism.joint(joint), "clearance", None)
+            size, gaps = float(play[0].scale), {gap.name for gap in mechanism.gaps}
+            clearance = None if joint in gaps else getattr(mechanism.joint(joint), "clearance", None)
             if isinstance(clearance, AbstractPin) and clearance.depth is not None:
                 size += float(clearance.profile.max())
         total += weight * size

@@ -102,7 +102,7 @@ def carried_words(specification: Specification, program: Program, solved: Evalua
     """A sentence on the force or acceleration of the ideal mechanism, if it clearly exceeds the bound; else empty."""
     limit, scenarios = limit_of(specification, program, k), scenarios_of(specification)
     scenario = scenarios[k * len(scenarios) // len(program.groups)]
-    ideal = specification.move(specification.mechanism, scenario.values).ideal()
+    ideal = specification.move(specification.mechanism, scenario.values).intended()
     carried = _carried(specification, limit, ideal)
     if not carried > SURE * limit.bound:
         return ""
