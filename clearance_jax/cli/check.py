@@ -81,10 +81,10 @@ def _parts(mechanism: Any) -> Iterator[str]:
     """Lines about the parts of a mechanism."""
     parts = {"bodies": mechanism.bodies, "joints": (*mechanism.joints, *mechanism.loops), "points": mechanism.points}
     names = {kind: [part.name for part in several] for kind, several in parts.items()}
-    loose = [joint.name for joint in mechanism.clearance_joints()]
+    loose = [joint.name for joint in mechanism.clearance_joints()] + [gap.name for gap in mechanism.gaps if gap.is_play]
     answer["mechanism"] = {"name": mechanism.name, "plane": mechanism.is_plane, **names, "with_play": loose}
     yield f"{mechanism.name}, a mechanism {'in the plane' if mechanism.is_plane else 'in space'}"
     for kind, several in names.items():
         yield f"{kind}: {', '.join(several) or 'none'}"
-    yield f"with play: {', '.join(loose)}" if loose else "no joint has play"
+    yield f"with play: {', '.join(loose)}" if loose else "nothing has play"
     yield from (str(note) for note in mechanism.notes)

@@ -94,6 +94,8 @@ def _print_terms(mechanism) -> None:
         terms = " + ".join(f"{float(ratio):g} {leader}" for leader, ratio in coupling.terms)
         added = f" + {float(coupling.offset):g}" if float(coupling.offset) else ""
         common.console.print(f"coupling {coupling.name}: {coupling.follower} = {terms}{added}", highlight=False)
+    for gap in mechanism.gaps:
+        common.console.print(f"{gap.name}: {_gap_words(gap)}", highlight=False)
     for line in _acting_words(mechanism):
         common.console.print(line, highlight=False)
     common.console.print(f"equations of motion: {mechanism.form}", highlight=False)
@@ -102,6 +104,26 @@ def _print_terms(mechanism) -> None:
         from clearance_jax.dynamics.closures import mobility
 
         common.console.print(f"free to move: {mobility(mechanism)}")
+
+
+def _gap_words(gap) -> str:
+    """What a gap of a coordinate is, and its law."""
+    if gap.what == "friction":
+        return f"friction, {type(gap.clearance.friction).__name__}"
+    half, offset, sides = float(gap.size), float(gap.offset), gap.clearance.sides
+    size = _angle if gap.turns else lambda width: format_quantity(width, "m")
+    ends = {"both": (offset - half, offset + half)}.get(sides, (offset,))
+    words = f"backlash {size(2 * half)}" if gap.is_play else f"stops at {' and '.join(map(size, ends))}"
+    law = gap.clearance.normal
+    return f"{words}, {type(law).__name__} (class {law.smoothness})"
+
+
+def _angle(width: float) -> str:
+    """An angle in words: a small one in minutes of arc too."""
+    from clearance_jax.joints.gears import ARC_MINUTE
+
+    minutes = width / ARC_MINUTE
+    return f"{width:.4g} rad" + (f" ({minutes:.3g} arcmin)" if 0 < minutes < 600 else "")
 
 
 def _made_words(clearance) -> str:

@@ -23,9 +23,11 @@ from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.followers import relations_of
 from clearance_jax.mechanism.unfolded import unfold
+from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, parts, position_rates, vector
 from clearance_jax.mechanism.tree.compounds import Ball
+from clearance_jax.mechanism.variants import acting
 from clearance_jax.spatial import Term, minus, plus, put, times, total
 
 # Quadratures beside the state. `absorbed_work` is what contacts and dampers take up; less the contacts' elastic energy
@@ -65,7 +67,8 @@ def joint_losses(mechanism: PreparedMechanism, time: Scalar, state: State) -> tu
         motion = part.coordinate.motion
         if isinstance(motion, Ball) and motion.damping is not None:
             damped.append(motion.damping * sum(spin**2 for spin in state.v[part.v]))
-        for losses in (actuator.losses(state.v[part.v.start]) for actuator in motion.actuators):
+        acts = [actuator for _, actuator in acting(motion)] if isinstance(motion, Motion) else []
+        for losses in (actuator.losses(state.v[part.v.start]) for actuator in acts):
             damped.append(losses[0])
             rubbed.append(losses[1])
     return total(damped), total(rubbed)

@@ -85,10 +85,12 @@ def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
 
 def in_gaps(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> dict[str, Array]:
     """By gap of a coordinate: the place in it, its contact, and the effort of the flanks."""
-    if not mechanism.gaps:
+    gaps = mechanism.open_gaps()
+    if not gaps:
         return {}
-    actions = [now.actions[gap.name] for gap in mechanism.gaps]
-    places = [at.now.place[0] for at in gap_motions(mechanism, time, state)]
+    actions = [now.actions[gap.name] for gap in gaps]
+    motions = dict(zip((gap.name for gap in mechanism.gaps), gap_motions(mechanism, time, state), strict=True))
+    places = [motions[gap.name].now.place[0] for gap in gaps]
     return {
         "gap_position": as_array(places),
         "gap_penetration": jnp.stack([action.points.penetration for action in actions]),
@@ -214,7 +216,7 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     """By name: a dimension and the labels of its entries."""
     coordinates = list(mechanism.coordinates())
     followers = [coupling.follower for coupling in mechanism.firm_couplings]
-    wheels, gaps = [coupling.follower for coupling in mechanism.couplings], mechanism.gaps
+    wheels, gaps = [coupling.follower for coupling in mechanism.couplings], mechanism.open_gaps()
     driven = [c for c in coordinates if not c.motion.is_free and c.name not in followers]
     slides = {c.name for c in coordinates if c.slides is not None}
     moved = actuated_coordinates(mechanism)

@@ -1,10 +1,10 @@
-"""The gap of a coordinate: backlash of a drive or a gear, and the stops of a joint.
+"""The gap of a coordinate: backlash of a drive or a gear, and the stops of a joint; and friction on a coordinate.
 
 It is a contact along one number, the place x in the gap: an angle [rad], or a length [m]. The laws act on it as on
 walls: the penetration is |x| - b/2 between two flanks, and the "force" of a law is the effort on the coordinate.
 """
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from clearance_jax.joints._base import AbstractClearance
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.joints.elements import AbstractElement
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry
+from clearance_jax.laws._base import Smoothness
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import ZERO, X
 
@@ -53,6 +54,56 @@ class Gap(AbstractClearance):
         half = self.half if self.sides == "both" else 0.0
         depth, speed = jnp.asarray(side * x - half, float), jnp.asarray(side * rate, float)
         return ContactPoint(depth, speed, (), (jnp.asarray(side, float), 0.0, 0.0), (), ZERO)
+
+    def travel(self, along):
+        return self.half
+
+    def outline(self):
+        return None
+
+
+class Pressing(AbstractNormalLaw):
+    """A constant `effort` that presses, whatever the place."""
+
+    effort: Scalar = physical("effort", "friction f", least=0.0)
+    smoothness: ClassVar[Smoothness] = "C2"
+    acts_apart: ClassVar[bool] = True
+
+    @property
+    def clips(self):
+        return False
+
+    def formula(self, constants: Any, penetration, penetration_rate, memory):
+        return self.effort + 0.0 * penetration
+
+    def energy(self, constants: Any, penetration):
+        return 0.0 * penetration
+
+
+class Rub(AbstractClearance):
+    """Friction along a coordinate that nothing but itself holds: by the law `friction`, for the `normal` effort."""
+
+    normal: Pressing  # pyright: ignore[reportGeneralTypeIssues]
+    friction: AbstractFrictionLaw  # pyright: ignore[reportGeneralTypeIssues]
+    element: AbstractElement | None = None
+    tangents: ClassVar[int] = 1
+    flat: ClassVar[bool] = True
+    kind: ClassVar[str] = "rub"
+
+    def play(self):
+        return ()
+
+    @property
+    def half(self) -> Scalar:
+        """A size that no place is compared with [rad or m]."""
+        return jnp.ones(())
+
+    def geometry(self):
+        return Geometry(self.half, self.half, self.half, kind="flat")
+
+    def points(self, at):
+        x, rate = (jnp.asarray(term, float) for term in (at.place[0], at.velocity[0]))
+        return ContactPoint(jnp.ones_like(x), jnp.zeros_like(x), (rate,), (0.0, 0.0, 0.0), (X,), ZERO)
 
     def travel(self, along):
         return self.half

@@ -120,6 +120,10 @@ class AbstractMechanism(Parametrised):
         """Everything that touches and comes off: clearance joints, then gaps of coordinates."""
         return (*self.clearance_joints(), *self.gaps)
 
+    def open_gaps(self) -> tuple[CoordinateGap, ...]:
+        """The gaps of backlash and stops."""
+        return tuple(gap for gap in self.gaps if gap.what != "friction")
+
     @property
     def has_play(self) -> bool:
         """Whether it has clearances or backlash."""

@@ -13,6 +13,8 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.joints.gap import Pressing, Rub
+from clearance_jax.laws import AbstractFrictionLaw, TanhCoulomb
 from clearance_jax.laws.normal.flank import Flank, Pieces
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.parameters import describe, flatten, physical
@@ -182,8 +184,8 @@ class DriveSpring(AbstractActuator):
     """The spring and damper of a drive: -T_e(q - q0) - c q', with the effort and the damping of its `flank`. A settled
     start is deflected by the load that it bears.
 
-    With `backlash`, the width of the whole gap [rad], of a slide [m], it is no actuator: its flanks act as a contact
-    (`mechanism.gaps`). Energy balances count that as a contact's, and not as an actuator's work.
+    With `backlash`, the width of the whole gap [rad], of a slide [m], it does not act as an actuator: its flanks are a
+    contact (`mechanism.gaps`). Energy balances count that as a contact's, and not as an actuator's work.
     """
 
     flank: Flank = flatten()
@@ -193,13 +195,11 @@ class DriveSpring(AbstractActuator):
     rest: Scalar = physical("coordinate", "coordinate q0 at which the spring is relaxed", '"10 deg"', default=0.0)
 
     def __call__(self, time, position, velocity):
-        if self.backlash is not None:
-            return 0.0 * position
         pull = Pieces.of(self.flank.stiffness, self.flank.efforts).effort(position - self.rest)
         return -pull - self.flank.damping * velocity
 
     def losses(self, velocity):
-        return 0.0 if self.backlash is not None else self.flank.damping * velocity**2, 0.0
+        return self.flank.damping * velocity**2, 0.0
 
 
 class JointFriction(AbstractActuator):
@@ -209,17 +209,28 @@ class JointFriction(AbstractActuator):
     The energy balance counts what it takes as a friction loss. The friction does not depend on the load of the joint.
     For friction that does, give the joint a clearance with a friction law.
 
+    A joint creeps under a load smaller than f, as tanh has a slope at rest. A `law` with bristles (`laws.LuGre`,
+    `laws.Dahl`, `laws.ElastoPlastic`) holds it.
+
     **Arguments:**
 
     - `effort` f [N m], or [N] of a slide.
     - `transition_speed` v [rad/s], or [m/s]: at this speed the friction is 76 % of f. Far above it the friction is that
       of Coulomb's law. A smaller value needs shorter steps.
+    - `law`: a friction law in the place of tanh. The friction is f times its coefficient; its slips are rates of the
+      coordinate [rad/s], or [m/s].
     """
 
     effort: Scalar = physical("effort", "friction f", '"2 N*m"', least=0.0)
     transition_speed: Scalar = physical(
         "coordinate/s", "speed v at which it turns round", '"0.01 rad/s"', above=0.0, default=0.01
     )
+    law: AbstractFrictionLaw | None = None
+
+    def rub(self) -> Rub:
+        """The friction as a contact with memory."""
+        law = TanhCoulomb(1.0, self.transition_speed) if self.law is None else self.law
+        return Rub(Pressing(self.effort), law)
 
     def __call__(self, time, position, velocity):
         return -self.effort * jnp.tanh(velocity / self.transition_speed)

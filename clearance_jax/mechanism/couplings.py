@@ -80,9 +80,7 @@ class Coupling(Parametrised):
 
     def units_by(self, kinds: Mapping[str, str]) -> dict[str, str]:
         """The units of its numbers by the words of its fields; `kinds`: units of coordinates by name."""
-        units = coupling_units(kinds, self.follower, self.leader, self.second)
-        effort = "N" if units["follower"] == "m" else "N*m"
-        return units | {"coordinate": units["follower"], "effort": effort}
+        return coupling_units(kinds, self.follower, self.leader, self.second)
 
     @property
     def terms(self) -> tuple[tuple[str, Scalar], ...]:
@@ -98,7 +96,7 @@ def coupling_units(kinds: Mapping[str, str], follower: str, leader: str, second:
     unit = kinds.get(follower, "rad")
     others = {"leader": kinds.get(leader, unit), "second": kinds.get(second or "", unit)}
     ratios = {f"follower/{word}": "" if other == unit else f"{unit}/{other}" for word, other in others.items()}
-    return ratios | {"follower": unit}
+    return ratios | {"follower": unit, "coordinate": unit, "effort": "N" if unit == "m" else "N*m"}
 
 
 def _two(name: str, key: str, values: Sequence[float | int]) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Gaps of coordinates: backlash of drives and of couplings, and the stops of joints.
+"""Gaps of coordinates: backlash of drives and of couplings, the stops of joints, and friction that sticks.
 
 Each is a contact along one number x = sum k_i q_i - o of the mechanism's coordinates q_i. Its effort T acts on every one
 of them by k_i T. It is no wrench between two bodies: a motor does not feel the teeth of the gear behind it, but what the
@@ -6,7 +6,7 @@ gear lets through.
 """
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,20 +14,24 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
-from clearance_jax.joints.gap import Gap
-from clearance_jax.mechanism.actuators import DriveSpring
+from clearance_jax.joints.gap import Gap, Rub
+from clearance_jax.mechanism.actuators import DriveSpring, JointFriction
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import DRIVE, STOP, gives_way, motor_of
+from clearance_jax.mechanism.variants import DRIVE, FRICTION, STOP, gives_way, motor_of, rubs
 from clearance_jax.spatial import Term, minus
+
+What = Literal["backlash", "stops", "friction"]
+
 
 class CoordinateGap(Module):
     """The gap of a place x = sum k_i q_i - o: `coordinates` with their `factors`, the `offset` o, and the `clearance`, a
     `Gap` or one with its laws' constants.
 
     - `in_tree`: whether all coordinates are states, so that the place is one too.
-    - `turns`: whether x is an angle [rad], else a length [m]; `is_play`: whether it is backlash, and no range of stops.
+    - `turns`: whether x is an angle [rad], else a length [m].
+    - `what` it is.
     """
 
     name: str = eqx.field(static=True)
@@ -37,7 +41,12 @@ class CoordinateGap(Module):
     clearance: Any
     in_tree: bool = eqx.field(static=True)
     turns: bool = eqx.field(static=True)
-    is_play: bool = eqx.field(static=True)
+    what: What = eqx.field(static=True)
+
+    @property
+    def is_play(self) -> bool:
+        """Whether it is backlash."""
+        return self.what == "backlash"
 
     @property
     def joint(self) -> "CoordinateGap":
@@ -86,19 +95,24 @@ def gaps_of(coordinates: tuple[Coordinate, ...], couplings: tuple[Coupling, ...]
 
 
 def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[CoordinateGap]:
+    motor: dict[str, Term] = {motor_of(c.name): 1.0} if gives_way(c.motion) else {}
+    frictions = 0
     for actuator in c.motion.actuators:
         if isinstance(actuator, DriveSpring) and actuator.backlash is not None:
             yield _gap(DRIVE.format(c.name), {c.name: 1.0}, 0.0, Gap(actuator.backlash, actuator.flank), by_name)
+        elif isinstance(actuator, JointFriction) and rubs(actuator, c.motion):
+            name, terms = FRICTION.format(c.name), {c.name: 1.0} | motor
+            yield _gap(name + f"_{frictions}" * bool(frictions), terms, 0.0, actuator.rub(), by_name, "friction")
+            frictions += 1
     stops = c.motion.stops
     if stops is not None and c.motion.is_free:
-        terms = {c.name: 1.0} | ({motor_of(c.name): 1.0} if gives_way(c.motion) else {})
-        yield _gap(STOP.format(c.name), terms, stops.offset, stops.gap(), by_name, is_play=False)
+        yield _gap(STOP.format(c.name), {c.name: 1.0} | motor, stops.offset, stops.gap(), by_name, "stops")
 
 
 def _gap(
-    name: str, terms: dict[str, Term], offset: Scalar | float, clearance: Gap, by_name: dict[str, Coordinate],
-    is_play: bool = True,
+    name: str, terms: dict[str, Term], offset: Scalar | float, clearance: Gap | Rub, by_name: dict[str, Coordinate],
+    what: What = "backlash",
 ) -> CoordinateGap:  # fmt: skip
     in_tree = all(by_name[each].motion.is_free for each in terms)
     turns = by_name[next(iter(terms))].slides is None
-    return CoordinateGap(name, tuple(terms), tuple(terms.values()), offset, clearance, in_tree, turns, is_play)
+    return CoordinateGap(name, tuple(terms), tuple(terms.values()), offset, clearance, in_tree, turns, what)

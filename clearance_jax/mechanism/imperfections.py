@@ -15,12 +15,12 @@ on `NAME_axis`. The ideal mechanism has no misalignment, so errors of position a
 import dataclasses
 from collections.abc import Iterable
 
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws.normal.flank import Flank
-from clearance_jax.mechanism.actuators import DriveSpring
+from clearance_jax.mechanism.actuators import DriveSpring, JointFriction
 from clearance_jax.mechanism.body import Body, Motion, Motor
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
@@ -41,6 +41,7 @@ class Compliance(Parametrised):
       contacts like those of a clearance joint, by the name `NAME_drive`.
     - `rotor_inertia` [kg m^2], or [kg]: of a motor that actuators move: the inertia of the rotor times the square of
       the gear ratio.
+    - `friction`: on the link's side of the spring. (Friction among the joint's own actuators is on the motor's side.)
     """
 
     stiffness: Scalar = like(Flank, "stiffness", help="stiffness, of several pieces in an array")
@@ -54,9 +55,10 @@ class Compliance(Parametrised):
         default=None,
     )
     backlash: Scalar | None = like(DriveSpring, "backlash", lifted=False)
-    efforts: Array | None = like(Flank, "efforts")
+    efforts: Float[Array, " pieces"] | None = like(Flank, "efforts")
     damping_factor: Scalar | None = like(Flank, "damping_factor")
     limited: bool = like(Flank, "limited")
+    friction: JointFriction | None = None
 
     def demands(self):
         yield from self.flank.demands()
@@ -95,6 +97,9 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
     inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
     check_demands(compliance, f"{name}.")
     spring = Motion(actuators=(DriveSpring(compliance.flank, compliance.backlash, name="compliance"),))
+    if compliance.friction is not None:
+        rub = compliance.friction if compliance.friction.name else dataclasses.replace(compliance.friction, name="friction")
+        spring = dataclasses.replace(spring, actuators=(*spring.actuators, rub))
     moved = vars(joint.motion) | {"stops": None}
     spring = dataclasses.replace(spring, stops=joint.motion.stops)
     return mechanism.with_joint(dataclasses.replace(joint, motor=Motor(**moved | inertia), motion=spring))

@@ -12,8 +12,10 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Rows
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import AbstractActuator
+from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.variants import acting
 from clearance_jax.spatial import Term, add, as_array, dot, plus, quaternion_rate, scale
 
 
@@ -45,7 +47,7 @@ def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
     out = [
         Acting(f"{c.name}.actuator{i}", (c.name,), actuator)
         for c in mechanism.moved_coordinates()
-        for i, actuator in enumerate(c.motion.actuators)
+        for i, actuator in (acting(c.motion) if isinstance(c.motion, Motion) else ())
     ]
     controlled = [Acting(c.name, tuple(r.name for r in c.references), c) for c in mechanism.controllers]
     return (*out, *controlled)

@@ -11,7 +11,7 @@ from clearance_jax.joints import AbstractClearance, AbstractPin, Tolerance
 from clearance_jax.joints.checks import check_sizes
 from clearance_jax.joints.presets import BALL, FIT, GUIDE, OWN, PIN, SHAFT, Preset, radial_clearance_of
 from clearance_jax.joints.seating import pose_at
-from clearance_jax.mechanism.actuators import DriveSpring
+from clearance_jax.mechanism.actuators import AbstractActuator, DriveSpring, JointFriction
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.motion.drives import Constant
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
@@ -28,8 +28,8 @@ def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
     return {c.name: c for joint in joints for c in joint.own_coordinates() if _field(joint, c) is not None}
 
 
-DRIVE, STOP = "{}_drive", "{}_stop"
-"""Names of the gaps of a coordinate: of its drive, and of its stops."""
+DRIVE, STOP, FRICTION = "{}_drive", "{}_stop", "{}_friction"
+"""Names of the gaps of a coordinate: of its drive, of its stops, and of friction that sticks."""
 
 
 def motor_of(name: str) -> str:
@@ -40,6 +40,22 @@ def motor_of(name: str) -> str:
 def gives_way(motion: Motion | Ball) -> bool:
     """Whether it is the motion of a drive's spring."""
     return any(isinstance(actuator, DriveSpring) for actuator in motion.actuators)
+
+
+def acting(motion: Motion) -> tuple[tuple[int, AbstractActuator], ...]:
+    """The actuators of a motion that act as such, by number; others are contacts (see `mechanism.gaps`)."""
+    every = enumerate(motion.actuators)
+    return tuple((i, actuator) for i, actuator in every if not (has_gap(actuator) or rubs(actuator, motion)))
+
+
+def has_gap(actuator: AbstractActuator) -> bool:
+    """Whether it is the spring of a drive with backlash."""
+    return isinstance(actuator, DriveSpring) and actuator.backlash is not None
+
+
+def rubs(actuator: AbstractActuator, motion: Motion) -> bool:
+    """Whether it is friction that has a memory, or that acts on a link whose drive gives way."""
+    return isinstance(actuator, JointFriction) and (actuator.law is not None or gives_way(motion))
 
 
 def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -> AbstractJoint:
@@ -211,8 +227,7 @@ def without_gaps(joint: AbstractJoint) -> AbstractJoint:
     """The joint without backlash in its drive, and without stops."""
 
     def firm(actuator: Any) -> Any:
-        has_gap = isinstance(actuator, DriveSpring) and actuator.backlash is not None
-        return dataclasses.replace(actuator, backlash=None) if has_gap else actuator
+        return dataclasses.replace(actuator, backlash=None) if has_gap(actuator) else actuator
 
     def change(c: Coordinate) -> Motion:
         actuators = tuple(firm(actuator) for actuator in c.motion.actuators)

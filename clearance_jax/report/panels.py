@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
-from clearance_jax.report.style import NARROW, ZOOM, fit, keep_labels, legend_below, look
+from clearance_jax.report.style import NARROW, ZOOM, fit, keep_labels, legend_below, length_unit, look
 from clearance_jax.results.places import bounds, names_of
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
@@ -87,11 +87,12 @@ def heading(dataset: xr.Dataset) -> str:
 
 
 def panels(dataset: xr.Dataset) -> list[Panel]:
-    """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; efforts of
+    """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; where drives or
+    couplings have backlash, the points' errors, and places and efforts in the gaps; efforts of
     drives and actuators, or where there are none reactions in the joints; the points' paths.
     """
     motions = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
-    motions += of_points(dataset)
+    motions += of_points(dataset) + of_gaps(dataset)
     efforts = _of_each_unit(dataset, "drive_force", "drive", {"N m": "torques of drives", "N": "forces of drives"})
     titles = {"N m": "torques of actuators", "N": "forces of actuators"}
     efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
@@ -113,6 +114,60 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
         Panel(f"{name} of {listed}", partial(_curves, name, "point", names, label))
         for name, label in (("velocity", "speed, m/s"), ("acceleration", "acceleration, m/s²"))
     ]
+
+
+def of_gaps(dataset: xr.Dataset) -> list[Panel]:
+    """Errors of the points, places in gaps of backlash, efforts of flanks, and effort over wind-up."""
+    if "gap_position" not in dataset:
+        return []
+    out = []
+    if "position_error" in dataset:
+        out.append(Panel(f"error of {_list(dataset)}", _errors))
+    units, names = dataset["gap_unit"].values, dataset["gap"].values
+    for unit, effort in (("rad", "N m"), ("m", "N")):
+        own = [str(name) for name in names[units == unit]]
+        loose = [name for name in own if f"gap.{name}" in dataset.attrs]
+        if loose:
+            out.append(Panel("place in the gap", partial(_gap_places, loose, unit)))
+        if own:
+            out.append(Panel("effort of flanks", partial(_curves, "gap_effort", "gap", own, f"effort, {effort}")))
+        if loose:
+            out.append(Panel("effort over place", partial(_wind_up, loose, unit, f"effort, {effort}")))
+    return out
+
+
+def _errors(axis: Any, dataset: xr.Dataset) -> None:
+    factor, unit = length_unit(float(dataset["position_error"].max()))
+    scaled = dataset.assign(position_error=factor * dataset["position_error"])
+    _curves("position_error", "point", names_of(dataset, "point"), f"error, {unit}", axis, scaled)
+
+
+def _fine(dataset: xr.Dataset, names: list[str], unit: str) -> tuple[float, str]:
+    """The factor on places in gaps, and their unit in words."""
+    largest = float(np.abs(dataset["gap_position"].sel(gap=names)).max())
+    return (length_unit(largest) if unit == "m" else (1e3, "mrad")) if largest < 0.1 else (1.0, unit)
+
+
+def _gap_places(names: list[str], unit: str, axis: Any, dataset: xr.Dataset) -> None:
+    """Draw places in gaps over time, and the ends of the gaps dashed."""
+    factor, word = _fine(dataset, names, unit)
+    shown = dataset.assign(gap_position=factor * dataset["gap_position"])
+    _curves("gap_position", "gap", names, f"place, {word}", axis, shown)
+    for k, name in enumerate(names):
+        for side in (-1, 1):
+            end = side * factor * float(dataset.attrs[f"gap.{name}"])
+            axis.axhline(end, color=look(k)["color"], ls="--", lw=0.8, alpha=0.7)
+
+
+def _wind_up(names: list[str], unit: str, label: str, axis: Any, dataset: xr.Dataset) -> None:
+    """Draw efforts of flanks over the places in their gaps."""
+    factor, word = _fine(dataset, names, unit)
+    for k, name in enumerate(names):
+        here = dataset.sel(gap=name)
+        axis.plot(factor * here["gap_position"], here["gap_effort"], **look(k) | {"ls": "none", "ms": 2.5}, label=name)
+    axis.set(xlabel=f"place in the gap, {word}", ylabel=label)
+    if 1 < len(names) <= MOST_NAMED:
+        legend_below(axis, fontsize=8)
 
 
 def _list(dataset: xr.Dataset) -> str:

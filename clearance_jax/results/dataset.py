@@ -118,7 +118,7 @@ def to_dataset(
     `mechanism.intended()` at the same times, where drives do not prescribe it; `progress`: called with the fraction done;
     `provenance`: anything to be kept as attributes, beside version, result and counts.
     """
-    joints, gaps = len(mechanism.clearance_joints()), len(mechanism.gaps)
+    joints, gaps = len(mechanism.clearance_joints()), len(mechanism.open_gaps())
     shown = joints or gaps or mechanism.points
     traced = solution if isinstance(solution, Trace) and shown and solution.time.size > 1 else None
     solved = solution.solution if isinstance(solution, Trace) else solution
@@ -253,7 +253,7 @@ def _of_contacts(
     `begin`: of the names ("gap_" of gaps).
     """
     t, y = np.asarray(trace.time), np.asarray(trace.y)
-    touching = mechanism.gaps if begin else mechanism.clearance_joints()
+    touching = mechanism.open_gaps() if begin else mechanism.clearance_joints()
     tables, impacts = [], []
     for joint, owner in enumerate(touching):
         ends = episodes.StepEnds(t, *(seen[begin + name][:, joint] for name in _OF_CONTACTS))
@@ -288,6 +288,8 @@ def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndar
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
     """All numbers of the mechanism; of every clearance joint its kind, static options, and outline (`outline.NAME`)."""
     numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
+    # Half of every gap of backlash [rad or m], which pictures show.
+    numbers |= {f"gap.{gap.name}": float(gap.size) for gap in mechanism.gaps if gap.is_play}
     for joint in mechanism.clearance_joints():
         numbers[f"clearance.{joint.name}"] = joint.clearance.kind
         for field in dataclasses.fields(joint.clearance):

@@ -2,15 +2,25 @@
 
 import dataclasses
 
-from clearance_jax.io.keys.declare import family, keys_of, kind, summary
-from clearance_jax.io.keys.kinds import Flag, Quantities, Text, quantity
+from clearance_jax.io.keys.declare import family, keys_of, kind, optional, summary
+from clearance_jax.io.keys.kinds import Flag, OneOrSeveral, Quantities, Text, quantity
+from clearance_jax.laws import Flank
 from clearance_jax.mechanism.couplings import Belt, Coupling, Differential, Gear, Planetary, Rack, Screw
 
+_FLANK = keys_of(Flank)
+FLANK_KEYS = _FLANK | {
+    "stiffness": OneOrSeveral(
+        "stiffness of the flanks; several up to the next of the `efforts`", '"50 kN*m/rad"', unit="effort/coordinate",
+        bounds={"above": 0.0}, required=True,
+    )
+}  # fmt: skip
+"""The keys of the law of flanks."""
+_BACKLASH = keys_of(Coupling, "backlash") | optional(FLANK_KEYS, stiffness="there is no `backlash`")
 _FOLLOWS = keys_of(Coupling, "follower", "leader", "offset")
 _SLIDES = _FOLLOWS | {"offset": dataclasses.replace(_FOLLOWS["offset"], example='"10 mm"')}
 _TRAIN = Text("which of them follows the others", '"ring"')
 COUPLINGS = {
-    "linear": (Coupling, kind(summary(Coupling), **keys_of(Coupling))),
+    "linear": (Coupling, kind(summary(Coupling), **keys_of(Coupling) | _BACKLASH)),
     "gear": (
         Gear,
         kind(
@@ -18,15 +28,26 @@ COUPLINGS = {
             **_FOLLOWS,
             teeth=Quantities("numbers of teeth, of the leader and of the follower", "[20, 40]", required=True),
             internal=Flag("whether one of them is a ring with teeth inside", "true", default=False),
+            **_BACKLASH,
         ),
     ),
     "rack": (
         Rack,
-        kind(summary(Rack), **_SLIDES, radius=quantity("pitch radius of the pinion", '"20 mm"', "m", required=True)),
+        kind(
+            summary(Rack),
+            **_SLIDES,
+            radius=quantity("pitch radius of the pinion", '"20 mm"', "m", required=True),
+            **_BACKLASH,
+        ),
     ),
     "screw": (
         Screw,
-        kind(summary(Screw), **_SLIDES, lead=quantity("slide by turn of the leader", '"5 mm"', "m", required=True)),
+        kind(
+            summary(Screw),
+            **_SLIDES,
+            lead=quantity("slide by turn of the leader", '"5 mm"', "m", required=True),
+            **_BACKLASH,
+        ),
     ),
     "belt": (
         Belt,

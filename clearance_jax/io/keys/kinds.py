@@ -6,6 +6,8 @@ import itertools
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar
 
+import numpy as np
+
 from clearance_jax.errors import naming, quote, wrong_value, wrong_word
 from clearance_jax.mechanism.placement import as_axis, as_inertia
 from clearance_jax.parameters import check_bounds, resolve_unit
@@ -80,6 +82,23 @@ def quantity(
 ) -> Key:
     """A key of one number; `bounds`: as of `parameters.physical`."""
     return QuantityKey(help, example, absent, unit=unit, default=default, required=required, bounds=bounds)
+
+
+class OneOrSeveral(QuantityKey):
+    """One number, or a list of several."""
+
+    shape: ClassVar[Shape] = {"anyOf": [_NUMBER, _NUMBERS | {"minItems": 1}]}
+
+    @property
+    def kind(self) -> str:
+        return f"{super().kind}, or a list of them"
+
+    def read(self, value, where, words):
+        if not isinstance(value, list):
+            return super().read(value, where, words)
+        if not value:
+            raise wrong_value(where, f"one number or several such as {self.example}", value)
+        return np.array([self._number(each, f"{where}[{i}]", words) for i, each in enumerate(value)])
 
 
 class Quantities(Key):

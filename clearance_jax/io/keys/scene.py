@@ -1,12 +1,12 @@
 """Every key of a scene file. A new key is a line here (or a field with a help, where a class holds it), and its use."""
 
-from clearance_jax.io.keys.coupling import COUPLING_TABLES
+from clearance_jax.io.keys.coupling import COUPLING_TABLES, FLANK_KEYS
 from clearance_jax.io.keys.declare import Keys, family, keys_of, kind, kinds, summary, table
 from clearance_jax.io.keys.kinds import Flag, Names, Sub, Text, Triple, VectorKey, Whole, Word, path, quantity, tables
 from clearance_jax.io.keys.play import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
 from clearance_jax.io.urdf.mechanism import BASES, INERTIAS, MIMICS
 from clearance_jax.mechanism.actuators import ConstantEffort, JointFriction, JointSpring, Servo
-from clearance_jax.mechanism.body import Body, Motion, Point, Spring, Wrench
+from clearance_jax.mechanism.body import Body, Motion, Point, Spring, Stops, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque
 from clearance_jax.mechanism.imperfections import Compliance
 from clearance_jax.mechanism.motion.drives import Constant, Quintic, Trapezoid
@@ -196,13 +196,24 @@ MOTION = table(
     ),
     **keys_of(Motion),
     actuator=tables("forces along a free coordinate, by name", '{ load = { type = "constant", effort = "-12 N*m" } }'),
+    stops=Sub(
+        "what a free coordinate hits at the ends of its range", '{ upper = "90 deg", stiffness = "20 kN*m/rad" }', "none"
+    ),
+)
+STOPS = table(
+    "joint.NAME.stops",
+    "Stops",
+    "Contacts at the ends of the range of a free coordinate, `NAME_stop`. Of a robot's joint `lower` and `upper` are by "
+    "default those of its file.",
+    **keys_of(Stops),
+    **FLANK_KEYS,
 )
 COMPLIANCE = table(
     "compliance.NAME",
-    "Compliance of a drive",
-    "A joint whose drive, or motor under actuators, moves it through a spring and a damper: `NAME_motor` is what the "
-    "drive moves, `NAME` how far the link gives way.",
-    **keys_of(Compliance),
+    "Compliance and backlash of a drive",
+    "A joint whose drive, or motor under actuators, moves it through a spring and a damper, with or without a gap: "
+    "`NAME_motor` is what the drive moves, `NAME` how far the link gives way. `NAME_drive` is the contact in the gap.",
+    **keys_of(Compliance) | {"stiffness": FLANK_KEYS["stiffness"]},
 )
 # Beside what the class of a joint holds.
 _OF_JOINTS = {Revolute: (MOTION, PIN), Prismatic: (MOTION, GUIDE), Spherical: (BALL,), Cylindrical: (SHAFT,)}
@@ -238,7 +249,7 @@ ACTUATOR_TABLES = family(
     kinds(ACTUATORS, {"servo": {"target": _TARGET}}),
 )
 SCENE_TABLES = (
-    *(SCENE, SOLVE, SOLVING, BODY, *JOINT_TABLES.values(), JOINT, MOTION, *PLAY_TABLES, COMPLIANCE),
+    *(SCENE, SOLVE, SOLVING, BODY, *JOINT_TABLES.values(), JOINT, MOTION, *PLAY_TABLES, STOPS, COMPLIANCE),
     *(*DRIVE_TABLES.values(), SPLINE_FILE, *ACTUATOR_TABLES.values(), *LAW_TABLES),
     *(SPRING, POINT, WRENCH, *COUPLING_TABLES.values(), CONTROLLER, ROBOT, PAYLOAD),
 )

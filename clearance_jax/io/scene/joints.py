@@ -10,6 +10,7 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, naming, unknown_name
 from clearance_jax.io.files import read_table
 from clearance_jax.io.keys import scene as keys
+from clearance_jax.io.keys.coupling import FLANK_KEYS
 from clearance_jax.io.keys.kinds import Words
 from clearance_jax.io.robot import read_any_robot
 from clearance_jax.io.scene.contact import PLAYS, play_of
@@ -17,7 +18,8 @@ from clearance_jax.io.table import TomlTable, check_table, variant
 from clearance_jax.io.urdf.mechanism import IN_SCENE, place_of
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
 from clearance_jax.mechanism.actuators import Servo
-from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
+from clearance_jax.laws import Flank
+from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point, Stops
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.expressions import read_expression
 from clearance_jax.mechanism.motion.motion_laws import AbstractDrive, Spline
@@ -28,7 +30,7 @@ from clearance_jax.units import to_si
 
 # What only a joint of the tree has.
 OF_THE_TREE = ("drive", "actuator", "position", "velocity", "eccentricity", "start", "spin", "slide", "turn")
-OF_THE_TREE += ("slide_x", "slide_y", "slide_z", "turn_1", "turn_2")
+OF_THE_TREE += ("stops", "slide_x", "slide_y", "slide_z", "turn_1", "turn_2")
 
 
 def joints_of(top: TomlTable, path: Path, known: Collection[str] = ()) -> tuple[list, list]:
@@ -86,21 +88,36 @@ def _several(cls: type, table: TomlTable, path: Path) -> dict[str, Any]:
     return out
 
 
-def motion_of(table: TomlTable, path: Path) -> Motion:
-    """The motion of a coordinate: driven, or free with actuators."""
+def motion_of(table: TomlTable, path: Path, limits: Limits | None = None) -> Motion:
+    """The motion of a coordinate: driven, or free with actuators; `limits`: of a robot's joint."""
     drive = drive_of(table, "drive", path) if table.has("drive") else None
-    if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
-        raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
+    if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator", "stops")):
+        text = f"{table.where} has a drive: it takes no initial position or velocity, no actuator and no stops."
+        raise ClearanceError(text)
     actuators = []
     for name, values, where in table.parts("actuator"):
         word, inner = variant(values, where, keys.ACTUATOR_TABLES, table.words)
         cls, given = keys.ACTUATORS[word], inner.arguments("type")
         given |= {"target": drive_of(inner, "target", path)} if cls is Servo else {}
         actuators.append(cls(**given, name=name))
-    rotor = table.get("rotor_inertia")
+    rotor, stops = table.get("rotor_inertia"), None
+    if table.has("stops"):
+        inner = TomlTable(table.get("stops"), table.key("stops"), keys.STOPS, table.words)
+        stops = stops_of(inner, limits)
     if drive is not None and rotor is not None:
         raise ClearanceError(f"{table.key('rotor_inertia')} has no effect beside a drive, which is followed exactly.")
-    return Motion(drive, table.get("position"), table.get("velocity"), tuple(actuators), rotor_inertia=rotor)
+    return Motion(drive, table.get("position"), table.get("velocity"), tuple(actuators), rotor_inertia=rotor, stops=stops)
+
+
+def stops_of(table: TomlTable, limits: Limits | None) -> Stops:
+    """The stops that a table describes, by default at the limits of a robot's joint."""
+    table.need("stiffness")
+    ends = table.only("lower", "upper")
+    if not ends and limits is not None:
+        known = {"lower": limits.lower, "upper": limits.upper}
+        ends = {name: float(value) for name, value in known.items() if value is not None}
+    with naming(table.where):
+        return Stops(**ends, flank=Flank(**table.only(*FLANK_KEYS)))
 
 
 def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:
@@ -144,7 +161,7 @@ def _robot_joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> A
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
     kind = type(joint)
     table = TomlTable(values, where, keys.MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
-    added, motion = motion_of(table, path), joint.motion
+    added, motion = motion_of(table, path, joint.motion.limits), joint.motion
     if added.drive is None:
         position = added.position if table.has("position") else motion.position
         rotor = motion.rotor_inertia if added.rotor_inertia is None else added.rotor_inertia

@@ -12,13 +12,14 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, naming, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
-from clearance_jax.io.keys.coupling import COUPLING_TABLES, COUPLINGS
+from clearance_jax.io.keys.coupling import COUPLING_TABLES, COUPLINGS, FLANK_KEYS
 from clearance_jax.io.robot import ROBOTS, read_any_robot
 from clearance_jax.io.scene.joints import body_of, drive_of, joints_of, read_drive, robot_of
 from clearance_jax.io.table import TomlTable, variant
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf.mechanism import IN_PYTHON, IN_SCENE, warn_of_notes
 from clearance_jax.joints.checks import ImplausibleWarning, above_pin
+from clearance_jax.laws import Flank
 from clearance_jax.mechanism.body import Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
 from clearance_jax.mechanism.couplings import Coupling, coupling_units
@@ -142,7 +143,13 @@ def _couplings(top: TomlTable, joints: Sequence[AbstractJoint]) -> Iterator[Coup
         follower, leader, second = (name if isinstance(name, str) else "" for name in named)
         table.words = coupling_units(kinds, follower, leader, second)
         with naming(where):
-            yield COUPLINGS[word][0](name, **table.arguments("type"))
+            given = table.arguments("type", *FLANK_KEYS)
+            if table.has("backlash"):
+                table.need("stiffness")
+                given["flank"] = Flank(**table.only(*FLANK_KEYS))
+            else:
+                table.refuse(*FLANK_KEYS, why="has no effect without `backlash`")
+            yield COUPLINGS[word][0](name, **given)
 
 
 def _wrench(name: str, table: TomlTable, path: Path) -> Wrench:

@@ -4,7 +4,7 @@ import itertools
 from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from clearance_jax._basis.numerics import positive_part
 from clearance_jax._basis.types import Scalar
@@ -67,7 +67,7 @@ class Flank(AbstractNormalLaw):
     damping_factor: Scalar | None = physical(
         "s/coordinate", "damping factor l of Hunt and Crossley", '"10 s/rad"', "none", least=0.0, default=None
     )
-    efforts: Array | None = physical(
+    efforts: Float[Array, " pieces"] | None = physical(
         "effort", "rising efforts at which the stiffness changes", '["7 N*m", "25 N*m"]', "none", above=0.0, default=None
     )
     limited: bool = describe(
