@@ -43,6 +43,7 @@ from .mechanism.body import Limits as Limits
 from .mechanism.body import Motion as Motion
 from .mechanism.body import Point as Point
 from .mechanism.body import Spring as Spring
+from .mechanism.body import Stops as Stops
 from .mechanism.body import Torque as Torque
 from .mechanism.body import Wrench as Wrench
 from .mechanism.couplings import Belt as Belt

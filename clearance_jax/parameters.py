@@ -78,10 +78,11 @@ def describe(help: str, example: str, absent: str = "", *, least: int = 0, most:
     return eqx.field(metadata=metadata, **field)
 
 
-def like(cls: type, name: str, **changes):
+def like(cls: type, name: str, **changes) -> Any:
     """A field like that of another class, with changes of its metadata."""
     given = {field.name: field for field in dataclasses.fields(cls)}[name]
-    return dataclasses.field(default=given.default, metadata={**given.metadata, **changes})
+    default = changes.pop("default", given.default)
+    return dataclasses.field(default=default, metadata={**given.metadata, **changes})
 
 
 def flatten(member: str | None = None, **field):

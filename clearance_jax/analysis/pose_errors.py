@@ -26,7 +26,7 @@ from clearance_jax.metrics.ideal import ASSEMBLE
 from clearance_jax.solve.quasi_static import are_poses
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
-from clearance_jax.spatial import as_array, subtract
+from clearance_jax.spatial import X, as_array, subtract
 
 __all__ = ["PoseErrors", "check_driven", "deviations", "place_slopes", "play_of", "pose_errors"]
 

@@ -110,7 +110,7 @@ def _gap_words(gap) -> str:
     """What a gap of a coordinate is, and its law."""
     if gap.what == "friction":
         return f"friction, {type(gap.clearance.friction).__name__}"
-    half, offset, sides = float(gap.size), float(gap.offset), gap.clearance.sides
+    half, offset, sides = float(gap.size), float(gap.offset or 0.0), gap.clearance.sides
     size = _angle if gap.turns else lambda width: format_quantity(width, "m")
     ends = {"both": (offset - half, offset + half)}.get(sides, (offset,))
     words = f"backlash {size(2 * half)}" if gap.is_play else f"stops at {' and '.join(map(size, ends))}"

@@ -12,10 +12,10 @@ from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import frames, spring_state
 from clearance_jax.mechanism.actuators import AbstractActuator, is_instant
 from clearance_jax.mechanism.body import GROUND, Wrench
-from clearance_jax.mechanism.unfolded import fold, unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import Acting, State, effort_sources, layout, parts
 from clearance_jax.mechanism.tree.compounds import Ball
+from clearance_jax.mechanism.unfolded import fold, unfold
 from clearance_jax.spatial import ZERO, Term, dot, minus, plus, scale, total
 
 Measured = dict[str, tuple[Term, Term]]

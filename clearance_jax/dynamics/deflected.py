@@ -1,7 +1,7 @@
 """Drives that give way, and gears with backlash, under the load of the start: deflected, on the flank that bears it.
 
-The ideal mechanism has no backlash. Its springs and couplings are put where the loaded flanks are (`DriveSpring.rest`, by
-half a gap; `Coupling.offset`, by the place in the gap), so its loads are those of the settled mechanism. A gap that
+The ideal mechanism has no backlash. Its springs and couplings are put where the loaded flanks are (`DriveSpring.rest`,
+by half a gap; `Coupling.offset`, by the place in the gap), so its loads are those of the settled mechanism. A gap that
 nothing loads starts in the middle.
 """
 
@@ -13,11 +13,13 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._basis.types import Scalar
+from clearance_jax.dynamics.applied import Measured, measure
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import mesh_efforts, slope
-from clearance_jax.dynamics.gaps import gap_motions
-from clearance_jax.joints._base import TOUCHING
+from clearance_jax.dynamics.gaps import gap_motions, terms_of, wave_of
+from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import StateSlices, initial_values, layout, parts
 from clearance_jax.mechanism.tree.coordinate import Coordinate
@@ -32,19 +34,21 @@ ROUNDS = 3
 
 
 def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
-    """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal, and with
-    gaps on the flanks that bear the load.
+    """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal, and
+    with gaps on the flanks that bear the load.
     """
     mechanism = _deflected(time, mechanism)
-    gaps = {gap.name: gap for gap in mechanism.gaps if gap.is_play}
+    gaps = {gap.name: gap for gap in mechanism.gaps if gap.is_play or gap.wave is not None}
     for _ in range(ROUNDS if gaps else 0):
         ideal = mechanism.ideal().without_sampling()
+        y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
         state = layout(ideal).split(initial_values(ideal))
         # The springs' efforts on their links, and those of the meshes.
         pull = {
             DRIVE.format(c.name): spring(time, jnp.asarray(c.motion.position, float), 0.0)
             for c in (part.coordinate for part in _springs(ideal))
             for spring in c.motion.actuators
+            if isinstance(spring, DriveSpring)
         }
         if any(coupling.name in gaps for coupling in mechanism.couplings):
             pull |= dict(
@@ -54,7 +58,8 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
                     strict=True,
                 )
             )
-        places = {name: _seat(gap, jnp.asarray(pull[name], float)) for name, gap in gaps.items()}
+        seen = measure(mechanism, time, layout(mechanism).split(y))
+        places = {name: _seat(gap, jnp.asarray(pull[name], float), seen) for name, gap in gaps.items()}
         mechanism = _deflected(time, _on_flanks(mechanism, gaps, places))
     return mechanism
 
@@ -88,11 +93,17 @@ def _deflected(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
     return dataclasses.replace(mechanism, joints=tuple(with_motions(joint, change) for joint in mechanism.joints))
 
 
-def _seat(gap, effort: Array) -> tuple[Array, Array]:
-    """The middle of the flank that gives an effort (-1, 1; 0: nothing loads it), and the place of rest in the gap."""
+def _seat(gap: CoordinateGap, effort: Array, seen: Measured) -> tuple[Array, Array]:
+    """The place of the flank that gives an effort, in the middle where nothing loads it; and the place of rest."""
+    error = jnp.zeros(())
+    if gap.wave is not None:
+        place, speed = seen[gap.motor]
+        error = wave_of(gap.wave, place, speed, 0.0).value
+    if not gap.is_play:
+        return error, error
     (place, _), pressed = gap.clearance.seat((effort, jnp.zeros(())))
     side = jnp.where(pressed, -jnp.sign(effort), 0.0)
-    return side, jnp.where(pressed, place, 0.0)
+    return error + side * gap.size, error + jnp.where(pressed, place, 0.0)
 
 
 def _on_flanks(mechanism: PreparedMechanism, gaps: dict, places: dict) -> PreparedMechanism:
@@ -102,8 +113,11 @@ def _on_flanks(mechanism: PreparedMechanism, gaps: dict, places: dict) -> Prepar
         name = DRIVE.format(c.name)
         if name not in gaps:
             return c.motion
-        rest = places[name][0] * gaps[name].size
-        actuators = tuple(dataclasses.replace(spring, rest=rest) for spring in c.motion.actuators)
+        rest = places[name][0]
+        actuators = tuple(
+            dataclasses.replace(spring, rest=rest) if isinstance(spring, DriveSpring) else spring
+            for spring in c.motion.actuators
+        )
         return dataclasses.replace(c.motion, actuators=actuators)
 
     joints = tuple(with_motions(joint, change) for joint in mechanism.joints)
@@ -132,15 +146,15 @@ def engage(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
         if name in drives:
             return drives[name](time)[:2]
         if name not in done:
-            own = y[places[name][0]], y[places[name][1]]
+            motion: tuple[Term, Term] = y[places[name][0]], y[places[name][1]]
             if name in meshes:
                 gap = gaps[meshes[name].name]
-                place, speed = plus(own[0], meshes[name].offset), own[1]
-                for leader, factor in zip(gap.coordinates[1:], gap.factors[1:], strict=True):
+                place, speed = plus(motion[0], meshes[name].offset), motion[1]
+                for leader, factor in terms_of(gap)[1:]:
                     at, moving = of(leader)
                     place, speed = plus(place, times(-factor, at)), plus(speed, times(-factor, moving))
-                own = jnp.asarray(place, float), jnp.asarray(speed, float)
-            done[name] = own
+                motion = jnp.asarray(place, float), jnp.asarray(speed, float)
+            done[name] = motion
         return done[name]
 
     for name in meshes:

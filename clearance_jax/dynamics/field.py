@@ -21,12 +21,12 @@ from clearance_jax.dynamics.forms.frames import Frames, rotors
 from clearance_jax.dynamics.kinematics import frames, relative_motions, spring_state
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
-from clearance_jax.mechanism.followers import relations_of
-from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.followers import relations_of
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, parts, position_rates, vector
 from clearance_jax.mechanism.tree.compounds import Ball
+from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.mechanism.variants import acting
 from clearance_jax.spatial import Term, minus, plus, put, times, total
 

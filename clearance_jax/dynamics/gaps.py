@@ -4,15 +4,17 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.relative_motion import RelativeMotion, coordinate_values
 from clearance_jax.joints import Action, PreparedClearance, Relative
+from clearance_jax.mechanism.actuators import Wave
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, moved_parts
-from clearance_jax.mechanism.tree.moved import motion_of
+from clearance_jax.mechanism.tree.moved import Moved, motion_of
 from clearance_jax.mechanism.unfolded import fold, unfold
 from clearance_jax.spatial import ZERO, Term, minus, plus, times
 
@@ -34,22 +36,50 @@ def gap_motions(
     coordinates = {c.name: c for c in mechanism.coordinates()}
     known = {
         name: motion_of(coordinates[name], time, values)
-        for name in {name: None for gap in mechanism.gaps for name in gap.coordinates}
+        for name in {name: None for gap in mechanism.gaps for name in (*gap.coordinates, gap.motor) if name}
     }
     return [_motion(gap, known) for gap in mechanism.gaps]
 
 
+def terms_of(gap: CoordinateGap) -> list[tuple[str, Term]]:
+    """The coordinates of a gap with their factors."""
+    return [(name, 1.0 if k is None else k) for name, k in zip(gap.coordinates, gap.factors, strict=True)]
+
+
 def _motion(gap: CoordinateGap, known: Mapping) -> RelativeMotion:
-    place: Term = minus(0.0, gap.offset)
+    place: Term = 0.0 if gap.offset is None else minus(0.0, gap.offset)
     speed: Term = 0.0
     rise: Term = 0.0
-    for name, factor in zip(gap.coordinates, gap.factors, strict=True):
+    for name, factor in terms_of(gap):
         now = known[name]
         place, speed = plus(place, times(factor, now.q[0])), plus(speed, times(factor, now.v[0]))
         rise = plus(rise, times(factor, now.a[0]))
+    if gap.wave is not None:
+        error = _error(gap.wave, known[gap.motor])
+        place, speed, rise = minus(place, error.value), minus(speed, error.rate), minus(rise, error.rise)
     x, v, a = share(tuple(jnp.asarray(term, float) for term in (place, speed, rise)))
     here = Relative((x, 0.0, 0.0), 0.0, (v, 0.0, 0.0), ZERO)
     return RelativeMotion(here, Relative((v, 0.0, 0.0), 0.0, (a, 0.0, 0.0), ZERO))
+
+
+def _error(wave: Wave, motor: Moved) -> "TransmissionError":
+    return wave_of(wave, motor.q[0], motor.v[0], motor.a[0])
+
+
+class TransmissionError(NamedTuple):
+    """A transmission error, its rates, and its slope by the motor's coordinate."""
+
+    value: Array
+    rate: Array
+    rise: Array
+    slope: Array
+
+
+def wave_of(wave: Wave, place: Term, speed: Term, rise: Term) -> TransmissionError:
+    """The transmission error where its motor is [rad or m], with its speed and acceleration."""
+    n, angle = wave.error_order, wave.error_order * place + wave.error_phase
+    value, slope = wave.error * jnp.sin(angle), n * wave.error * jnp.cos(angle)
+    return TransmissionError(value, slope * speed, slope * rise - n**2 * value * speed**2, slope)
 
 
 def gap_actions(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Action]:
@@ -64,8 +94,14 @@ def gap_actions(mechanism: PreparedMechanism, time: Scalar, state: State) -> dic
 def gap_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, actions: Mapping[str, Action]) -> GapEfforts:
     """The efforts of the gaps' contacts."""
     by_name: dict[str, Term] = {}
+    values = coordinate_values(mechanism, time, state) if any(gap.wave is not None for gap in mechanism.gaps) else {}
+    coordinates = {c.name: c for c in mechanism.coordinates()}
     for gap in mechanism.gaps:
-        for name, factor in zip(gap.coordinates, gap.factors, strict=True):
+        terms = terms_of(gap)
+        if gap.wave is not None:
+            motor = motion_of(coordinates[gap.motor], time, values)
+            terms.append((gap.motor, minus(0.0, _error(gap.wave, motor).slope)))
+        for name, factor in terms:
             by_name[name] = plus(by_name.get(name, 0.0), times(factor, actions[gap.name].force[0]))
     if not by_name:
         return GapEfforts([0.0] * layout(mechanism).free, by_name)

@@ -25,11 +25,11 @@ from clearance_jax.dynamics.relative_motion import (
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Spring
-from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
+from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.spatial import (
     UNIT,
     Rotation,

@@ -23,9 +23,9 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.laws._friction import speed_of
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
-from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, actuated_coordinates, layout, parts
+from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.spatial import Vector, add, as_array, length_of, rotation_vector, scale
 
 
@@ -183,7 +183,9 @@ OBSERVED = {
     "pin_tilt": Variable(
         ("joint", "across"), "rad", "how the pin's axis leans along the sleeve's x and y (in space); 0 for a ball"
     ),
-    "gap_position": Variable(("gap",), "see gap_unit", "place in the gap of a drive, coupling or stop, from its middle"),
+    "gap_position": Variable(
+        ("gap",), "see gap_unit", "place in the gap of a drive, coupling or stop, from its middle"
+    ),
     "gap_penetration": Variable(("gap",), "see gap_unit", "how deep a flank is pressed (negative: apart)"),
     "gap_penetration_rate": Variable(("gap",), "see gap_rate_unit", "rate of the penetration (positive: approach)"),
     "gap_effort": Variable(("gap",), "see gap_effort_unit", "effort of the flanks on the link or follower"),

@@ -11,11 +11,11 @@ from clearance_jax._compile.alike import results_together, side_by_side
 from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
-from clearance_jax.mechanism.unfolded import spread, unfold
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.mechanism.tree.frame import Frame
 from clearance_jax.mechanism.tree.moved import FrameStep, Moved, Values, carry, steps
+from clearance_jax.mechanism.unfolded import spread, unfold
 from clearance_jax.spatial import Matrix, Term, Vector, is_zero, minus, plus, product
 
 

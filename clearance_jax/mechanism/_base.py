@@ -122,7 +122,7 @@ class AbstractMechanism(Parametrised):
 
     def open_gaps(self) -> tuple[CoordinateGap, ...]:
         """The gaps of backlash and stops."""
-        return tuple(gap for gap in self.gaps if gap.what != "friction")
+        return tuple(gap for gap in self.gaps if gap.what in ("backlash", "stops"))
 
     @property
     def has_play(self) -> bool:
@@ -213,20 +213,20 @@ class AbstractMechanism(Parametrised):
         **Arguments:** `play`: by joint, values of its play coordinates [m or rad] at which its pin is held; by gap of a
         drive or a coupling the place in it (default: in the middle).
         """
-        held = self.hold_pins(play)._with_joints(without_misalignment)
+        firm = self.hold_pins(play)._with_joints(without_misalignment)
         at = {name: places[0] for name, places in play.items()}
-        if any(gives_way(c.motion) for c in held.moved_coordinates()):
-            held = held._with_joints(lambda joint: rigid(joint, at))
+        if any(gives_way(c.motion) for c in firm.moved_coordinates()):
+            firm = firm._with_joints(lambda joint: rigid(joint, at))
         meshes = [c for c in self.couplings if c.backlash is not None and c.name in at]
         if not meshes:
-            return held
+            return firm
         shifted = {c.name: dataclasses.replace(c, offset=c.offset + at[c.name]) for c in without_backlash(meshes)}
-        return dataclasses.replace(held, couplings=tuple(shifted.get(c.name, c) for c in held.couplings))
+        return dataclasses.replace(firm, couplings=tuple(shifted.get(c.name, c) for c in firm.couplings))
 
     def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
         """The ideal mechanism with pins held at values of their `play` by joint [m or rad] (default: in the middle)."""
-        held = self._with_joints(lambda joint: without_gaps(without_play(joint, play.get(joint.name))))
-        return held._without_gaps() if self.gaps else held
+        fixed = self._with_joints(lambda joint: without_gaps(without_play(joint, play.get(joint.name))))
+        return fixed._without_gaps() if self.gaps else fixed
 
     def _without_gaps(self: Kind) -> Kind:
         """The same mechanism, whose joints have no gaps any more, with couplings without backlash."""

@@ -15,7 +15,7 @@ from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints.gap import Pressing, Rub
 from clearance_jax.laws import AbstractFrictionLaw, TanhCoulomb
-from clearance_jax.laws.normal.flank import Flank, Pieces
+from clearance_jax.laws.normal.flank import Flank
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.parameters import describe, flatten, physical
 from clearance_jax.spatial import Term
@@ -180,12 +180,25 @@ class JointSpring(AbstractActuator):
         return self.damping * velocity**2, 0.0
 
 
+class Wave(Module):
+    """A transmission error: the motor turns its link by A sin(n q_motor + p) too far.
+
+    **Arguments:** `error` A [rad], of a slide [m]; `error_order` n [1/rad], or [1/m]: of one error in a turn of the
+    motor the ratio of the gear, as q_motor is seen from the link; `error_phase` p [rad].
+    """
+
+    error: Scalar = physical("coordinate", "amplitude A of the transmission error", '"0.5 arcmin"', "none")
+    error_order: Scalar = physical("1/coordinate", "its waves in a radian of the motor", '"100 1/rad"')
+    error_phase: Scalar = physical("rad", "its phase where the motor is at 0", '"90 deg"', default=0.0)
+
+
 class DriveSpring(AbstractActuator):
     """The spring and damper of a drive: -T_e(q - q0) - c q', with the effort and the damping of its `flank`. A settled
     start is deflected by the load that it bears.
 
     With `backlash`, the width of the whole gap [rad], of a slide [m], it does not act as an actuator: its flanks are a
-    contact (`mechanism.gaps`). Energy balances count that as a contact's, and not as an actuator's work.
+    contact (`mechanism.gaps`); so is a spring with a `wave`. Energy balances count that as a contact's, and not as an
+    actuator's work.
     """
 
     flank: Flank = flatten()
@@ -193,10 +206,10 @@ class DriveSpring(AbstractActuator):
         "coordinate", "the whole gap between its flanks", '"3 arcmin"', "none", above=0.0, lifted=True, default=None
     )
     rest: Scalar = physical("coordinate", "coordinate q0 at which the spring is relaxed", '"10 deg"', default=0.0)
+    wave: "Wave | None" = flatten(default=None)
 
     def __call__(self, time, position, velocity):
-        pull = Pieces.of(self.flank.stiffness, self.flank.efforts).effort(position - self.rest)
-        return -pull - self.flank.damping * velocity
+        return -self.flank.curve.effort(position - self.rest) - self.flank.damping * velocity
 
     def losses(self, velocity):
         return self.flank.damping * velocity**2, 0.0

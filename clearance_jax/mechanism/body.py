@@ -127,7 +127,7 @@ class Limits(NamedTuple):
 
 
 class Stops(Parametrised):
-    """The stops of a free coordinate, which its link meets at the ends of its range: contacts with the law of a `flank`.
+    """The stops of a free coordinate, which its link meets at the ends of its range: contacts by the law of a `flank`.
 
     **Arguments:** `lower`, `upper` [rad or m]: where they are; `None`: there is none on this side; `flank`: their law,
     with efforts [N m] of angles, [N] of lengths.

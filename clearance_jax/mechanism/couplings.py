@@ -2,8 +2,9 @@
 
 A coordinate follows one or two others: q = ratio * q_leader + second_ratio * q_second + offset. It is no state: place,
 velocity and acceleration follow exactly, so nothing drifts. Its inertia, and the forces on it, act on its leaders
-through the ratio. (With backlash it moves by itself, and contacts keep it within a gap: `mechanism.gaps`.) Angles are those of the joints, so each is relative to the body that carries the joint: on a carrier
-that turns, the relation of the wheels is that in the carrier's axes (Willis).
+through the ratio. (With backlash it moves by itself, and contacts keep it within a gap: `mechanism.gaps`.) Angles are
+those of the joints, so each is relative to the body that carries the joint: on a carrier that turns, the relation of
+the wheels is that in the carrier's axes (Willis).
 """
 
 import dataclasses
@@ -15,8 +16,8 @@ import equinox as eqx
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
-from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.laws import AbstractNormalLaw
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.parameters import Demand, Parametrised, describe, flatten, physical
 from clearance_jax.spatial import Term, plus, times
 
@@ -130,8 +131,9 @@ def Gear(
     """A pair of gears with parallel axes, or of bevel gears.
 
     **Arguments:** `name`, `follower`, `leader`, `offset`, `backlash`, `flank`: as in `Coupling`; `teeth`: numbers of
-    teeth of the leader and of the follower; `internal`: whether one of them is a ring with teeth inside. Such a pair turns the same way, any
-    other pair opposite ways. (Of bevel gears the sign depends on how their axes point: `internal` changes it.)
+    teeth of the leader and of the follower; `internal`: whether one of them is a ring with teeth inside. Such a pair
+    turns the same way, any other pair opposite ways. (Of bevel gears the sign depends on how their axes point:
+    `internal` changes it.)
 
     **Raises:** `ClearanceError` for fewer than 5 teeth.
     """
@@ -152,8 +154,8 @@ def Rack(
 ) -> Coupling:
     """A rack, the slide `follower`, moved by a pinion: x = radius q.
 
-    **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `radius` [m]: pitch radius of the
-    pinion, module times teeth / 2; negative where the rack moves the other way.
+    **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `radius` [m]:
+    pitch radius of the pinion, module times teeth / 2; negative where the rack moves the other way.
     """
     return Coupling(name, follower, leader, radius, offset, backlash=backlash, flank=flank)
 
@@ -170,8 +172,8 @@ def Screw(
 ) -> Coupling:
     """A screw: the slide `follower` moves by the lead a turn of the leader: x = lead q / (2 pi).
 
-    **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `lead` [m]: negative of a left-hand
-    thread.
+    **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `lead` [m]:
+    negative of a left-hand thread.
     """
     return Coupling(name, follower, leader, lead / (2 * math.pi), offset, backlash=backlash, flank=flank)
 

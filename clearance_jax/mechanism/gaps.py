@@ -1,11 +1,12 @@
 """Gaps of coordinates: backlash of drives and of couplings, the stops of joints, and friction that sticks.
 
-Each is a contact along one number x = sum k_i q_i - o of the mechanism's coordinates q_i. Its effort T acts on every one
-of them by k_i T. It is no wrench between two bodies: a motor does not feel the teeth of the gear behind it, but what the
-gear lets through.
+Each is a contact along one number x = sum k_i q_i - o of the mechanism's coordinates q_i. Its effort T acts on every
+one of them by k_i T. It is no wrench between two bodies: a motor does not feel the teeth of the gear behind it, but
+what the gear lets through.
 """
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 import equinox as eqx
@@ -15,33 +16,36 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.joints.gap import Gap, Rub
-from clearance_jax.mechanism.actuators import DriveSpring, JointFriction
+from clearance_jax.laws.normal.flank import FlankSpring
+from clearance_jax.mechanism.actuators import DriveSpring, JointFriction, Wave
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import DRIVE, FRICTION, STOP, gives_way, motor_of, rubs
-from clearance_jax.spatial import Term, minus
+from clearance_jax.mechanism.variants import DRIVE, FRICTION, STOP, gives_way, has_gap, motor_of, rubs
 
-What = Literal["backlash", "stops", "friction"]
+What = Literal["backlash", "elasticity", "stops", "friction"]
 
 
 class CoordinateGap(Module):
-    """The gap of a place x = sum k_i q_i - o: `coordinates` with their `factors`, the `offset` o, and the `clearance`, a
-    `Gap` or one with its laws' constants.
+    """The gap of a place x = sum k_i q_i - o: `coordinates` with their `factors` (`None`: 1), the `offset` o (`None`:
+    0), and the `clearance`, a `Gap` or `Rub`, or one with its laws' constants.
 
     - `in_tree`: whether all coordinates are states, so that the place is one too.
     - `turns`: whether x is an angle [rad], else a length [m].
     - `what` it is.
+    - `wave`: a transmission error A sin(n q + p) by the coordinate q of the `motor`, by which x is less.
     """
 
     name: str = eqx.field(static=True)
     coordinates: tuple[str, ...] = eqx.field(static=True)
-    factors: tuple[Term, ...]
-    offset: Term
+    factors: tuple[Scalar | None, ...]
+    offset: Scalar | None
     clearance: Any
     in_tree: bool = eqx.field(static=True)
     turns: bool = eqx.field(static=True)
     what: What = eqx.field(static=True)
+    wave: Wave | None = None
+    motor: str = eqx.field(static=True, default="")
 
     @property
     def is_play(self) -> bool:
@@ -65,8 +69,10 @@ class CoordinateGap(Module):
 
     @property
     def size(self) -> Array:
-        """Half of its width [rad or m]."""
-        return jnp.asarray(getattr(self.clearance, "joint", self.clearance).half, float)
+        """Half of its width [rad or m]; 1 of what has none."""
+        made = getattr(self.clearance, "joint", self.clearance)
+        has_width = self.is_play or (self.what == "stops" and made.sides == "both")
+        return jnp.asarray(made.half if has_width else 1.0, float)
 
     def own_coordinates(self) -> tuple[()]:
         """None: its coordinates are those of joints."""
@@ -84,8 +90,8 @@ def gaps_of(coordinates: tuple[Coordinate, ...], couplings: tuple[Coupling, ...]
     for coupling in couplings:
         if coupling.backlash is not None:
             names = (coupling.follower, *(leader for leader, _ in coupling.terms))
-            factors = (1.0, *(minus(0.0, ratio) for _, ratio in coupling.terms))
-            terms = dict(zip(names, factors, strict=True))
+            factors = (None, *(-ratio for _, ratio in coupling.terms))
+            terms: dict[str, Scalar | None] = dict(zip(names, factors, strict=True))
             for name, factor in [*terms.items()]:
                 if gives_way(by_name[name].motion):
                     terms[motor_of(name)] = factor
@@ -95,23 +101,30 @@ def gaps_of(coordinates: tuple[Coordinate, ...], couplings: tuple[Coupling, ...]
 
 
 def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[CoordinateGap]:
-    motor: dict[str, Term] = {motor_of(c.name): 1.0} if gives_way(c.motion) else {}
+    motor: dict[str, None] = {motor_of(c.name): None} if gives_way(c.motion) else {}
     frictions = 0
     for actuator in c.motion.actuators:
-        if isinstance(actuator, DriveSpring) and actuator.backlash is not None:
-            yield _gap(DRIVE.format(c.name), {c.name: 1.0}, 0.0, Gap(actuator.backlash, actuator.flank), by_name)
+        if isinstance(actuator, DriveSpring) and has_gap(actuator):
+            flank = actuator.flank if actuator.backlash is not None else FlankSpring(**vars(actuator.flank))
+            width = 0.0 if actuator.backlash is None else actuator.backlash
+            what: What = "elasticity" if actuator.backlash is None else "backlash"
+            made = _gap(DRIVE.format(c.name), {c.name: None}, None, Gap(width, flank), by_name, what)
+            driven = actuator.wave is not None and not by_name[motor_of(c.name)].motion.is_free
+            yield dataclasses.replace(
+                made, wave=actuator.wave, motor=motor_of(c.name), in_tree=made.in_tree and not driven
+            )
         elif isinstance(actuator, JointFriction) and rubs(actuator, c.motion):
-            name, terms = FRICTION.format(c.name), {c.name: 1.0} | motor
-            yield _gap(name + f"_{frictions}" * bool(frictions), terms, 0.0, actuator.rub(), by_name, "friction")
+            name = FRICTION.format(c.name) + f"_{frictions}" * bool(frictions)
+            yield _gap(name, {c.name: None} | motor, None, actuator.rub(), by_name, "friction")
             frictions += 1
     stops = c.motion.stops
     if stops is not None and c.motion.is_free:
-        yield _gap(STOP.format(c.name), {c.name: 1.0} | motor, stops.offset, stops.gap(), by_name, "stops")
+        yield _gap(STOP.format(c.name), {c.name: None} | motor, stops.offset, stops.gap(), by_name, "stops")
 
 
 def _gap(
-    name: str, terms: dict[str, Term], offset: Scalar | float, clearance: Gap | Rub, by_name: dict[str, Coordinate],
-    what: What = "backlash",
+    name: str, terms: Mapping[str, Scalar | None], offset: Scalar | None, clearance: Gap | Rub,
+    by_name: dict[str, Coordinate], what: What = "backlash",
 ) -> CoordinateGap:  # fmt: skip
     in_tree = all(by_name[each].motion.is_free for each in terms)
     turns = by_name[next(iter(terms))].slides is None

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws.normal.flank import Flank
-from clearance_jax.mechanism.actuators import DriveSpring, JointFriction
+from clearance_jax.mechanism.actuators import DriveSpring, JointFriction, Wave
 from clearance_jax.mechanism.body import Body, Motion, Motor
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
@@ -41,6 +41,9 @@ class Compliance(Parametrised):
       contacts like those of a clearance joint, by the name `NAME_drive`.
     - `rotor_inertia` [kg m^2], or [kg]: of a motor that actuators move: the inertia of the rotor times the square of
       the gear ratio.
+    - `cubic` [N m/rad^3]: a further effort, with the third power of the deflection; beside one stiffness only.
+    - `error` A [rad or m], `error_order` n [1/rad or 1/m], `error_phase` p: a transmission error A sin(n q_motor + p),
+      by which the link is ahead of its motor. Of one error in a turn of the motor n is the ratio of the gear.
     - `friction`: on the link's side of the spring. (Friction among the joint's own actuators is on the motor's side.)
     """
 
@@ -58,7 +61,15 @@ class Compliance(Parametrised):
     efforts: Float[Array, " pieces"] | None = like(Flank, "efforts")
     damping_factor: Scalar | None = like(Flank, "damping_factor")
     limited: bool = like(Flank, "limited")
+    cubic: Scalar | None = like(Flank, "cubic")
+    error: Scalar | None = like(Wave, "error", default=None)
+    error_order: Scalar | None = like(Wave, "error_order", absent="there is no `error`", default=None)
+    error_phase: Scalar = like(Wave, "error_phase")
     friction: JointFriction | None = None
+
+    def __check_init__(self):
+        if (self.error is None) != (self.error_order is None):
+            raise ClearanceError("A transmission error needs `error` and `error_order`, or neither.").about("error")
 
     def demands(self):
         yield from self.flank.demands()
@@ -69,7 +80,14 @@ class Compliance(Parametrised):
     @property
     def flank(self) -> Flank:
         """The law of its flanks."""
-        return Flank(self.stiffness, self.damping, self.damping_factor, self.efforts, self.limited)
+        return Flank(self.stiffness, self.damping, self.damping_factor, self.efforts, self.limited, self.cubic)
+
+    @property
+    def wave(self) -> Wave | None:
+        """Its transmission error."""
+        if self.error is None or self.error_order is None:
+            return None
+        return Wave(self.error, self.error_order, self.error_phase)
 
 
 def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> Mechanism:
@@ -96,9 +114,14 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
         raise ClearanceError(text)
     inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
     check_demands(compliance, f"{name}.")
-    spring = Motion(actuators=(DriveSpring(compliance.flank, compliance.backlash, name="compliance"),))
+    drive = DriveSpring(compliance.flank, compliance.backlash, wave=compliance.wave, name="compliance")
+    spring = Motion(actuators=(drive,))
     if compliance.friction is not None:
-        rub = compliance.friction if compliance.friction.name else dataclasses.replace(compliance.friction, name="friction")
+        rub = (
+            compliance.friction
+            if compliance.friction.name
+            else dataclasses.replace(compliance.friction, name="friction")
+        )
         spring = dataclasses.replace(spring, actuators=(*spring.actuators, rub))
     moved = vars(joint.motion) | {"stops": None}
     spring = dataclasses.replace(spring, stops=joint.motion.stops)

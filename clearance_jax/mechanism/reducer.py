@@ -13,6 +13,7 @@ from jax.core import Tracer
 
 from clearance_jax.errors import ClearanceError, require_float64, wrong_value
 from clearance_jax.joints.gears import ARC_MINUTE
+from clearance_jax.laws.normal.flank import FlankCurve
 
 Plain: TypeAlias = float | int
 # Harmonic Drive LLC, catalogue of CSF and CSG, by size: the torques T1, T2 [N m] at which the stiffness changes; then
@@ -48,8 +49,7 @@ def piecewise_torque(x: Any, pieces: StiffnessPieces) -> Any:
     """The torque [N m] at a wind-up `x` [rad]. **Raises:** `ClearanceError` beyond what is known (if traced: NaN)."""
     require_float64()
     slopes, breaks = pieces.stiffnesses, pieces.angles
-    changes = zip(itertools.pairwise(slopes), breaks, strict=False)
-    y = slopes[-1] * x + sum((slope - after) * jnp.clip(x, -at, at) for (slope, after), at in changes)
+    y = FlankCurve(slopes, breaks[: len(slopes) - 1]).effort(x)
     if len(slopes) > len(breaks):
         return y
     beyond = jnp.abs(x) > breaks[-1] * (1 + 1e-12)

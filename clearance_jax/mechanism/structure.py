@@ -201,8 +201,9 @@ def check_encoders(coordinates: Sequence[Coordinate]) -> None:
     for c in coordinates:
         for actuator in c.motion.actuators if isinstance(c.motion, Motion) else ():
             if {*actuator.measures(), *actuator.measures_rate()} - names:
-                text = f"An actuator of `{c.name}` measures its motor, but the joint has none: give its drive a compliance."
-                raise ClearanceError(text).about(motor_of(c.name))
+                raise ClearanceError(
+                    f"An actuator of `{c.name}` measures its motor, but the joint has none: give its drive compliance."
+                ).about(motor_of(c.name))
 
 
 def _check_encoder(what: str, encoder: Sequence[str], coordinate: Coordinate, every: dict[str, Coordinate]) -> None:

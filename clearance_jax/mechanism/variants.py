@@ -49,8 +49,8 @@ def acting(motion: Motion) -> tuple[tuple[int, AbstractActuator], ...]:
 
 
 def has_gap(actuator: AbstractActuator) -> bool:
-    """Whether it is the spring of a drive with backlash."""
-    return isinstance(actuator, DriveSpring) and actuator.backlash is not None
+    """Whether it is the spring of a drive with backlash or a transmission error."""
+    return isinstance(actuator, DriveSpring) and not (actuator.backlash is None and actuator.wave is None)
 
 
 def rubs(actuator: AbstractActuator, motion: Motion) -> bool:
@@ -227,11 +227,13 @@ def without_gaps(joint: AbstractJoint) -> AbstractJoint:
     """The joint without backlash in its drive, and without stops."""
 
     def firm(actuator: Any) -> Any:
-        return dataclasses.replace(actuator, backlash=None) if has_gap(actuator) else actuator
+        return dataclasses.replace(actuator, backlash=None, wave=None) if has_gap(actuator) else actuator
 
     def change(c: Coordinate) -> Motion:
         actuators = tuple(firm(actuator) for actuator in c.motion.actuators)
-        changed = c.motion.stops is not None or any(a is not b for a, b in zip(actuators, c.motion.actuators, strict=True))
+        changed = c.motion.stops is not None or any(
+            a is not b for a, b in zip(actuators, c.motion.actuators, strict=True)
+        )
         return dataclasses.replace(c.motion, actuators=actuators, stops=None) if changed else c.motion
 
     return with_motions(joint, change)

@@ -125,12 +125,12 @@ def of_gaps(dataset: xr.Dataset) -> list[Panel]:
         out.append(Panel(f"error of {_list(dataset)}", _errors))
     units, names = dataset["gap_unit"].values, dataset["gap"].values
     for unit, effort in (("rad", "N m"), ("m", "N")):
-        own = [str(name) for name in names[units == unit]]
-        loose = [name for name in own if f"gap.{name}" in dataset.attrs]
+        some = [str(name) for name in names[units == unit]]
+        loose = [name for name in some if f"gap.{name}" in dataset.attrs]
         if loose:
             out.append(Panel("place in the gap", partial(_gap_places, loose, unit)))
-        if own:
-            out.append(Panel("effort of flanks", partial(_curves, "gap_effort", "gap", own, f"effort, {effort}")))
+        if some:
+            out.append(Panel("effort of flanks", partial(_curves, "gap_effort", "gap", some, f"effort, {effort}")))
         if loose:
             out.append(Panel("effort over place", partial(_wind_up, loose, unit, f"effort, {effort}")))
     return out

@@ -130,9 +130,7 @@ def _inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: 
 
 
 EXACT = diffrax.Dopri8()
-RATES = {
-    f"{begin}contact_{what}": f"{begin}{what}_rate" for begin in ("", "gap_") for what in ("force", "power")
-}
+RATES = {f"{begin}contact_{what}": f"{begin}{what}_rate" for begin in ("", "gap_") for what in ("force", "power")}
 """The rates of contacts, by the names of what changes."""
 OF_POINTS = ("velocity", "acceleration")
 observed, observed_with_rates = _batch(_observe), _batch(_observe_with_rates)

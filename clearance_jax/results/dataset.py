@@ -2,7 +2,7 @@
 
 import dataclasses
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -66,7 +66,6 @@ EPISODES = {
 }
 
 
-
 def _named(begin: str, name: str) -> str:
     """The name of a column of episodes, of gaps with another beginning."""
     return begin + (name.replace("joint", "gap") if begin else name)
@@ -115,8 +114,8 @@ def to_dataset(
     point from its place on the ideal mechanism; where that is not known, the attribute `ideal` says why.
 
     **Arguments:** `mechanism`; `solution`: a `Solution` or a `Trace` of its motion; `ideal`: the motion of
-    `mechanism.intended()` at the same times, where drives do not prescribe it; `progress`: called with the fraction done;
-    `provenance`: anything to be kept as attributes, beside version, result and counts.
+    `mechanism.intended()` at the same times, where drives do not prescribe it; `progress`: called with the fraction
+    done; `provenance`: anything to be kept as attributes, beside version, result and counts.
     """
     joints, gaps = len(mechanism.clearance_joints()), len(mechanism.open_gaps())
     shown = joints or gaps or mechanism.points
@@ -134,34 +133,22 @@ def to_dataset(
     program = blocks.observed if alone else blocks.observed_with_rates
     seen = in_blocks(program, mechanism, time, y, progress=_part(progress, 0.0, share))
     seen = {name: values for name, values in seen.items() if name not in blocks.RATES.values()}
-    steps, table, impacts, extremes = {}, {}, [episodes.NO_IMPACTS] * joints, {}
-    gap_table, gap_impacts = {}, [episodes.NO_IMPACTS] * gaps
+    told = _Traced({}, {}, {}, {}, [episodes.NO_IMPACTS] * joints, [episodes.NO_IMPACTS] * gaps)
     if traced is not None:
-        rest = _part(progress, share, 1.0)
-        ends = _step_ends(mechanism, traced, _part(rest, 0.0, _LOOKED_AT))
-        falls_over = -np.inf
-        if joints:
-            steps, table, impacts = _of_contacts(mechanism, traced, ends)
-            falls_over = max(falls_over, *first_falls_over(traced.time, steps["step_state"]))
-        if gaps:
-            gap_steps, gap_table, gap_impacts = _of_contacts(mechanism, traced, ends, "gap_")
-            steps |= gap_steps
-        if mechanism.points:
-            extremes = of_points(mechanism, traced, ends, falls_over)
-        if rest is not None:
-            rest(1.0)
+        told = _of_trace(mechanism, traced, told, _part(progress, share, 1.0))
     if joints:
-        seen["contact_state"] = _states(time, seen["penetration"], impacts)
+        seen["contact_state"] = _states(time, seen["penetration"], told.impacts)
     if gaps:
-        seen["gap_state"] = _states(time, seen["gap_penetration"], gap_impacts)
+        seen["gap_state"] = _states(time, seen["gap_penetration"], told.gap_impacts)
         seen = {name: values for name, values in seen.items() if name not in ("gap_contact_force", "gap_contact_power")}
     errors, unknown = against_ideal(mechanism, time, y, seen, ideal)
     seen |= errors
     labelled = labels(mechanism) | mark_labels(mechanism)
-    after = extremes.pop("after", None)
-    data = _variables("time", seen, VARIABLES, labelled) | _variables("step", steps, STEPS, labelled)
-    data |= _variables("gap_episode", gap_table, GAP_EPISODES, labelled)
-    data |= _variables("episode", table, EPISODES, labelled) | _variables("after", extremes, EXTREMES, labelled)
+    after = told.extremes.pop("after", None)
+    data = _variables("time", seen, VARIABLES, labelled) | _variables("step", told.steps, STEPS, labelled)
+    data |= _variables("gap_episode", told.gap_table, GAP_EPISODES, labelled)
+    data |= _variables("episode", told.table, EPISODES, labelled)
+    data |= _variables("after", told.extremes, EXTREMES, labelled)
     used = {dim for dims, _, _ in data.values() for dim in dims}
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
@@ -175,6 +162,37 @@ def to_dataset(
     validity = "" if solved.validity is None else str(solved.validity)
     more = {"notes": "; ".join(mechanism.notes), "start": solved.rests, "validity": validity, "ideal": unknown}
     return xr.Dataset(data, coords, attrs | {name: text for name, text in more.items() if text} | provenance)
+
+
+class _Traced(NamedTuple):
+    """What a trace tells beyond its samples: variables of the step ends, tables of episodes of joints and of gaps,
+    extremes of points, and the begins and ends of impacts of each joint and of each gap [s].
+    """
+
+    steps: dict[str, Any]
+    table: dict[str, Any]
+    gap_table: dict[str, Any]
+    extremes: dict[str, Any]
+    impacts: list
+    gap_impacts: list
+
+
+def _of_trace(mechanism: Mechanism, trace: Trace, told: _Traced, progress: Progress | None) -> _Traced:
+    """What a trace tells, in the place of the empty `told`."""
+    ends = _step_ends(mechanism, trace, _part(progress, 0.0, _LOOKED_AT))
+    falls_over = -np.inf
+    if told.impacts:
+        steps, table, impacts = _of_contacts(mechanism, trace, ends)
+        falls_over = max(falls_over, *first_falls_over(trace.time, steps["step_state"]))
+        told = told._replace(steps=steps, table=table, impacts=impacts)
+    if told.gap_impacts:
+        steps, table, impacts = _of_contacts(mechanism, trace, ends, "gap_")
+        told = told._replace(steps=told.steps | steps, gap_table=table, gap_impacts=impacts)
+    if mechanism.points:
+        told = told._replace(extremes=of_points(mechanism, trace, ends, falls_over))
+    if progress is not None:
+        progress(1.0)
+    return told
 
 
 def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:

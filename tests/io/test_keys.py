@@ -235,12 +235,26 @@ def test_examples_of_friction_laws_are_read(word, tmp_path):
     assert {f"pin.friction.{name}" for name in values if name != "law"} <= set(cj.parameters(read.mechanism))
 
 
+# What contradicts other numbers of a flank.
+OTHER_FLANKS = ("damping_factor", "cubic", "efforts")
+
+
+@pytest.mark.parametrize("more", [{}, {"stiffness": '["1 kN*m/rad", "2 kN*m/rad"]', "efforts": '["3 N*m"]'}])
+def test_examples_of_stops_are_read(more, tmp_path):
+    values = example(scene_keys.STOPS, *OTHER_FLANKS) | more
+    read = load(tmp_path, scene(main=f"stops = {inline(values)}"))
+    stops = read.mechanism.joint("main").motion.stops
+    assert float(stops.upper) == pytest.approx(np.radians(170.0))
+    assert np.shape(stops.flank.stiffness) == ((2,) if more else ())
+
+
 def test_examples_of_a_compliance_are_read(tmp_path):
-    rest = "[compliance.main]\n" + lines(example(scene_keys.COMPLIANCE, "rotor_inertia"))
+    rest = "[compliance.main]\n" + lines(example(scene_keys.COMPLIANCE, "rotor_inertia", *OTHER_FLANKS))
     read = load(tmp_path, scene(main='drive = "0.4 * time"') + rest)
     (spring,) = read.mechanism.joint("main").motion.actuators
-    assert float(spring.stiffness) == pytest.approx(50e3)
-    rest = "[compliance.main]\n" + lines(example(scene_keys.COMPLIANCE))
+    assert float(spring.flank.stiffness) == pytest.approx(50e3)
+    assert float(spring.backlash) == pytest.approx(np.pi / 3600)
+    rest = "[compliance.main]\n" + lines(example(scene_keys.COMPLIANCE, *OTHER_FLANKS))
     torque = 'actuator.motor = { type = "constant", effort = "3 N*m" }'
     read = load(tmp_path, scene(main=torque) + rest)
     assert float(cj.parameters(read.mechanism)["main_motor.rotor_inertia"].value) == 1.5
@@ -253,7 +267,7 @@ def test_examples_of_a_compliance_are_read(tmp_path):
 
 @pytest.mark.parametrize("word", coupling_keys.COUPLING_TABLES)
 def test_examples_of_couplings_are_read(word, tmp_path):
-    values = example(coupling_keys.COUPLING_TABLES[word], "second", "second_ratio")
+    values = example(coupling_keys.COUPLING_TABLES[word], "second", "second_ratio", *OTHER_FLANKS)
     coordinates = {
         key: f'"{name}"' for key, name in zip(("leader", "sun", "left"), ("main",) * 3, strict=True) if key in values
     }
@@ -276,7 +290,7 @@ OTHERS = {"trapezoid": (("speed", "acceleration"), ("duration", "cruise"))}
 def test_examples_of_drives_are_read(word, skip, tmp_path):
     values = inline(example(scene_keys.DRIVE_TABLES[word], *skip))
     driven = load(tmp_path, scene(main=f"drive = {values}"))
-    servo = example(scene_keys.ACTUATOR_TABLES["servo"], "target", "encoder")
+    servo = example(scene_keys.ACTUATOR_TABLES["servo"], "target", "encoder", "rate_encoder")
     steered = load(tmp_path, scene(main=f"actuator.s = {inline({**servo, 'target': values})}"))
     assert type(driven.mechanism.joints[0].motion.drive) is type(steered.mechanism.joints[0].motion.actuators[0].target)
 
@@ -284,8 +298,8 @@ def test_examples_of_drives_are_read(word, skip, tmp_path):
 @pytest.mark.parametrize("word", scene_keys.ACTUATOR_TABLES)
 def test_examples_of_actuators_and_motions_are_read(word, tmp_path):
     values = example(scene_keys.ACTUATOR_TABLES[word])
-    values |= {"encoder": '["main", "pin"]'} if word == "servo" else {}
-    main = example(scene_keys.MOTION, "drive", "actuator") | {"angle": '"90 deg"'}
+    values |= {"encoder": '["main", "pin"]', "rate_encoder": '["main"]'} if word == "servo" else {}
+    main = example(scene_keys.MOTION, "drive", "actuator", "stops") | {"angle": '"90 deg"'}
     read = load(tmp_path, scene(main=lines(main) + f"actuator.a = {inline(values)}"))
     motion = read.mechanism.joints[0].motion
     assert (float(motion.position), float(motion.velocity)) == (pytest.approx(0.5235988), 10.0)

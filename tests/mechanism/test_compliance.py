@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import clearance_jax as cj
+from clearance_jax.dynamics.deflected import deflect
 from clearance_jax.dynamics.field import energies, slope
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.dynamics.postures.chain import chain_of
-from clearance_jax.dynamics.deflected import deflect
 from clearance_jax.mechanism.state import initial_values, layout
 
 INERTIA, ROTOR, STIFFNESS = 0.03, 0.5, 800.0

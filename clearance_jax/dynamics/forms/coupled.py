@@ -13,8 +13,8 @@ import equinox as eqx
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors, Row
 from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, rotors
-from clearance_jax.mechanism.unfolded import Unfolded, fold, spread
 from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.unfolded import Unfolded, fold, spread
 from clearance_jax.spatial import ZERO, Term, Vector, add, as_array, minus, plus, scale, times
 
 

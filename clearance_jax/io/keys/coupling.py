@@ -18,6 +18,9 @@ FLANK_KEYS = _FLANK | {
 _BACKLASH = keys_of(Coupling, "backlash") | optional(FLANK_KEYS, stiffness="there is no `backlash`")
 _FOLLOWS = keys_of(Coupling, "follower", "leader", "offset")
 _SLIDES = _FOLLOWS | {"offset": dataclasses.replace(_FOLLOWS["offset"], example='"10 mm"')}
+_OF_SLIDES = {"backlash": '"50 um"', "stiffness": '"20 kN/mm"', "damping": '"2 kN*s/m"', "efforts": '["1 kN", "5 kN"]'}
+_OF_SLIDES |= {"damping_factor": '"10 s/m"', "cubic": '"1e15 N/m^3"'}
+_SLACK = {n: dataclasses.replace(key, example=_OF_SLIDES.get(n, key.example)) for n, key in _BACKLASH.items()}
 _TRAIN = Text("which of them follows the others", '"ring"')
 COUPLINGS = {
     "linear": (Coupling, kind(summary(Coupling), **keys_of(Coupling) | _BACKLASH)),
@@ -37,7 +40,7 @@ COUPLINGS = {
             summary(Rack),
             **_SLIDES,
             radius=quantity("pitch radius of the pinion", '"20 mm"', "m", required=True),
-            **_BACKLASH,
+            **_SLACK,
         ),
     ),
     "screw": (
@@ -46,7 +49,7 @@ COUPLINGS = {
             summary(Screw),
             **_SLIDES,
             lead=quantity("slide by turn of the leader", '"5 mm"', "m", required=True),
-            **_BACKLASH,
+            **_SLACK,
         ),
     ),
     "belt": (

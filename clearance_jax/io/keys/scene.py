@@ -197,14 +197,16 @@ MOTION = table(
     **keys_of(Motion),
     actuator=tables("forces along a free coordinate, by name", '{ load = { type = "constant", effort = "-12 N*m" } }'),
     stops=Sub(
-        "what a free coordinate hits at the ends of its range", '{ upper = "90 deg", stiffness = "20 kN*m/rad" }', "none"
+        "what a free coordinate hits at the ends of its range",
+        '{ upper = "90 deg", stiffness = "20 kN*m/rad" }',
+        "none",
     ),
 )
 STOPS = table(
     "joint.NAME.stops",
     "Stops",
-    "Contacts at the ends of the range of a free coordinate, `NAME_stop`. Of a robot's joint `lower` and `upper` are by "
-    "default those of its file.",
+    "Contacts at the ends of the range of a free coordinate, `NAME_stop`. Of a robot's joint `lower` and `upper` are "
+    "by default those of its file.",
     **keys_of(Stops),
     **FLANK_KEYS,
 )

@@ -17,8 +17,8 @@ from clearance_jax.io.scene.contact import PLAYS, play_of
 from clearance_jax.io.table import TomlTable, check_table, variant
 from clearance_jax.io.urdf.mechanism import IN_SCENE, place_of
 from clearance_jax.io.urdf.robot import FramePose, rotation_of
-from clearance_jax.mechanism.actuators import Servo
 from clearance_jax.laws import Flank
+from clearance_jax.mechanism.actuators import Servo
 from clearance_jax.mechanism.body import GROUND, Body, Limits, Motion, Point, Stops
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion.expressions import read_expression
@@ -106,7 +106,9 @@ def motion_of(table: TomlTable, path: Path, limits: Limits | None = None) -> Mot
         stops = stops_of(inner, limits)
     if drive is not None and rotor is not None:
         raise ClearanceError(f"{table.key('rotor_inertia')} has no effect beside a drive, which is followed exactly.")
-    return Motion(drive, table.get("position"), table.get("velocity"), tuple(actuators), rotor_inertia=rotor, stops=stops)
+    return Motion(
+        drive, table.get("position"), table.get("velocity"), tuple(actuators), rotor_inertia=rotor, stops=stops
+    )
 
 
 def stops_of(table: TomlTable, limits: Limits | None) -> Stops:

@@ -144,7 +144,7 @@ def _couplings(top: TomlTable, joints: Sequence[AbstractJoint]) -> Iterator[Coup
         table.words = coupling_units(kinds, follower, leader, second)
         with naming(where):
             given = table.arguments("type", *FLANK_KEYS)
-            if table.has("backlash"):
+            if "backlash" in table.values:
                 table.need("stiffness")
                 given["flank"] = Flank(**table.only(*FLANK_KEYS))
             else:

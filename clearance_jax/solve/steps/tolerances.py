@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Each, Flag, Scalar
 from clearance_jax.dynamics.field import BALANCE_TERMS
+from clearance_jax.dynamics.gaps import terms_of
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Inertia
@@ -141,16 +142,16 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
 
 def _gap_sizes(mechanism: PreparedMechanism) -> tuple[dict[str, Array], dict[str, Array]]:
     """By coordinate the size of its own backlash; and of that in the least of its meshes, seen from it."""
-    own, meshed = {}, {}
+    drives, meshed = {}, {}
     for gap in mechanism.gaps:
         if not gap.is_play:
             continue
-        for name, factor in zip(gap.coordinates, gap.factors, strict=True):
+        for name, factor in terms_of(gap):
             if len(gap.coordinates) == 1:
-                own[name] = gap.size
+                drives[name] = gap.size
             else:
                 meshed[name] = jnp.minimum(meshed.get(name, jnp.inf), gap.size / jnp.abs(jnp.asarray(factor)))
-    return own, meshed
+    return drives, meshed
 
 
 def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
@@ -164,15 +165,15 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     mechanism = problem.mechanism
     size, joints = scales(mechanism, y0, t0, t1), mechanism.contacts()
     position, velocity, adapt = [], [], []
-    own, meshed = _gap_sizes(mechanism)
+    drives, meshed = _gap_sizes(mechanism)
     for coordinate in mechanism.free_coordinates():
-        turns, c = coordinate.slides is None, own.get(coordinate.name, coordinate.play)
+        turns, c = coordinate.slides is None, drives.get(coordinate.name, coordinate.play)
         if c is not None:
             slow = size.spin * c
             position.append(c)
             # A link crosses its gap as a pin does; a tilt is slower.
-            fall = size.acceleration / size.length if coordinate.name in own and turns else size.acceleration
-            is_tilt = turns and coordinate.name not in own
+            fall = size.acceleration / size.length if coordinate.name in drives and turns else size.acceleration
+            is_tilt = turns and coordinate.name not in drives
             velocity.append(slow if is_tilt else jnp.maximum(slow, jnp.sqrt(2 * fall * c)))
         else:
             least = meshed.get(coordinate.name, jnp.inf)
@@ -197,12 +198,13 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (energy_balance,)), *(rtol * unit for unit in signals)])
     # The surfaces' places are known to the round-off of lengths and of angles turned, however short the step.
     turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
+    joints = [joint for joint in joints if not isinstance(joint, CoordinateGap) or joint.is_play]
     lengths = [1.0 if isinstance(joint, CoordinateGap) and joint.turns else size.length for joint in joints]
     fuzzy = [length / joint.size for joint, length in zip(joints, lengths, strict=True)]
     noise = 64 * _EPS * turned * (jnp.max(jnp.stack(fuzzy)) if fuzzy else 0.0)
     # The event left inside a cut step causes an error of second order in the margin (a fraction of the uncut step); of
     # first order if a force jumps, and in derivatives if its slope jumps.
-    first_order = problem.varies or any(law.smoothness == "C-1" for joint in joints for law in joint.laws)
+    first_order = problem.varies or any(law.smoothness == "C-1" for joint in mechanism.contacts() for law in joint.laws)
     return Tolerances(
         absolute=jnp.concatenate([absolute, allowed]),
         relative=jnp.concatenate([relative, jnp.zeros_like(added)]),
