@@ -6,6 +6,7 @@ nothing loads starts in the middle.
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,71 +31,88 @@ from clearance_jax.spatial import Term, plus, times
 # make first and second derivatives right.
 DEFLECTIONS = 4
 # Rounds of loads and flanks. A flank moves its link by half a gap, and changes the loads by about that angle.
-ROUNDS = 3
+ROUNDS = 4
 
 
 def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
     """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal, and
     with gaps on the flanks that bear the load.
     """
-    mechanism = _deflected(time, mechanism)
-    gaps = {gap.name: gap for gap in mechanism.gaps if gap.is_play or gap.wave is not None}
-    for _ in range(ROUNDS if gaps else 0):
-        ideal = mechanism.ideal().without_sampling()
-        y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
-        state = layout(ideal).split(initial_values(ideal))
-        # The springs' efforts on their links, and those of the meshes.
-        pull = {
-            DRIVE.format(c.name): spring(time, jnp.asarray(c.motion.position, float), 0.0)
-            for c in (part.coordinate for part in _springs(ideal))
-            for spring in c.motion.actuators
-            if isinstance(spring, DriveSpring)
-        }
-        if any(coupling.name in gaps for coupling in mechanism.couplings):
-            pull |= dict(
-                zip(
-                    (c.name for c in ideal.couplings),
-                    mesh_efforts(ideal, time, state, balance(ideal, time, state)),
-                    strict=True,
-                )
-            )
-        seen = measure(mechanism, time, layout(mechanism).split(y))
-        places = {name: _seat(gap, jnp.asarray(pull[name], float), seen) for name, gap in gaps.items()}
-        mechanism = _deflected(time, _on_flanks(mechanism, gaps, places))
-    return mechanism
+    springs = _springs(mechanism.ideal())
+    gaps = [gap for gap in mechanism.gaps if gap.is_play or gap.wave is not None]
+    if not springs and not gaps:
+        return mechanism
+    places = np.array([part.q.start for part in springs], int)
+    begin = Flanks(initial_values(mechanism.ideal())[places], jnp.zeros(len(gaps)), jnp.zeros(len(gaps)))
+    if not gaps:
+        return _put(mechanism, gaps, begin._replace(deflections=_deflections(time, mechanism, begin.deflections)))
+
+    def once(_, now: Flanks) -> Flanks:
+        moved = _put(mechanism, gaps, now)
+        moved = _put(mechanism, gaps, now._replace(deflections=_deflections(time, moved, now.deflections)))
+        return _flanks(time, mechanism, moved, gaps, places)
+
+    now = jax.lax.fori_loop(0, ROUNDS, once, begin)
+    return _put(mechanism, gaps, now)
+
+
+class Flanks(NamedTuple):
+    """The deflections of drives [rad or m]; by gap the place of the middle of its flank, and of rest [rad or m]."""
+
+    deflections: Array
+    middles: Array
+    rests: Array
 
 
 def _springs(ideal: PreparedMechanism) -> list[StateSlices]:
     return [part for part in parts(ideal) if gives_way(part.coordinate.motion)]
 
 
-def _deflected(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
-    """The mechanism with the springs of drives deflected by the load."""
-    springs = _springs(mechanism.ideal())
-    if not springs:
-        return mechanism
+def _deflections(time: Scalar, mechanism: PreparedMechanism, begin: Array) -> Array:
+    """The deflections at which the load accelerates no spring of the ideal mechanism."""
     ideal = mechanism.ideal().without_sampling().as_small_program()
+    springs, first = _springs(ideal), initial_values(ideal)
+    if not springs:
+        return begin
     places, speeds = (np.array([getattr(part, which).start for part in springs]) for which in "qv")
-    begin = initial_values(ideal)
 
     def accelerations(x: Array) -> Array:
-        return slope(time, begin.at[places].set(x), ideal)[layout(ideal).v][speeds]
+        return slope(time, first.at[places].set(x), ideal)[layout(ideal).v][speeds]
 
-    def once(_, x):
+    def newton(_, x):
         stiff = jax.lax.stop_gradient(jax.jacfwd(accelerations)(jax.lax.stop_gradient(x)))
         return x - jnp.linalg.solve(stiff, accelerations(x))
 
-    positions = jax.lax.fori_loop(0, DEFLECTIONS, once, begin[places])
-    at = {part.coordinate.name: positions[i] for i, part in enumerate(springs)}
+    return jax.lax.fori_loop(0, DEFLECTIONS, newton, begin)
 
-    def change(c: Coordinate) -> Motion:
-        return dataclasses.replace(c.motion, position=at[c.name]) if c.name in at else c.motion
 
-    return dataclasses.replace(mechanism, joints=tuple(with_motions(joint, change) for joint in mechanism.joints))
+def _flanks(
+    time: Scalar, given: PreparedMechanism, moved: PreparedMechanism, gaps: list[CoordinateGap], places: np.ndarray
+) -> Flanks:
+    """The flanks that bear the efforts of a mechanism whose springs and couplings are `moved`."""
+    ideal = moved.ideal().without_sampling()
+    y = initial_values(ideal)
+    # The springs' efforts on their links, and those of the meshes.
+    pull: dict[str, Term] = {
+        DRIVE.format(c.name): spring(time, jnp.asarray(c.motion.position, float), jnp.zeros(()))
+        for c in (part.coordinate for part in _springs(ideal))
+        for spring in c.motion.actuators
+        if isinstance(spring, DriveSpring)
+    }
+    if any(coupling.backlash is not None for coupling in given.couplings):
+        state = layout(ideal).split(y)
+        meshes = mesh_efforts(ideal, time, state, balance(ideal, time, state))
+        pull |= dict(zip((c.name for c in ideal.couplings), meshes, strict=True))
+    whole = jnp.concatenate([initial_values(moved), jnp.zeros(layout(moved).remembered)])
+    seen = measure(moved, time, layout(moved).split(whole))
+    seats = [_seat(gap, jnp.asarray(pull[gap.name], float), seen) for gap in gaps]
+    return Flanks(y[places], *(jnp.stack(several) for several in zip(*seats, strict=True)))
 
 
 def _seat(gap: CoordinateGap, effort: Array, seen: Measured) -> tuple[Array, Array]:
-    """The place of the flank that gives an effort, in the middle where nothing loads it; and the place of rest."""
+    """The place of the middle of the flank that gives an effort, that of the gap where nothing loads it; and the place
+    of rest.
+    """
     error = jnp.zeros(())
     if gap.wave is not None:
         place, speed = seen[gap.motor]
@@ -106,28 +124,24 @@ def _seat(gap: CoordinateGap, effort: Array, seen: Measured) -> tuple[Array, Arr
     return error + side * gap.size, error + jnp.where(pressed, place, 0.0)
 
 
-def _on_flanks(mechanism: PreparedMechanism, gaps: dict, places: dict) -> PreparedMechanism:
-    """The mechanism whose ideal one has its springs and couplings where the flanks are."""
+def _put(mechanism: PreparedMechanism, gaps: list[CoordinateGap], flanks: Flanks) -> PreparedMechanism:
+    """The mechanism with its springs deflected; the ideal one has its springs and couplings where the flanks are."""
+    at = {part.coordinate.name: flanks.deflections[i] for i, part in enumerate(_springs(mechanism.ideal()))}
+    middles, rests = ({gap.name: each[i] for i, gap in enumerate(gaps)} for each in (flanks.middles, flanks.rests))
 
     def change(c: Coordinate) -> Motion:
-        name = DRIVE.format(c.name)
-        if name not in gaps:
+        if c.name not in at:
             return c.motion
-        rest = places[name][0]
+        rest = middles.get(DRIVE.format(c.name))
         actuators = tuple(
-            dataclasses.replace(spring, rest=rest) if isinstance(spring, DriveSpring) else spring
+            dataclasses.replace(spring, rest=rest) if isinstance(spring, DriveSpring) and rest is not None else spring
             for spring in c.motion.actuators
         )
-        return dataclasses.replace(c.motion, actuators=actuators)
+        return dataclasses.replace(c.motion, position=at[c.name], actuators=actuators)
 
     joints = tuple(with_motions(joint, change) for joint in mechanism.joints)
-    shifted = {
-        coupling.name: gaps[coupling.name].offset + places[coupling.name][1]
-        for coupling in mechanism.couplings
-        if coupling.name in gaps
-    }
     couplings = tuple(
-        dataclasses.replace(c, offset=shifted[c.name]) if c.name in shifted else c for c in mechanism.couplings
+        dataclasses.replace(c, offset=c.offset + rests[c.name]) if c.name in rests else c for c in mechanism.couplings
     )
     return dataclasses.replace(mechanism, joints=joints, couplings=couplings)
 

@@ -98,7 +98,7 @@ def test_damped_contacts_take_the_same_share_of_the_speed():
     restitution = 0.827267735349
     solution = cj.simulate(drive, 0.0255698190781, **TIGHT)
     assert float(solution["hub.velocity"]) == pytest.approx(restitution**4 * SPEED, rel=1e-9)
-    table = cj.to_dataset(drive, cj.trace(drive, 0.0256, rtol=1e-9))
+    table = cj.to_dataset(drive, cj.trace(drive, 0.0259, rtol=1e-9))
     assert table.sizes["gap_episode"] == 4
     np.testing.assert_allclose(table.gap_impact_speed, SPEED * restitution ** np.arange(4), rtol=1e-7)
     np.testing.assert_allclose(table.gap_separation_speed / table.gap_impact_speed, restitution, rtol=1e-6)
