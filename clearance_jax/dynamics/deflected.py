@@ -183,6 +183,7 @@ def touching_gaps(mechanism: PreparedMechanism, time: Scalar, y: Array) -> list[
     memory: list[Array | float] = []
     for gap, at in zip(mechanism.gaps, gap_motions(mechanism, time, state), strict=True):
         depth, _ = gap.clearance.depths(at.now)
-        touches = jnp.where(depth[0] > 0, 1.0, 0.0)
-        memory += [touches if name == "touching" else 0.0 for name in gap.clearance.remembers]
+        touches, width = jnp.where(depth > 0, 1.0, 0.0), len(gap.clearance.remembers) // depth.shape[0]
+        named = enumerate(gap.clearance.remembers)
+        memory += [touches[i // width] if name.startswith("touching") else 0.0 for i, name in named]
     return memory

@@ -10,6 +10,7 @@ from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.relative_motion import RelativeMotion, coordinate_values
 from clearance_jax.joints import Action, PreparedClearance, Relative
+from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.actuators import Wave
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -85,10 +86,8 @@ def wave_of(wave: Wave, place: Term, speed: Term, rise: Term) -> TransmissionErr
 def gap_actions(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Action]:
     """What the contacts of the gaps do, by name."""
     seen = gap_motions(mechanism, time, state)
-    return {
-        gap.name: share(PreparedClearance.act(gap.clearance, at.now, state.memory[gap.name]))
-        for gap, at in zip(mechanism.gaps, seen, strict=True)
-    }
+    acting = [(gap.clearance, at.now, state.memory[gap.name]) for gap, at in zip(mechanism.gaps, seen, strict=True)]
+    return dict(zip((gap.name for gap in mechanism.gaps), each_joint(PreparedClearance.act, acting), strict=True))
 
 
 def gap_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, actions: Mapping[str, Action]) -> GapEfforts:

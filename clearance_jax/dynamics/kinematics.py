@@ -125,7 +125,7 @@ def relative_motions(
     loops = loop_plays(mechanism, time, state, motion)
     motions = {name: at.now for name, at in in_tree.items()} | {name: at.relative for name, (at, _) in loops.items()}
     joints = [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
-    return joints + [at.now for at in gap_motions(mechanism, time, state)]
+    return joints + [as_numbers(at.now) for at in gap_motions(mechanism, time, state)]
 
 
 def loop_plays(
@@ -159,7 +159,8 @@ def relative_accelerations(
 
     def alone(joint: ClearanceJoint | CoordinateGap) -> tuple[Relative, Relative]:
         if isinstance(joint, CoordinateGap):
-            return motions[joint.name]
+            at, rise = motions[joint.name]
+            return as_numbers(at), as_numbers(rise)
         if joint.in_tree:
             now, rate = in_tree[joint.name]
         else:
@@ -171,7 +172,7 @@ def relative_accelerations(
     for group in groups:
         if isinstance(group, int):
             out.append(alone(joints[group]))
-        elif joints[group[0]].in_tree:
+        elif joints[group[0]].in_tree and isinstance(joints[group[0]], ClearanceJoint):
             several = [joints[i] for i in group]
             now, rate = motions_together([j for j in several if isinstance(j, ClearanceJoint)], time, values)
             out.append((now, share(rate)))

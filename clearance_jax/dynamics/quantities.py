@@ -90,14 +90,15 @@ def in_gaps(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balan
         return {}
     actions = [now.actions[gap.name] for gap in gaps]
     motions = dict(zip((gap.name for gap in mechanism.gaps), gap_motions(mechanism, time, state), strict=True))
+    points = [action.points for action in actions]
     places = [motions[gap.name].now.place[0] for gap in gaps]
     return {
         "gap_position": as_array(places),
-        "gap_penetration": jnp.stack([action.points.penetration for action in actions]),
-        "gap_penetration_rate": jnp.stack([action.points.penetration_rate for action in actions]),
+        "gap_penetration": jnp.stack([action.deepest.penetration for action in actions]),
+        "gap_penetration_rate": jnp.stack([action.deepest.penetration_rate for action in actions]),
         "gap_effort": as_array([action.force[0] for action in actions]),
         "gap_contact_force": jnp.stack([action.normal_force for action in actions]),
-        "gap_contact_power": jnp.stack([a.normal_force * a.points.penetration_rate for a in actions]),
+        "gap_contact_power": jnp.stack([jnp.sum(p.normal_force * p.penetration_rate) for p in points]),
     }
 
 

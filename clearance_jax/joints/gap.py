@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.joints._base import AbstractClearance
@@ -18,14 +19,14 @@ from clearance_jax.laws._base import Smoothness
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import ZERO, X
 
-Sides = Literal["both", "upper", "lower"]
+Sides = Literal["both", "upper", "lower", "spring"]
 
 
 class Gap(AbstractClearance):
     """The gap of a coordinate between two flanks, or beside one of them.
 
     **Arguments:** `width` b [rad or m]: of the whole gap; `normal`: the law of a flank, in [N m] of [rad] for an angle;
-    `sides`: where flanks are: one at either end, or only above (below) zero.
+    `sides`: where flanks are: one at either end, or only above (below) zero; or one that pushes and pulls (a spring).
     """
 
     width: Scalar = physical("coordinate", least=0.0)
@@ -48,12 +49,19 @@ class Gap(AbstractClearance):
     def geometry(self):
         return Geometry(self.half, self.half, self.half, kind="flat")
 
+    @property
+    def count(self) -> int:
+        return 2 if self.sides == "both" else 1
+
     def points(self, at):
-        x, rate = at.place[0], at.velocity[0]
-        side = {"both": jnp.where(jnp.asarray(x) >= 0, 1.0, -1.0), "upper": 1.0, "lower": -1.0}[self.sides]
+        x, rate = (jnp.asarray(term, float) for term in (at.place[0], at.velocity[0]))
+        # Two flanks are two points: alike gaps are then one program.
+        sides = {"both": np.array([1.0, -1.0]), "upper": 1.0, "lower": -1.0, "spring": jnp.where(x >= 0, 1.0, -1.0)}
+        side = jnp.asarray(sides[self.sides])
         half = self.half if self.sides == "both" else 0.0
-        depth, speed = jnp.asarray(side * x - half, float), jnp.asarray(side * rate, float)
-        return ContactPoint(depth, speed, (), (jnp.asarray(side, float), 0.0, 0.0), (), ZERO)
+        arm = ZERO if self.count == 1 else (jnp.zeros(2),) * 3
+        normal = (side, *(jnp.zeros_like(side),) * 2) if self.count > 1 else (side, 0.0, 0.0)
+        return ContactPoint(side * x - half, side * rate, (), normal, (), arm)
 
     def travel(self, along):
         return self.half

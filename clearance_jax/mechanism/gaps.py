@@ -65,7 +65,7 @@ class CoordinateGap(Module):
     @property
     def has_points(self) -> bool:
         """Whether it can touch at several points."""
-        return False
+        return getattr(self.clearance, "joint", self.clearance).count > 1
 
     @property
     def size(self) -> Array:
@@ -108,7 +108,14 @@ def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[Co
             flank = actuator.flank if actuator.backlash is not None else FlankSpring(**vars(actuator.flank))
             width = 0.0 if actuator.backlash is None else actuator.backlash
             what: What = "elasticity" if actuator.backlash is None else "backlash"
-            made = _gap(DRIVE.format(c.name), {c.name: None}, None, Gap(width, flank), by_name, what)
+            made = _gap(
+                DRIVE.format(c.name),
+                {c.name: None},
+                None,
+                Gap(width, flank, "spring" if actuator.backlash is None else "both"),
+                by_name,
+                what,
+            )
             driven = actuator.wave is not None and not by_name[motor_of(c.name)].motion.is_free
             yield dataclasses.replace(
                 made, wave=actuator.wave, motor=motor_of(c.name), in_tree=made.in_tree and not driven

@@ -43,9 +43,9 @@ def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) 
     positions and velocities of the ideal mechanism; or, with a settled `start`, pressed at the wall (see
     `settle_start`).
     """
-    if start == SETTLED and not mechanism.clearance_joints() and mechanism.gaps:
+    if start == SETTLED and not mechanism.clearance_joints():
         mechanism = deflect(t0, mechanism)
-    elif start == SETTLED and mechanism.clearance_joints():
+    elif start == SETTLED:
         y, errors = settle_start(t0, mechanism)
         return measure_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
     y = engage(mechanism, t0, initial_values(mechanism))
