@@ -4,6 +4,9 @@ The motion is a fixed point y = P(y) of the period map P, which takes the state 
 later. Newton's method uses the error-controlled Jacobian of a solve, so that it also finds cycles that are unstable or
 settle slowly. The implicit function theorem gives the derivative of the cycle from that of one period,
 dy = (I - dP/dy)^-1 (dP/dp) dp.
+
+A cycle that nothing drives (of a servo with backlash, of a stick-slip) has a period of its own. It is one unknown more,
+and one condition more keeps the state from sliding along the cycle: the change of the state has no part along its rate.
 """
 
 from typing import Any, NamedTuple
@@ -18,6 +21,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import project
+from clearance_jax.dynamics.field import slope
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import ConstantEffort, Servo
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -43,9 +47,10 @@ SEAM = 1e-6
 
 
 class PeriodicMotion(Module):
-    """A periodic motion and how its search ended. Only `y` has a derivative; the other fields count as constants.
+    """A periodic motion and how its search ended. Only `y` and `period` have derivatives; other fields are constants.
 
     - `y`: the state [q, v, memory] at t0 in SI units, shape (n,); if not converged, the last one of the search.
+    - `period` [s]: as given, or as found.
     - `monodromy`: the derivative dP/dy of the state after one period P(y) by the state before, shape (n, n). Its error
       is controlled.
     - `residual`: largest |P(y) - y|, in units of the lengths and speeds of the scene. The error of `y` is about
@@ -56,6 +61,7 @@ class PeriodicMotion(Module):
     """
 
     y: Float[Array, " n"]
+    period: Scalar
     monodromy: Float[Array, "n n"]
     residual: Scalar
     iterations: Int[Array, ""]
@@ -65,6 +71,8 @@ class PeriodicMotion(Module):
     held: Bool[Array, " n"]
     """Which components are memory that no touch rewrites in the period. Their rows of `monodromy` are unit rows, so
     their multipliers are 1; stability and margin leave them out."""
+    is_free: bool = eqx.field(static=True, default=False)
+    """Whether nothing drives it. One multiplier is then 1, for a shift along it; stability and margin leave it out."""
 
     @property
     def multipliers(self) -> Complex[Array, "*batch n"]:
@@ -73,7 +81,11 @@ class PeriodicMotion(Module):
 
     @property
     def _moving(self) -> Complex[Array, "*batch n"]:
-        return _eigenvalues(jnp.where(self.held[..., None], 0.0, self.monodromy))
+        values = _eigenvalues(jnp.where(self.held[..., None], 0.0, self.monodromy))
+        if not self.is_free:
+            return values
+        along = jnp.argmin(jnp.abs(values - 1), axis=-1)[..., None]
+        return jnp.where(jnp.arange(values.shape[-1]) == along, 0.0, values)
 
     @property
     def stable(self) -> Array:
@@ -125,6 +137,7 @@ class CycleOptions(NamedTuple):
     options: Settings
     settle: int
     iterations: int
+    is_free: bool = False
 
 
 def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
@@ -170,16 +183,21 @@ def _cycle_jvp(primals, tangents, *, effort: CycleOptions):
     motion = cycle(search, effort=effort)
     tangent = jax.tree.map(lambda _: None, motion)
     if jax.tree.leaves((rates.mechanism, rates.period)):
+        period = None if effort.is_free else rates.period
+        found = search._replace(period=motion.period)
 
         def end(mechanism, period):
-            return advance(search._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
+            return advance(found._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
 
-        at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
+        at, along = (search.mechanism, motion.period), (rates.mechanism, period)
         reached, moved = eqx.filter_jvp(end, at, along)
-        moved = _inverse(search, motion.y, motion.monodromy) @ moved
+        moved, later = _step(found, effort, motion.y, motion.y, motion.monodromy, moved)
         # NaN as a factor: if `where` selected it, the derivative of that would be zero.
-        moved = moved * jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
-        tangent = eqx.tree_at(lambda m: m.y, tangent, moved, is_leaf=lambda x: x is None)
+        known = jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
+        later = later if effort.is_free or period is None else period
+        tangent = eqx.tree_at(
+            lambda m: (m.y, m.period), tangent, (moved * known, later * known), is_leaf=lambda x: x is None
+        )
     return motion, tangent
 
 
@@ -191,6 +209,7 @@ class _State(NamedTuple):
     """The state of a search: a start `y`, the `end` after a period without whole `turns`, and the `jacobian` dP/dy."""
 
     y: Array
+    period: Array
     end: Array
     jacobian: Array
     residual: Array
@@ -210,29 +229,29 @@ def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
     first = initial_state(search.mechanism.prepare(), search.t0) if search.guess is None else search.guess
     free = free_turns(search)
 
-    def period_map(y):
-        end, code = advance(search, y, effort)
+    def period_map(y, period):
+        end, code = advance(search._replace(period=period), y, effort)
         return end, (end, code)
 
     def count_turns(y, end):
         """Whole turns in the period: of free rotations those that they made, of the others the prescribed ones."""
         return jnp.where(jnp.isnan(free), jnp.round((end - y)[:n] / TURN), free)
 
-    def settle(y):
+    def settle(y, period):
         def once(_, y):
-            end, _ = advance(search, y, effort)
+            end, _ = advance(search._replace(period=period), y, effort)
             return end.at[:n].add(-TURN * count_turns(y, end))
 
         return jax.lax.fori_loop(0, effort.settle, once, y)
 
     def newton(s):
-        step = _inverse(search, s.y, s.jacobian, s.unit) @ (s.end - s.y)
-        return s.y + s.damping * step
+        step, later = _step(search, effort, s.y, s.end, s.jacobian, s.end - s.y, s.unit)
+        return s.y + s.damping * step, jnp.maximum(s.period + s.damping * later, 0.5 * s.period)
 
     def iterate(s: _State) -> _State:
         settling = s.damping == 0
-        y = jax.lax.cond(settling, lambda: settle(s.y), lambda: newton(s))
-        jacobian, (end, code) = jax.jacfwd(period_map, has_aux=True)(y)
+        y, period = jax.lax.cond(settling, lambda: (settle(s.y, s.period), s.period), lambda: newton(s))
+        jacobian, (end, code) = jax.jacfwd(period_map, has_aux=True)(y, period)
         turns = jnp.where(settling, count_turns(y, end), s.turns)
         end = end.at[:n].add(-TURN * turns)
         unit = jnp.where(settling, scale(search, y), s.unit)
@@ -242,7 +261,7 @@ def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
         damping = jnp.where(settling | better, 1.0, shorter)
         # Within the error of a solve P is not smooth: a step that fails there cannot be improved.
         stalled = ~settling & ~better & (s.residual <= CLOSED * search.rtol)
-        new = _State(y, end, jacobian, residual, turns, unit, damping, stalled, s.iterations + 1, code)
+        new = _State(y, period, end, jacobian, residual, turns, unit, damping, stalled, s.iterations + 1, code)
         kept = s._replace(damping=damping, stalled=stalled, iterations=s.iterations + 1)
         return jax.tree.map(lambda a, b: jnp.where(settling | better, a, b), new, kept)
 
@@ -252,12 +271,13 @@ def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
 
     nothing = jnp.asarray(jnp.inf), jnp.zeros(n), jnp.ones(size), jnp.zeros(()), jnp.asarray(False)
     count, code = jnp.asarray(0), jnp.asarray(int(Result.REACHED_END))
-    start = _State(first, first, jnp.zeros((size, size)), *nothing, count, code)
+    start = _State(first, search.period, first, jnp.zeros((size, size)), *nothing, count, code)
     s = jax.lax.while_loop(goes_on, iterate, start)
-    gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
+    gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, s.period).values()]
     converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
     latched = constant_memory(s.jacobian, n)
-    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, latched)
+    told = s.residual, s.iterations, s.turns, converged, s.code, latched
+    return PeriodicMotion(s.y, s.period, s.jacobian, *told, is_free=effort.is_free)
 
 
 def constant_memory(jacobian: Array, free: int) -> Array:
@@ -306,9 +326,22 @@ def free_turns(search: CycleSearch) -> Array:
     return jnp.stack(out)
 
 
-def _inverse(search: CycleSearch, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
-    """The (pseudo-)inverse of I - dP/dy, scaled by `unit`, without constant memory, which keeps its value."""
+def _step(
+    search: CycleSearch, effort: CycleOptions, y: Array, end: Array, jacobian: Array, missed: Array, unit: Any = None
+) -> tuple[Array, Array]:
+    """The changes of the state and of the period that take up what the motion `missed`, in units of the state's scale:
+    of (I - dP/dy) dy = missed, without constant memory, which keeps its value. With a free period, (I - dP/dy) dy -
+    f(end) dT = missed and f(y) . dy = 0, for the rate f of the state.
+    """
     unit = scale(search, y) if unit is None else unit
     jacobian = jnp.where(constant_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
     matrix = jnp.eye(unit.size) - jacobian * unit[None, :] / unit[:, None]
-    return unit[:, None] * jnp.linalg.pinv(matrix, rtol=search.rtol) / unit[None, :]
+    if not effort.is_free:
+        return unit * (jnp.linalg.pinv(matrix, rtol=search.rtol) @ (missed / unit)), jnp.zeros(())
+    ready = search.mechanism.prepare()
+    before, after = (slope(t, x, ready) / unit for t, x in ((search.t0, y), (search.t0 + search.period, end)))
+    # In units of the period times the size of the rate, every row and column is about one.
+    size = jnp.linalg.norm(before)
+    bordered = jnp.block([[matrix, -after[:, None] / size], [before[None, :] / size, jnp.zeros((1, 1))]])
+    change = jnp.linalg.pinv(bordered, rtol=search.rtol) @ jnp.append(missed / unit, 0.0)
+    return unit * change[:-1], change[-1] / size

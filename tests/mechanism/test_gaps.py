@@ -162,8 +162,8 @@ CYCLES = [
 def steered(gain, damping, teeth=0.0, **numbers):
     target = cj.drives.Constant(0.0)
     servo = cj.actuators.Servo(target, gain, damping, ("hub_motor", "hub"), rate_encoder=("hub_motor",))
-    numbers = {"stiffness": TEETH, "backlash": 2 * GAP} | numbers
-    compliance = cj.Compliance(damping=teeth, rotor_inertia=MOTOR, limited=False, **numbers)
+    numbers = {"stiffness": TEETH, "backlash": 2 * GAP, "limited": False} | numbers
+    compliance = cj.Compliance(damping=teeth, rotor_inertia=MOTOR, **numbers)
     return cj.with_compliance(hub(servo, inertia=LINK), "hub", compliance)
 
 
@@ -174,6 +174,50 @@ def test_limit_cycles_of_a_servo(gain, damping, teeth, period, touch):
     y0 = jnp.array([motor, link - motor, motor_speed, link_speed - motor_speed])
     solution = cj.simulate(steered(gain, damping, teeth), period, y0=y0, **TIGHT)
     np.testing.assert_allclose(solution.final[:4], y0, rtol=0, atol=2e-13)
+
+
+# Gain, damping, exact period, amplitude and period by the describing function.
+OWN_PERIODS = [
+    (1e4, 200.0, 0.168021626822516, 7.27750e-4),
+    (3e4, 400.0, 0.0828182608281348, 1.564008e-3),
+    (1e3, 60.0, 0.66037627633783, 5.35141e-4),
+]
+
+
+def test_the_search_finds_limit_cycles_with_periods_of_their_own():
+    """All three by one program, from guesses that are off by 3 %; and how the first period depends on the gains."""
+
+    def cycle(gain, damping, guess, place):
+        drive = cj.replace(
+            steered(1e4, 200.0, limited=True), {"hub_motor.0.stiffness": gain, "hub_motor.0.damping": damping}
+        )
+        begin = jnp.stack([0.0 * place, place, 0.0 * place, 0.0 * place])
+        return cj.periodic_motion(drive, guess, guess=begin, free_period=True, rtol=1e-10, solver="dopri8")
+
+    for gain, damping, period, place in OWN_PERIODS:
+        found = cycle(gain, damping, 1.03 * period, jnp.asarray(place))
+        assert bool(found.converged)
+        assert bool(found.stable)
+        assert float(found.period) == pytest.approx(period, rel=1e-11)
+        assert abs(complex(found.multipliers[0])) == pytest.approx(1.0, abs=1e-7)
+        assert float(found.margin) > 0.3
+    gain, damping, period, place = OWN_PERIODS[0]
+
+    def own_period(gain, damping):
+        return cycle(gain, damping, period, jnp.asarray(place)).period
+
+    by_gain, by_damping = jax.jacfwd(own_period, (0, 1))(gain, damping)
+    assert float(by_gain) == pytest.approx(
+        float(own_period(gain + 1, damping) - own_period(gain - 1, damping)) / 2, rel=1e-6
+    )
+    assert float(by_damping) == pytest.approx(
+        float(own_period(gain, damping + 0.1) - own_period(gain, damping - 0.1)) / 0.2, rel=1e-4
+    )
+
+
+def test_a_driven_motion_has_no_period_of_its_own():
+    with refused("free_period", True):
+        cj.periodic_motion(pair(first=cj.drives.Harmonic(0.1, 20.0)), 0.3, free_period=True)
 
 
 def test_the_boundary_of_stability_of_a_servo():
