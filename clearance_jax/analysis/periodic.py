@@ -63,6 +63,8 @@ def periodic_motion(
             "A periodic motion is not looked for with controllers, digital servos or payloads that come and go. Take "
             "them away, or simulate for long."
         )
+    if free_period:
+        _refuse_courses(mechanism)
     guess, turns = (None if x is None else jnp.asarray(x, float) for x in (guess, turns))
     for name, given, size in (("guess", guess, plan.size), ("turns", turns, plan.free)):
         if given is not None and given.shape != (size,):
@@ -75,8 +77,6 @@ def periodic_motion(
                 f"by {float(gap):.2g} (radians or largest lengths). Give the drives' common period, to full precision."
             ).about(name, float(period))
     search = CycleSearch(mechanism, t0, period, settings.rtol, guess, turns)
-    if free_period:
-        _refuse_courses(mechanism)
     return find(search, CycleOptions(settings.compiled_in(), settle, max_iterations, free_period))
 
 
