@@ -1,10 +1,10 @@
-"""Tolerance classes of a clearance: ISO 286 fits, or clearances between limits, with their costs."""
+"""Tolerance classes of a clearance: ISO 286 fits, gears of DIN 3967, or clearances between limits, with costs."""
 
 import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from clearance_jax.design.asked.specification import Specification
 from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
 from clearance_jax.joints.fits import Fit
 from clearance_jax.joints.fits import fit as fit_of
+from clearance_jax.joints.gears import GearBacklash
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import parameters
+from clearance_jax.parameters import parameters, units_of
 from clearance_jax.units import format_quantity
 
 CLEARANCE, RADIUS = ".radial_clearance", ".pin_radius"
@@ -25,8 +26,9 @@ CHEAPEST = 1e-5
 
 
 class ToleranceClass(NamedTuple):
-    """A tolerance class of a clearance: its `name`, the `least` and the `greatest` value that is made [m], its `cost`
-    (`None`: that of the greatest value by the variable's cost law), and the ISO 286 `fit` if it is one.
+    """A tolerance class of a clearance: its `name`, the `least` and the `greatest` value that is made [m], of the
+    backlash of an angle [rad], its `cost` (`None`: that of the greatest value by the variable's cost law), and the ISO
+    286 `fit` if it is one; `unit` of the values.
     """
 
     name: str
@@ -34,13 +36,18 @@ class ToleranceClass(NamedTuple):
     greatest: float
     cost: float | None = None
     fit: Fit | None = None
+    unit: str = "m"
 
     def __str__(self) -> str:
-        return f"{self.name}: {format_quantity(self.least, 'm')} to {format_quantity(self.greatest, 'm')}"
+        least, greatest = (format_quantity(end, self.unit) for end in (self.least, self.greatest))
+        return f"{self.name}: {least} to {greatest}"
 
 
-Candidates = Mapping[str, Sequence[str | ToleranceClass] | Mapping[str, float]]
-"""The classes to choose from by variable: names of fits, fits with their costs, or classes of your own."""
+Entry = str | ToleranceClass | GearBacklash
+Candidates = Mapping[str, Sequence[Entry] | Mapping[Any, float]]
+"""The classes to choose from by variable: names of fits, fits with their costs, pairs of gears (`cj.gears.backlash`),
+whose backlash at the wheel counts, or classes of your own.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,14 +137,17 @@ def classes_of(
         if name not in specification.variables:
             raise unknown_name(f"There are classes for `{name}`, which is no variable.", name, specification.variables)
         costs = given if isinstance(given, Mapping) else {}
-        read = [_class(name, entry, costs.get(entry), sizes.get(name)) for entry in given]
+        unit = units_of(specification.mechanism, [name])[name]
+        read = [_class(name, entry, costs.get(entry), sizes.get(name))._replace(unit=unit) for entry in given]
         classes[name] = _within(name, read, specification.variables[name])
     return {name: classes[name] for name in specification.variables if name in classes}
 
 
-def _class(variable: str, name: str | ToleranceClass, cost: float | None, diameter: float | None) -> ToleranceClass:
+def _class(variable: str, name: Entry, cost: float | None, diameter: float | None) -> ToleranceClass:
     if isinstance(name, ToleranceClass):
-        made = name
+        made = name if cost is None else name._replace(cost=cost)
+    elif isinstance(name, GearBacklash):
+        made = ToleranceClass(name.name, *name.wheel_angle, cost)
     elif diameter is None:
         raise ClearanceError(
             f"`{variable}` has no nominal diameter, so the fit {name!r} says nothing of it: give `diameters`, or "
@@ -148,8 +158,8 @@ def _class(variable: str, name: str | ToleranceClass, cost: float | None, diamet
         made = ToleranceClass(fit.name, *fit.radial_clearance, cost, fit)
     if not 0 <= made.least <= made.greatest or made.greatest <= 0:
         raise ClearanceError(
-            f"The class {made.name} of `{variable}` is no clearance fit: it leaves between {1e6 * made.least:g} and "
-            f"{1e6 * made.greatest:g} um. Take a looser one."
+            f"The class {made.name} of `{variable}` leaves no play: it is between {made.least:g} and "
+            f"{made.greatest:g} {made.unit}. Take a looser one."
         ).about(variable, made.name)
     if made.cost is not None and not (math.isfinite(made.cost) and made.cost > 0):
         raise wrong_value(
@@ -170,10 +180,11 @@ def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float,
         if low <= entry.greatest <= high:
             kept.setdefault(entry.greatest, entry)
     if not kept:
-        listed = ", ".join(f"{entry.name} {format_quantity(entry.greatest, 'm')}" for entry in read)
+        unit = read[0].unit
+        listed = ", ".join(f"{entry.name} {format_quantity(entry.greatest, unit)}" for entry in read)
         raise ClearanceError(
             f"No class of `{variable}` has its greatest clearance within the variable's bounds, "
-            f"{format_quantity(low, 'm')} to {format_quantity(high, 'm')} ({listed}). Change the one or the other."
+            f"{format_quantity(low, unit)} to {format_quantity(high, unit)} ({listed}). Change the one or the other."
         ).about(variable, listed)
     return tuple(kept.values())
 
