@@ -14,6 +14,8 @@ from jax.core import Tracer
 from clearance_jax.errors import ClearanceError, require_float64, wrong_value
 from clearance_jax.joints.gears import ARC_MINUTE
 from clearance_jax.laws.normal.flank import FlankCurve
+from clearance_jax.mechanism.actuators import JointFriction
+from clearance_jax.mechanism.imperfections import Compliance
 
 Plain: TypeAlias = float | int
 # Harmonic Drive LLC, catalogue of CSF and CSG, by size: the torques T1, T2 [N m] at which the stiffness changes; then
@@ -139,6 +141,36 @@ class Reducer:
         if torques and test + friction > torques[0]:
             raise wrong_value("`stiffness`", "such that the test and friction stay in its first piece", stiffness)
         return cls(backlash=gap, friction_torque=None if hysteresis_loss is None else friction, **known)
+
+    def compliance(self, damping: Plain, *, driven: bool = True, friction_speed: Plain = 0.01) -> Compliance:
+        """The drive of a joint with this reducer, for `with_compliance`: stiffness, backlash, friction at the link, and
+        an error once in a turn of the motor. (Its efficiency is left out.)
+
+        **Arguments:** `damping` [N m s/rad] at the link, which no data sheet has; `driven`: whether a drive prescribes
+        the motor, else the rotor's inertia is that of an actuated one; `friction_speed` [rad/s]: at which friction
+        turns round.
+
+        **Raises:** `ClearanceError` for a rigid reducer, one whose stiffness is not known under large torques, and an
+        actuated motor without a rotor.
+        """
+        torques, stiffnesses = self.pieces
+        if math.isinf(stiffnesses[0]):
+            raise ClearanceError("A rigid reducer does not give way. Give its `stiffness`.").about("stiffness")
+        if len(torques) == len(stiffnesses):
+            text = f"The stiffness is known up to {torques[-1]:.6g} N m only. Add the one beyond, from the sheet."
+            raise ClearanceError(text).about("stiffness", None, torques[-1])
+        if not driven and self.rotor_inertia is None:
+            raise ClearanceError("The motor is moved by actuators: give `rotor_inertia`.").about("rotor_inertia")
+        numbers: dict[str, Any] = {"stiffness": stiffnesses[0]}
+        if torques:
+            numbers = {"stiffness": jnp.asarray(stiffnesses, float), "efforts": jnp.asarray(torques, float)}
+        if self.friction_torque:
+            numbers["friction"] = JointFriction(self.friction_torque, friction_speed)
+        if self.transmission_error:
+            numbers |= {"error": self.transmission_error, "error_order": abs(self.ratio)}
+        if not driven and self.rotor_inertia is not None:
+            numbers["rotor_inertia"] = self.ratio**2 * self.rotor_inertia
+        return Compliance(damping=damping, backlash=self.backlash or None, **numbers)
 
     @classmethod
     def harmonic(cls, size: int, ratio: int) -> "Reducer":

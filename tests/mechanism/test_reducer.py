@@ -1,5 +1,6 @@
 """Reducers by their data sheets: the makers' loop both ways, springs in pieces and closed forms, stages in a row."""
 
+import dataclasses
 import itertools
 import math
 
@@ -278,3 +279,27 @@ def test_springs_in_pieces_in_a_row():
     both = cj.Reducer.series([cj.Reducer(ratio=2, stiffness=ENDING), cj.Reducer(ratio=2, stiffness=ENDING)]).pieces
     assert both.torques == pytest.approx((7.0, 14.0, 25.0))
     assert len(both.stiffnesses) == 3
+
+
+def test_a_reducer_is_a_drive():
+    """Its numbers reach the joint, those of the motor by the square of the ratio."""
+    sheet = cj.Reducer(
+        ratio=-50, stiffness=((7.0, 25.0), (1.3e4, 1.8e4, 2.3e4)), backlash=2e-4, friction_torque=3.0,
+        rotor_inertia=1e-4, transmission_error=1e-4,
+    )  # fmt: skip
+    drive = sheet.compliance(20.0, driven=False)
+    assert float(drive.rotor_inertia) == pytest.approx(0.25)
+    assert (float(drive.error), float(drive.error_order), float(drive.backlash)) == (1e-4, 50.0, 2e-4)
+    joint = cj.Revolute("hub", "ground", "wheel", motion=cj.Motion(actuators=(cj.actuators.ConstantEffort(40.0),)))
+    wheel = cj.Mechanism(bodies=(cj.Body("wheel", 1.0, 0.5),), joints=(joint,))
+    loose = cj.with_compliance(wheel, "hub", drive)
+    assert [gap.name for gap in loose.gaps] == ["hub_drive", "hub_friction"]
+    held = cj.with_compliance(wheel.with_drives({"hub": cj.drives.Constant(0.0)}), "hub", sheet.compliance(20.0))
+    load = cj.Wrench("load", "wheel", torque=cj.Torque(z=-43.0))
+    begun = cj.simulate(dataclasses.replace(held, wrenches=(load,)), 1.0, start="settled", rtol=1e-8)
+    # The stiffness in pieces, behind half of the gap: friction at rest bears nothing.
+    wound = 7 / 1.3e4 + 18 / 1.8e4 + 18 / 2.3e4
+    assert float(begun.initial[0]) == pytest.approx(-wound - 1e-4, rel=1e-6)
+    for wrong in (cj.Reducer(ratio=10), cj.Reducer.harmonic(20, 50), cj.Reducer(ratio=10, stiffness=1e4)):
+        with pytest.raises(cj.ClearanceError):
+            wrong.compliance(1.0, driven=False)

@@ -158,8 +158,8 @@ def _class(variable: str, name: Entry, cost: float | None, diameter: float | Non
         made = ToleranceClass(fit.name, *fit.radial_clearance, cost, fit)
     if not 0 <= made.least <= made.greatest or made.greatest <= 0:
         raise ClearanceError(
-            f"The class {made.name} of `{variable}` leaves no play: it is between {made.least:g} and "
-            f"{made.greatest:g} {made.unit}. Take a looser one."
+            f"The class {made.name} of `{variable}` is no clearance fit: it leaves {made.least:g} to {made.greatest:g} "
+            f"{made.unit}. Take a looser one."
         ).about(variable, made.name)
     if made.cost is not None and not (math.isfinite(made.cost) and made.cost > 0):
         raise wrong_value(
