@@ -11,6 +11,7 @@ TITLES = {
     "derivatives_closed_forms": "Derivatives against closed forms",
     "derivatives_cost": "Cost of a Jacobian beside its value",
     "derivatives_ladder": "Error of derivatives by parameter and tolerance, beside other tools",
+    "drives": "Drives with backlash: closed forms, limit cycles, a measured loop, cost",
     "exponential_cost_closed_form": "Allocations whose exact answer is known",
     "fidelities": "Solves of the dynamics saved by a search over poses",
     "forward_dynamics": "Cost of accelerations, beside articulated bodies, MuJoCo and pinocchio",

@@ -12,6 +12,7 @@ from experiments import (
     calibration,
     contact_laws,
     cores,
+    drives,
     first_results,
     forward_dynamics,
     gpu,
@@ -152,6 +153,22 @@ def test_steps_of_laws_with_memory():
     assert without.touches == latched.touches == by_penetration.touches > 0
     assert latched.rejected < 0.7 * by_penetration.rejected
     np.testing.assert_allclose(latched.end, by_penetration.end, rtol=0, atol=1e-5)
+
+
+def test_drives_with_backlash():
+    found = drives.main(quick=True)
+    assert max(float(row[2]) for row in found["errors"]) < 1e-9
+    assert max(float(row[3]) for row in found["cycles"]) < 1e-9
+
+
+@pytest.mark.slow
+def test_a_measured_loop_has_the_width_of_its_gap_and_friction():
+    found = drives.loop()
+    gap, stiffness, friction = (found.values[name] for name in (drives.GAP, drives.STIFFNESS, drives.FRICTION))
+    # Between two of the points of the curve it is 4.0 deg wide at zero torque.
+    assert np.degrees(gap + 2 * friction / stiffness) == pytest.approx(4.0, abs=0.5)
+    least, greatest = found.intervals[drives.STIFFNESS]
+    assert least < 337 < greatest
 
 
 def test_impacts_over_decades():
