@@ -3,7 +3,7 @@ reach: derivatives of its place in the ideal motion by the play, or by an offset
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,6 +13,8 @@ from jaxtyping import Array, Float
 
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import project
+from clearance_jax.dynamics.deflected import deflections, hold_drives, released
+from clearance_jax.dynamics.gaps import gap_motions
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
 from clearance_jax.dynamics.quantities import axes_of, evaluate
@@ -22,6 +24,7 @@ from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree.tree import AbstractPlayed
+from clearance_jax.mechanism.variants import DRIVE
 from clearance_jax.metrics.ideal import ASSEMBLE
 from clearance_jax.solve.quasi_static import are_poses
 from clearance_jax.solve.settings import settings_of
@@ -33,7 +36,8 @@ __all__ = ["PoseErrors", "check_driven", "deviations", "place_slopes", "play_of"
 
 class PoseErrors(NamedTuple):
     """Quasi-static errors of a point [m]: `whole` (times, 3), and `joints` (times, joints, 3) with the offset of one
-    pin at a time; `good`: whether there is a pose at each time; its lowest `frequency` [Hz]; what is `drawn` of it.
+    pin at a time, then of one drive that gives way or one coupling with backlash at a time (`budget_names`); `good`:
+    whether there is a pose at each time; its lowest `frequency` [Hz]; what is `drawn` of it.
     """
 
     whole: Float[Array, "times 3"]
@@ -57,10 +61,38 @@ def pose_errors(mechanism: Mechanism, index: int, times: Array, draw: Callable) 
         for k in range(len(pose.play)):
             play = (*at_rest[:k], pose.play[k], *at_rest[k + 1 :])
             alone.append(as_array(subtract(_place(ready, index, time, displaced(time, ready, play, y)), wanted)))
+        for moved, places in _one_drive_at_a_time(ready, time, pose.y):
+            held = displaced(time, hold_drives(moved, places), at_rest, y)
+            place = _place(ready, index, time, released(moved, time, held, places))
+            alone.append(as_array(subtract(place, wanted)))
         good = are_poses(mechanism, pose.errors) & jnp.all(jnp.isfinite(pose.y))
         return PoseErrors(as_array(whole), jnp.stack(alone), good, pose.frequency, draw(ready, time, pose.y))
 
     return jax.vmap(at_instant)(times, ideal, poses(times, ready, ideal))
+
+
+def budget_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """The names of what makes errors, in the order of `PoseErrors.joints`."""
+    drives = (DRIVE.format(name) for name in deflections(mechanism))
+    meshes = (coupling.name for coupling in mechanism.couplings if coupling.backlash is not None)
+    return (*(joint.name for joint in mechanism.clearance_joints()), *drives, *meshes)
+
+
+def _one_drive_at_a_time(
+    mechanism: PreparedMechanism, time: Any, y: Array
+) -> Iterator[tuple[PreparedMechanism, dict[str, Any]]]:
+    """The mechanism and the deflections of its drives, where all but one drive or coupling are as they are meant."""
+    state, rest = layout(mechanism).split(y), dict.fromkeys(deflections(mechanism), 0.0)
+    places = dict(zip(layout(mechanism).positions, state.q, strict=True))
+    for name in rest:
+        yield mechanism, rest | {name: places[name]}
+    for gap, at in zip(mechanism.gaps, gap_motions(mechanism, time, state), strict=True):
+        if gap.is_play and gap.name in {coupling.name for coupling in mechanism.couplings}:
+            couplings = tuple(
+                dataclasses.replace(c, offset=c.offset + at.now.place[0]) if c.name == gap.name else c
+                for c in mechanism.couplings
+            )
+            yield dataclasses.replace(mechanism, couplings=couplings), rest
 
 
 @solo_jit

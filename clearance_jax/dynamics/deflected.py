@@ -6,6 +6,7 @@ nothing loads starts in the middle.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -13,19 +14,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._basis.small_matrices import small_eigh
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.applied import Measured, measure
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import mesh_efforts, slope
 from clearance_jax.dynamics.gaps import gap_motions, terms_of, wave_of
+from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import StateSlices, initial_values, layout, parts
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import DRIVE, gives_way, with_motions
-from clearance_jax.spatial import Term, plus, times
+from clearance_jax.mechanism.variants import DRIVE, gives_way, rigid, with_motions, without_gaps
+from clearance_jax.spatial import Term, as_array, plus, times
 
 # Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more
 # make first and second derivatives right.
@@ -144,6 +148,65 @@ def _put(mechanism: PreparedMechanism, gaps: list[CoordinateGap], flanks: Flanks
         dataclasses.replace(c, offset=c.offset + rests[c.name]) if c.name in rests else c for c in mechanism.couplings
     )
     return dataclasses.replace(mechanism, joints=joints, couplings=couplings)
+
+
+def has_drives(mechanism: AbstractMechanism) -> bool:
+    """Whether drives give way, or couplings have backlash."""
+    gives = any(gives_way(c.motion) for c in mechanism.moved_coordinates())
+    return gives or any(coupling.backlash is not None for coupling in mechanism.couplings)
+
+
+def deflections(mechanism: AbstractMechanism) -> dict[str, Scalar]:
+    """The deflections of drives that give way, by coordinate, as a mechanism starts with them."""
+    return {c.name: c.motion.position for c in mechanism.moved_coordinates() if gives_way(c.motion)}
+
+
+def hold_drives(mechanism: PreparedMechanism, places: Mapping[str, Term]) -> PreparedMechanism:
+    """The mechanism with drives that do not give way, held at deflections by coordinate, and couplings without backlash
+    (at their `offset`); without stops.
+    """
+    at = {DRIVE.format(name): place for name, place in places.items()}
+    firm = mechanism._with_joints(lambda joint: rigid(without_gaps(joint), at))
+    return firm._without_gaps()
+
+
+def released(mechanism: PreparedMechanism, time: Scalar, y: Array, places: Mapping[str, Term]) -> Array:
+    """The state of a mechanism from that of the one whose drives are held at `places` (`hold_drives`)."""
+    held, plan = layout(hold_drives(mechanism, places)), layout(mechanism)
+    known = {name: y[i] for i, name in enumerate((*held.positions, *(f"{name}'" for name in held.velocities)))}
+    known |= {name: jnp.asarray(place, float) for name, place in places.items()}
+    names = (*plan.positions, *(f"{name}'" for name in plan.velocities))
+    moved = engage(mechanism, time, as_array([known.get(name, 0.0) for name in names]))
+    return jnp.concatenate([moved, y[held.v.stop :], as_array(touching_gaps(mechanism, time, moved))])
+
+
+def drive_frequency(time: Scalar, mechanism: PreparedMechanism) -> Array:
+    """The lowest frequency [Hz] of the springs of a deflected mechanism, with pins held; 0 where a gap is unloaded;
+    infinite without springs.
+    """
+    ideal = mechanism.ideal().without_sampling()
+    springs = _springs(ideal)
+    if not springs:
+        return jnp.asarray(jnp.inf)
+    state = layout(ideal).split(initial_values(ideal))
+    inertia = frames(ideal.at(time), time, state).mass_matrix()
+    places, stiff = np.array([part.v.start for part in springs]), []
+    gaps = {gap.name: gap for gap in mechanism.gaps if gap.is_play}
+    for part in springs:
+        c, x = part.coordinate, jnp.asarray(part.coordinate.motion.position, float)
+        spring = next(s for s in c.motion.actuators if isinstance(s, DriveSpring))
+        firm = -jax.grad(lambda x, s=spring: s(time, x, jnp.zeros(())))(x)
+        gap = gaps.get(DRIVE.format(c.name))
+        stiff.append(firm if gap is None else jnp.where(jnp.abs(x) > gap.size, firm, 0.0))
+    root = jnp.sqrt(jnp.maximum(jnp.stack(stiff), 0.0))
+
+    def accelerations(force: Array) -> Array:
+        return as_array(inertia.solve([force[i] for i in range(layout(ideal).free)]))
+
+    unit = jnp.eye(layout(ideal).free)[places]
+    inverse = jax.vmap(accelerations)(unit)[:, places]
+    squares, _ = small_eigh(root[:, None] * inverse * root[None, :])
+    return jnp.sqrt(jnp.maximum(squares[0], 0.0)) / (2 * jnp.pi)
 
 
 def engage(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:

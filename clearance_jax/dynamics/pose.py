@@ -18,6 +18,14 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax.dynamics.closures import StartErrors, project
+from clearance_jax.dynamics.deflected import (
+    deflect,
+    deflections,
+    drive_frequency,
+    has_drives,
+    hold_drives,
+    released,
+)
 from clearance_jax.dynamics.reactions import by_joint, determinate, pin_loads
 from clearance_jax.dynamics.seated import lowest_frequency
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
@@ -56,7 +64,7 @@ class StaticPose(NamedTuple):
 
 def check_driven(mechanism: AbstractMechanism) -> None:
     """**Raises** `ClearanceError` for a mechanism whose poses do not follow from drives, places and slips."""
-    if not mechanism.clearance_joints():
+    if not mechanism.clearance_joints() and not has_drives(mechanism):
         raise ClearanceError(
             "A mechanism without play is where its drives put it, whatever the load. Give a joint clearance, or use "
             '`fidelity = "dynamics"`.'
@@ -69,19 +77,24 @@ def check_driven(mechanism: AbstractMechanism) -> None:
                     f"`{type(part).__name__}` in the joint `{joint.name}` depend on what was before, or on how the pin "
                     'moves in its play. Use another one, or `fidelity = "dynamics"`.'
                 ).about(joint.name, type(part).__name__)
-    ideal = mechanism.ideal()
+    ideal = mechanism.intended()
     free, loops = ideal.free_coordinates(), ideal.closures()
+    if mechanism.loops and has_drives(mechanism):
+        raise ClearanceError(
+            "A quasi-static pose of a closed loop is not known where drives give way or couplings have backlash. Use "
+            '`fidelity = "dynamics"`.'
+        ).about("fidelity")
     bound = 2 * len(loops) if ideal.is_plane else sum(loop.joint_constraint().count for loop in loops)
     if len([name for coordinate in free for name in coordinate.velocities]) > bound:
         raise ClearanceError(
-            f"A quasi-static pose follows from drives, but without its play `{free[0].name}` moves freely, or by a "
-            'drive that gives way. Drive it firmly, or use `fidelity = "dynamics"`.'
+            f"A quasi-static pose follows from drives, but without its play `{free[0].name}` moves freely. Drive it, "
+            'or use `fidelity = "dynamics"`.'
         ).about(free[0].name)
 
 
 def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) -> Array:
     """The ideal mechanism's states `[q, v]` at increasing times, each found from the one before, shape (times, n)."""
-    ideal = determinate(mechanism.ideal().without_sampling())
+    ideal = determinate(mechanism.intended().without_sampling())
     plan, first = layout(ideal), initial_values(ideal)
     if not ideal.closures():
         return jnp.broadcast_to(first, (times.shape[0], first.shape[0]))
@@ -131,8 +144,20 @@ def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
 
 
 def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> StaticPose:
-    """The pose at a time, searched from play near it if that is known, else from the middle of the sleeves."""
+    """The pose at a time, searched from play near it if that is known, else from the middle of the sleeves. Drives give
+    way to the loads of the ideal mechanism, whose pins are in the middle.
+    """
     joints = mechanism.clearance_joints()
+    if has_drives(mechanism):
+        moved = deflect(time, mechanism)
+        places = deflections(moved)
+        pose = _pose(hold_drives(moved, places), known, time, ideal, near)
+        # Dunkerley's bound of the lowest frequency of both together.
+        several = jnp.stack([pose.frequency, drive_frequency(time, moved)])
+        frequency = jnp.where(jnp.all(several > 0), jnp.sum(several**-2.0) ** -0.5, 0.0)
+        return pose._replace(y=released(moved, time, pose.y, places), frequency=frequency)
+    if not joints:
+        return StaticPose(ideal, (), ideal, StartErrors.nothing(), jnp.asarray(jnp.inf))
     begin = tuple(middle(joint) for joint in joints)
     cold, warm = RUBBED if any(joint.clearance.friction is not None for joint in joints) else SMOOTH
 
@@ -169,7 +194,14 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
 
 
 def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], ideal: Array) -> Array:
-    """The state `[q, v, memory]` with pins held at values of their play; `ideal`: a state near the ideal one."""
+    """The state `[q, v, memory]` with pins held at values of their play, and drives that do not give way; `ideal`: a
+    state near the ideal one.
+    """
+    if has_drives(mechanism):
+        places = dict.fromkeys(deflections(mechanism), 0.0)
+        return released(mechanism, time, displaced(time, hold_drives(mechanism, places), play, ideal), places)
+    if not play:
+        return ideal
     fixed = mechanism.hold_pins(by_joint(mechanism, play))
     ideal = project(time, ideal, fixed, CLOSING) if mechanism.loops else ideal
     still, free = tuple(map(jnp.zeros_like, play)), tuple(jnp.asarray(False) for _ in play)
@@ -186,6 +218,12 @@ def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Sta
 def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
     """The state of a pose with its derivatives, those of further Newton steps: each reduces their error."""
     mechanism = mechanism.without_sampling()
+    if has_drives(mechanism):
+        moved = deflect(time, mechanism)
+        places = deflections(moved)
+        return released(moved, time, with_derivatives(time, hold_drives(moved, places), pose), places)
+    if not mechanism.clearance_joints():
+        return pose.ideal
     play, ideal = jax.lax.stop_gradient((pose.play, pose.ideal))
     begin = _unstepped(time, mechanism, play, ideal)
     step = jax.lax.fori_loop(0, DIFFERENTIATED, lambda _, now: newton(time, mechanism, now.play, now.y), begin)

@@ -11,6 +11,8 @@ from clearance_jax.joints import AbstractClearance, AbstractPin, Tolerance
 from clearance_jax.joints.checks import check_sizes
 from clearance_jax.joints.presets import BALL, FIT, GUIDE, OWN, PIN, SHAFT, Preset, radial_clearance_of
 from clearance_jax.joints.seating import pose_at
+from clearance_jax.laws import Flank
+from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.actuators import AbstractActuator, DriveSpring, JointFriction
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.motion.drives import Constant
@@ -248,6 +250,34 @@ def rigid(joint: AbstractJoint, at: Mapping[str, Any]) -> AbstractJoint:
         return Motion(Constant(at.get(DRIVE.format(c.name), 0.0)).prepare(), limits=c.motion.limits)
 
     return with_motions(joint, change)
+
+
+def change_drives(mechanism: Any, *, stiffer: float = 1.0, closer: float = 1.0) -> Any:
+    """The mechanism with stiffnesses of drives and flanks, and with backlash and transmission errors, times factors."""
+
+    def flank_of(flank: Any) -> Any:
+        if not isinstance(flank, Flank):
+            return Stiffened(flank, stiffer)
+        numbers = {name: getattr(flank, name) for name in ("stiffness", "damping", "efforts", "cubic")}
+        return dataclasses.replace(flank, **{name: stiffer * x for name, x in numbers.items() if x is not None})
+
+    def made(actuator: Any) -> Any:
+        if not isinstance(actuator, DriveSpring):
+            return actuator
+        wave = actuator.wave
+        wave = None if wave is None else dataclasses.replace(wave, error=closer * wave.error)
+        gap = None if actuator.backlash is None else closer * actuator.backlash
+        return dataclasses.replace(actuator, flank=flank_of(actuator.flank), backlash=gap, wave=wave)
+
+    def change(c: Coordinate) -> Motion:
+        return dataclasses.replace(c.motion, actuators=tuple(map(made, c.motion.actuators)))
+
+    changed = mechanism._with_joints(lambda joint: with_motions(joint, change))
+    couplings = tuple(
+        c if c.backlash is None else dataclasses.replace(c, backlash=closer * c.backlash, flank=flank_of(c.flank))
+        for c in mechanism.couplings
+    )
+    return dataclasses.replace(changed, couplings=couplings)
 
 
 def change_each_play(mechanism: Any, change: Callable[[Any], Any]) -> Any:

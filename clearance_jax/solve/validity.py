@@ -25,6 +25,7 @@ from clearance_jax.dynamics.pose import StaticPose
 from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.joints.seating import size_of
 from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import layout
 from clearance_jax.units import format_quantity
 
 FOLLOWS, PEAK_ONLY, NOT_VALID = range(3)
@@ -75,8 +76,8 @@ def described(validity: Validity) -> str:
     worst = int(np.argmax(np.nan_to_num(ringing / _floor(error, np), nan=np.inf)))
     name, spent = validity.names[worst], float(validity.periods)
     text = (
-        f"{validity.word}: the lowest frequency of the pins at their walls, {float(validity.frequency):.3g} Hz at "
-        f"t = {float(validity.time):.3g} s, has {spent:.3g} periods in the motion's {float(validity.span):.3g} s. "
+        f"{validity.word}: the lowest frequency of pins at walls and of drives, {float(validity.frequency):.3g} Hz "
+        f"at t = {float(validity.time):.3g} s, has {spent:.3g} periods in the motion's {float(validity.span):.3g} s. "
         f"Ringing to be expected of `{name}`: {_amount(ringing[worst], validity.unit)}, of an error of "
         f"{_amount(error[worst], validity.unit)}"
     )
@@ -107,6 +108,10 @@ def validity_of(
         without = mechanism.intended()
         here = jax.vmap(lambda time, y: evaluate("position", time, y, mechanism))(times, poses.y)
         error = here - jax.vmap(lambda time, y: evaluate("position", time, y, without))(times, ideal)
+    elif not joints:
+        plan = layout(mechanism)
+        names, error = plan.positions, poses.y[:, plan.q, None]
+        unit = ""
     else:
         names, unit = tuple(joint.name for joint in joints), ""
         sizes = [size_of(joint.joint.play()) for joint in joints]

@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import clearance_jax as cj
+from clearance_jax.design.judge.budget import error_budget
 from clearance_jax.design.judge.static import static_error, static_weights
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.state import layout
@@ -326,6 +327,53 @@ def test_errors_refer_to_a_rigid_drive_without_backlash():
     weights = static_weights(pendulum(), "tip", 1.0)
     assert weights == {"hub_drive": pytest.approx(0.6)}
     assert static_error(pendulum(), weights) == pytest.approx(0.6 * 5e-3)
+
+
+def test_poses_of_drives_are_where_the_motion_settles():
+    """With and without play in the same joint; and their derivatives."""
+    posed: Any = {"fidelity": "quasi-static"}
+    arm = pendulum()
+    worn = arm.with_joint(
+        dataclasses.replace(arm.joint("hub"), clearance=cj.joints.pin_clearance(2e-5, pin_radius=0.015))  # pyright: ignore
+    )
+    for mechanism in (arm, worn):
+        pose = cj.simulate(mechanism, 0.1, **posed)
+        motion = cj.simulate(mechanism, 0.1, start="settled", rtol=1e-9)
+        places = layout(mechanism).q
+        np.testing.assert_allclose(pose.final[places], motion.final[places], atol=1e-9)
+        # f = sqrt(k / J) / (2 pi) of the arm about its hub, less the weight's part and the pin's.
+        assert 0.95 * 5.75 < float(pose.validity.frequency) < 5.75
+
+    def height(backlash, stiffness):
+        numbers = {"hub.backlash": backlash, "hub.actuator.compliance.stiffness": stiffness}
+        return cj.simulate(cj.replace(arm, numbers), 0.1, **posed)["tip.position.y"]
+
+    by_backlash, by_stiffness = jax.grad(height, (0, 1))(1e-2, 500.0)
+    wider, narrower = height(1.0001e-2, 500.0), height(0.9999e-2, 500.0)
+    assert float(by_backlash) == pytest.approx(float(wider - narrower) / 2e-6, rel=1e-7)
+    stiffer, softer = height(1e-2, 501.0), height(1e-2, 499.0)
+    assert float(by_stiffness) == pytest.approx(float(stiffer - softer) / 2, rel=1e-5)
+    geared = dataclasses.replace(
+        pair(-0.5, 2e-3, first=cj.drives.Constant(0.3), speed=0.0),
+        wrenches=(cj.Wrench("pull", "large", torque=cj.Torque(z=0.4)),),
+    )
+    assert float(cj.simulate(geared, 0.1, **posed)["wheel.position"]) == pytest.approx(-0.149 + 0.4 / STIFF, rel=1e-10)
+    weightless = cj.simulate(dataclasses.replace(arm, gravity=cj.Gravity()), 0.1, **posed)
+    assert weightless.validity.word == "not valid"
+
+
+def test_the_budget_has_a_line_for_every_drive():
+    """Half the gap and the wind-up of the hub, and the pin's offset; play and elasticity apart."""
+    arm = pendulum()
+    arm = arm.with_joint(
+        dataclasses.replace(arm.joint("hub"), clearance=cj.joints.pin_clearance(2e-5, pin_radius=0.015))  # pyright: ignore
+    )
+    budget = error_budget(arm, "tip", 0.1, dynamics=False)
+    assert set(budget.shares) == {"hub", "hub_drive"}
+    place = float(cj.simulate(pendulum(), 1e-4, start="settled").initial[0])
+    assert budget.shares["hub_drive"] == pytest.approx(2 * 0.6 * np.sin(-place / 2), rel=2e-3)
+    assert budget.play_shares["hub_drive"] == pytest.approx(0.6 * 5e-3, rel=2e-3)
+    assert budget.shares["hub"] == pytest.approx(2e-5, rel=0.1)
 
 
 def test_derivatives_by_backlash_stiffness_and_gain():

@@ -307,8 +307,6 @@ def test_what_poses_cannot_give_is_refused_in_words():
         cj.simulate(playful_servo(), 0.1, **POSES)
     with refused("hub", None):
         cj.simulate(mechanism.without_drives(["hub"]), 0.1, **POSES)
-    with refused("hub", None):
-        cj.simulate(cj.with_compliance(mechanism, "hub", cj.Compliance(1e4, 10.0)), 0.1, **POSES)
     with refused("clearance"):
         cj.simulate(mechanism.ideal(), 0.1, **POSES)
     with refused("y0"):

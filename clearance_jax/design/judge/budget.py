@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from clearance_jax.analysis.pose_errors import check_driven, deviations, pose_errors
+from clearance_jax.analysis.pose_errors import budget_names, check_driven, deviations, pose_errors
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.variants import change_each_play
+from clearance_jax.mechanism.variants import change_drives, change_each_play
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import mark_positions
 from clearance_jax.solve.settings import evenly, settings_of
@@ -28,7 +28,8 @@ class ErrorBudget:
 
     - `dataset`: over `time` [s], in metres: `quasi_static` (pins where loads press them), `play` (the same with rigid
       contacts), `elasticity` (the same with closed clearances), `dynamics` (NaN where it was not asked for); of each
-      `joint` the vectors `joint_error` and `joint_play` that its pin alone makes (their sum is the whole but for the
+      `joint` with play, then of each drive that gives way or coupling with backlash, the vectors `joint_error` and
+      `joint_play` that it alone makes (their sum is the whole but for the
       square of play over length); `frequency`, the lowest about each pose [Hz].
 
     The parts do not add up: a contact gives way more where it is less conformal, and so where there is more play.
@@ -41,6 +42,12 @@ class ErrorBudget:
     def peaks(self) -> dict[str, float]:
         """The largest error of each part over time [m]."""
         return {name: float(self.dataset[name].max()) for name in ("dynamics", "quasi_static", "play", "elasticity")}
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Those of the joints that are drives or couplings."""
+        names = self.dataset.joint.values.tolist()
+        return tuple(names[int(self.dataset.attrs["pins"]) :])
 
     @property
     def peak_time(self) -> float:
@@ -81,7 +88,7 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     names = [p.name for p in mechanism.points]
     if point not in names:
         raise unknown_name(f"There is no point `{point}`.", point, names)
-    joints = [joint.name for joint in mechanism.clearance_joints()]
+    joints = budget_names(mechanism)
     if not joints:
         raise ClearanceError("A mechanism without play has no error. Give a joint clearance.").about("clearance")
     check_driven(mechanism)
@@ -91,12 +98,13 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     def parts_of(mechanism: Mechanism, stiffer: float):
         # A law within a law: any factor uses the same program.
         stiff = change_each_play(mechanism, lambda p: dataclasses.replace(p, normal=Stiffened(p.normal, stiffer)))
+        stiff = change_drives(stiff, stiffer=stiffer)
         return pose_errors(stiff, index, times, mark_positions)
 
     parts = {
         "quasi_static": parts_of(mechanism, 1.0),
         "play": parts_of(mechanism, RIGID),
-        "elasticity": parts_of(change_each_play(mechanism, _closer), 1.0),
+        "elasticity": parts_of(change_drives(change_each_play(mechanism, _closer), closer=CLOSED), 1.0),
     }
     for name, part in parts.items():
         if not bool(jnp.all(part.good)):
@@ -111,9 +119,10 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     for name, vector in vectors.items():
         variables[name] = (("time", "joint", "axis"), np.asarray(vector), {"units": "m"})
     variables["frequency"] = ("time", np.asarray(parts["quasi_static"].frequency), {"units": "Hz"})
+    pins = len(mechanism.clearance_joints())
     drawn = picture_dataset(mechanism, np.asarray(times), {"mark_position": np.asarray(parts["quasi_static"].drawn)})
-    drawn = drawn.rename(axis="page_axis").assign_coords(joint=joints, axis=["x", "y", "z"])
-    return ErrorBudget(point, drawn.assign(variables).assign_attrs(point=point, mechanism=mechanism.name))
+    drawn = drawn.rename(axis="page_axis").assign_coords(joint=[*joints], axis=["x", "y", "z"])
+    return ErrorBudget(point, drawn.assign(variables).assign_attrs(point=point, mechanism=mechanism.name, pins=pins))
 
 
 _BAD = {
@@ -152,6 +161,9 @@ def advice(budget: ErrorBudget) -> str:
     worst = max(shares, key=lambda name: abs(shares[name]))
     if np.isfinite(peaks["dynamics"]) and peaks["dynamics"] > 2 * peaks["quasi_static"]:
         return "Most of the error is dynamics: damp or preload the joints, or move with less jerk."
+    if worst in budget.drives:
+        what = "play" if abs(play[worst]) >= 0.5 * abs(shares[worst]) else "elasticity"
+        return f"Most is {what} of `{worst}`: a drive or gear with less of it helps most."
     if abs(play[worst]) >= 0.5 * abs(shares[worst]):
         return f"Most is play of `{worst}`: a smaller clearance there, a longer sleeve, or a preload helps most."
     return f"Most is elasticity of `{worst}`: a longer sleeve, a larger pin, or a stiffer material helps most."
