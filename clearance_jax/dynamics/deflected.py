@@ -19,16 +19,17 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.applied import Measured, measure
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import mesh_efforts, slope
-from clearance_jax.dynamics.gaps import gap_motions, terms_of, wave_of
+from clearance_jax.dynamics.gaps import gap_motions, wave_of
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import StateSlices, initial_values, layout, parts
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import DRIVE, gives_way, rigid, with_motions, without_gaps
+from clearance_jax.mechanism.variants import DRIVE, gives_way, motor_of, rigid, with_motions, without_gaps
 from clearance_jax.spatial import Term, as_array, plus, times
 
 # Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more
@@ -217,7 +218,12 @@ def engage(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
     plan = layout(mechanism)
     places = {part.coordinate.name: (part.q.start, plan.v.start + part.v.start) for part in parts(mechanism)}
     drives = {c.name: c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None}
-    gaps, done = {gap.name: gap for gap in mechanism.gaps}, {}
+    springs, done = {*deflections(mechanism)}, {}
+
+    def leaders(coupling: Coupling) -> list[tuple[str, Scalar]]:
+        """The coordinates that a follower follows, the motors of links whose drives give way among them."""
+        motors = [(motor_of(leader), ratio) for leader, ratio in coupling.terms if leader in springs]
+        return [*coupling.terms, *motors]
 
     def of(name: str) -> tuple[Term, Term]:
         if name in drives:
@@ -225,11 +231,10 @@ def engage(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
         if name not in done:
             motion: tuple[Term, Term] = y[places[name][0]], y[places[name][1]]
             if name in meshes:
-                gap = gaps[meshes[name].name]
                 place, speed = plus(motion[0], meshes[name].offset), motion[1]
-                for leader, factor in terms_of(gap)[1:]:
+                for leader, factor in leaders(meshes[name]):
                     at, moving = of(leader)
-                    place, speed = plus(place, times(-factor, at)), plus(speed, times(-factor, moving))
+                    place, speed = plus(place, times(factor, at)), plus(speed, times(factor, moving))
                 motion = jnp.asarray(place, float), jnp.asarray(speed, float)
             done[name] = motion
         return done[name]

@@ -14,7 +14,7 @@ from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.applied import applied_pairs, exert
 from clearance_jax.dynamics.conditions import Condition, closing_pairs, closure_conditions, conditions, constraint
 from clearance_jax.dynamics.forms.frames import Frames, Pair
-from clearance_jax.dynamics.gaps import added, gap_actions, gap_efforts
+from clearance_jax.dynamics.gaps import added, gap_actions, gap_efforts, teeth_pairs
 from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance
@@ -47,8 +47,9 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     pins, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
     acting = [(joint.clearance, pins[joint.name].relative, state.memory[joint.name]) for joint in joints]
     actions = dict(zip([joint.name for joint in joints], each_joint(PreparedClearance.act, acting), strict=True))
-    pairs = contact_pairs(mechanism, pins, actions) + applied_pairs(mechanism, time, motion)
     actions |= gap_actions(mechanism, time, state)
+    pairs = contact_pairs(mechanism, pins, actions) + applied_pairs(mechanism, time, motion)
+    pairs += teeth_pairs(mechanism, motion, actions)
     efforts, gaps = exert(mechanism, time, state), gap_efforts(mechanism, time, state, actions)
     acceleration, closing = accelerations(motion, pairs, added(efforts, gaps.free))
     return Balance(motion, pins, actions, pairs, efforts, share(acceleration), closing, gaps.by_name)

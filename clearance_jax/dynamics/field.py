@@ -18,11 +18,14 @@ from clearance_jax.dynamics.applied import exert_each, load_power
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.forms.coupled import CoupledFrames
 from clearance_jax.dynamics.forms.frames import Frames, rotors
+from clearance_jax.dynamics.gaps import terms_of
 from clearance_jax.dynamics.kinematics import frames, relative_motions, spring_state
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.followers import relations_of
+from clearance_jax.mechanism.gaps import flanks_of
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, parts, position_rates, vector
 from clearance_jax.mechanism.tree.compounds import Ball
@@ -133,9 +136,15 @@ def mesh_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, now: 
         return done[name]
 
     return [
-        of(coupling.follower) if coupling.backlash is None else now.actions[coupling.name].force[0]
+        of(coupling.follower) if coupling.backlash is None else _through_gaps(mechanism, now, coupling)
         for coupling in mechanism.couplings
     ]
+
+
+def _through_gaps(mechanism: PreparedMechanism, now: Balance, coupling: Coupling) -> Term:
+    """What the flanks of a coupling exert on its follower."""
+    flanks = {gap.name: dict(terms_of(gap)) for gap in mechanism.gaps if gap.name in flanks_of(coupling)}
+    return total(times(terms[coupling.follower], now.actions[name].force[0]) for name, terms in flanks.items())
 
 
 class Energies(NamedTuple):

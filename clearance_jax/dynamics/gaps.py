@@ -8,6 +8,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.types import Rows, Scalar
 from clearance_jax._compile.barriers import share
+from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.relative_motion import RelativeMotion, coordinate_values
 from clearance_jax.joints import Action, PreparedClearance, Relative
 from clearance_jax.joints._base import each_joint
@@ -17,7 +18,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout, moved_parts
 from clearance_jax.mechanism.tree.moved import Moved, motion_of
 from clearance_jax.mechanism.unfolded import fold, unfold
-from clearance_jax.spatial import ZERO, Term, minus, plus, times
+from clearance_jax.spatial import ZERO, Term, minus, plus, scale, times
 
 
 class GapEfforts(NamedTuple):
@@ -96,6 +97,8 @@ def gap_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, action
     values = coordinate_values(mechanism, time, state) if any(gap.wave is not None for gap in mechanism.gaps) else {}
     coordinates = {c.name: c for c in mechanism.coordinates()}
     for gap in mechanism.gaps:
+        if gap.teeth is not None:
+            continue
         terms = terms_of(gap)
         if gap.wave is not None:
             motor = motion_of(coordinates[gap.motor], time, values)
@@ -110,6 +113,19 @@ def gap_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, action
         every[part.v.start] = by_name.get(part.coordinate.name, 0.0)
     efforts = fold(whole.weights, every, layout(mechanism).free) if whole.weights else every
     return GapEfforts(efforts, by_name)
+
+
+def teeth_pairs(mechanism: PreparedMechanism, motion: Frames, actions: Mapping[str, Action]) -> list[Pair]:
+    """The wrench pairs of gears whose teeth load their bearings."""
+    pairs = []
+    for gap in mechanism.gaps:
+        if gap.teeth is not None:
+            carrier, (nx, ny) = motion[gap.teeth.carrier], gap.teeth.normal
+            # The flank's effort pulls the depth down: on the wheel it pushes along the normal.
+            force = carrier.rotation.apply(scale(minus(0.0, actions[gap.name].force[0]), (nx, ny, 0.0)))
+            place = carrier.point((*gap.teeth.at, 0.0))
+            pairs.append(Pair(gap.teeth.pinion, gap.teeth.wheel, force, ZERO, place))
+    return pairs
 
 
 def added(efforts: Sequence[Term], more: Sequence[Term]) -> list[Term]:

@@ -122,12 +122,12 @@ class AbstractMechanism(Parametrised):
 
     def open_gaps(self) -> tuple[CoordinateGap, ...]:
         """The gaps of backlash and stops."""
-        return tuple(gap for gap in self.gaps if gap.what in ("backlash", "stops"))
+        return tuple(gap for gap in self.gaps if gap.what in ("backlash", "stops", "teeth"))
 
     @property
     def has_play(self) -> bool:
         """Whether it has clearances or backlash."""
-        return bool(self.clearance_joints()) or any(gap.is_play for gap in self.gaps)
+        return bool(self.clearance_joints()) or any(gap.is_play or gap.what == "teeth" for gap in self.gaps)
 
     @property
     def firm_couplings(self) -> tuple[Coupling, ...]:

@@ -41,6 +41,9 @@ class Coupling(Parametrised):
     - `backlash` [rad or m of the follower]: the whole gap between the teeth, with the law of their `flank` (a
       `laws.Flank`, or another normal law, whose forces are then efforts on the follower). The follower is then a
       coordinate of its own, which starts in the middle of the gap; its `position` and `velocity` count from there.
+    - `base_radius` [m] of the follower, in a pair of external gears in the plane. Their teeth then push along the lines
+      of action, the flanks' law is one of forces [N] and lengths [m], and both bearings bear the force. Play of the
+      bearings changes the backlash. Both wheels are on pins of one body.
 
     **Raises:** `ClearanceError`, from the mechanism, for unknown coordinates, play, balls, a follower that a drive
     prescribes, and circles.
@@ -61,6 +64,14 @@ class Coupling(Parametrised):
         "follower", "the whole gap between the teeth, on the follower", '"4 arcmin"', "none", above=0.0, default=None
     )
     flank: AbstractNormalLaw | None = flatten(default=None)
+    base_radius: Scalar | None = physical(
+        "m",
+        "base radius of the follower, whose teeth then load the bearings",
+        '"37.6 mm"',
+        "they do not",
+        above=0.0,
+        default=None,
+    )
 
     def __check_init__(self):
         if (self.second is None) != (self.second_ratio is None):
@@ -70,18 +81,24 @@ class Coupling(Parametrised):
             text = f"Coupling `{self.name}` names `{self.leader}` as `leader` and as `second`. Add up their ratios."
             raise ClearanceError(text).about(f"{self.name}.second")
 
+        if self.base_radius is not None and (self.backlash is None or self.second is not None):
+            text = f"Coupling `{self.name}` has teeth (`base_radius`): it needs one leader, `backlash` and `stiffness`."
+            raise ClearanceError(text).about(f"{self.name}.base_radius")
         if (self.backlash is None) != (self.flank is None):
             text = f"Coupling `{self.name}` needs a `backlash` and the law of its flanks (`stiffness`), or neither."
             raise ClearanceError(text).about(f"{self.name}.backlash")
 
     def demands(self):
+        if self.base_radius is not None:
+            yield Demand("ratio", self.ratio < 0, lambda: "must be below 0: teeth are known of external gears only")
         for name in ("ratio", "second_ratio"):
             if (ratio := getattr(self, name)) is not None:
                 yield Demand(name, ratio != 0, lambda: "must not be 0")
 
     def units_by(self, kinds: Mapping[str, str]) -> dict[str, str]:
         """The units of its numbers by the words of its fields; `kinds`: units of coordinates by name."""
-        return coupling_units(kinds, self.follower, self.leader, self.second)
+        units = coupling_units(kinds, self.follower, self.leader, self.second)
+        return units if self.base_radius is None else units | {"coordinate": "m", "effort": "N"}
 
     @property
     def terms(self) -> tuple[tuple[str, Scalar], ...]:
@@ -127,19 +144,25 @@ def Gear(
     offset: Number = 0.0,
     backlash: Number | None = None,
     flank: AbstractNormalLaw | None = None,
+    module: Number | None = None,
+    pressure_angle: Number = math.radians(20),
 ) -> Coupling:
     """A pair of gears with parallel axes, or of bevel gears.
 
     **Arguments:** `name`, `follower`, `leader`, `offset`, `backlash`, `flank`: as in `Coupling`; `teeth`: numbers of
     teeth of the leader and of the follower; `internal`: whether one of them is a ring with teeth inside. Such a pair
     turns the same way, any other pair opposite ways. (Of bevel gears the sign depends on how their axes point:
-    `internal` changes it.)
+    `internal` changes it.) With the `module` [m] of their teeth and the `pressure_angle` [rad] their forces load
+    the bearings, see `base_radius` of `Coupling`.
 
     **Raises:** `ClearanceError` for fewer than 5 teeth.
     """
     first, second = _teeth(name, teeth)
     ratio = (1 if internal else -1) * first / second
-    return Coupling(name, follower, leader, ratio, offset, backlash=backlash, flank=flank)
+    teeth_of: dict[str, Number] = {}
+    if module is not None:
+        teeth_of = {"base_radius": module * second / 2 * math.cos(pressure_angle)}
+    return Coupling(name, follower, leader, ratio, offset, backlash=backlash, flank=flank, **teeth_of)
 
 
 def Rack(
@@ -237,7 +260,10 @@ def _solved(name: str, factors: Mapping[str, float], follower: str) -> Coupling:
 
 def without_backlash(couplings: Sequence[Coupling]) -> tuple[Coupling, ...]:
     """The couplings without backlash."""
-    return tuple(dataclasses.replace(c, backlash=None, flank=None) if c.backlash is not None else c for c in couplings)
+    return tuple(
+        dataclasses.replace(c, backlash=None, flank=None, base_radius=None) if c.backlash is not None else c
+        for c in couplings
+    )
 
 
 class Resolved(NamedTuple):

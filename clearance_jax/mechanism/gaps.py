@@ -15,15 +15,18 @@ from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.gap import Gap, Rub
 from clearance_jax.laws.normal.flank import FlankSpring
 from clearance_jax.mechanism.actuators import DriveSpring, JointFriction, Wave
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.tree.coordinate import Coordinate
+from clearance_jax.mechanism.tree.tree import AbstractJoint, Revolute
 from clearance_jax.mechanism.variants import DRIVE, FRICTION, STOP, gives_way, has_gap, motor_of, rubs
+from clearance_jax.spatial import Pair
 
-What = Literal["backlash", "elasticity", "stops", "friction"]
+What = Literal["backlash", "elasticity", "stops", "teeth", "friction"]
 
 
 class CoordinateGap(Module):
@@ -33,6 +36,7 @@ class CoordinateGap(Module):
     - `in_tree`: whether all coordinates are states, so that the place is one too.
     - `turns`: whether x is an angle [rad], else a length [m].
     - `what` it is.
+    - `teeth`: of a pair of gears, where its force acts: between two bodies, and not on coordinates.
     - `wave`: a transmission error A sin(n q + p) by the coordinate q of the `motor`, by which x is less.
     """
 
@@ -46,6 +50,7 @@ class CoordinateGap(Module):
     what: What = eqx.field(static=True)
     wave: Wave | None = None
     motor: str = eqx.field(static=True, default="")
+    teeth: "Teeth | None" = None
 
     @property
     def is_play(self) -> bool:
@@ -71,7 +76,7 @@ class CoordinateGap(Module):
     def size(self) -> Array:
         """Half of its width [rad or m]; 1 of what has none."""
         made = getattr(self.clearance, "joint", self.clearance)
-        has_width = self.is_play or (self.what == "stops" and made.sides == "both")
+        has_width = self.what in ("backlash", "teeth") or (self.what == "stops" and made.sides == "both")
         return jnp.asarray(made.half if has_width else 1.0, float)
 
     def own_coordinates(self) -> tuple[()]:
@@ -83,12 +88,14 @@ class CoordinateGap(Module):
         return eqx.tree_at(lambda gap: gap.clearance, self, self.clearance.prepare())
 
 
-def gaps_of(coordinates: tuple[Coordinate, ...], couplings: tuple[Coupling, ...]) -> tuple[CoordinateGap, ...]:
+def gaps_of(joints: tuple[AbstractJoint, ...], couplings: tuple[Coupling, ...]) -> tuple[CoordinateGap, ...]:
     """The gaps of drives and stops, in the order of the coordinates, then those of couplings."""
-    by_name = {c.name: c for c in coordinates}
-    every = [gap for c in coordinates if isinstance(c.motion, Motion) for gap in _of_coordinate(c, by_name)]
+    by_name = {c.name: c for joint in joints for c in joint.own_coordinates()}
+    every = [gap for c in by_name.values() if isinstance(c.motion, Motion) for gap in _of_coordinate(c, by_name)]
     for coupling in couplings:
-        if coupling.backlash is not None:
+        if coupling.base_radius is not None:
+            every += _of_teeth(coupling, joints, by_name)
+        elif coupling.backlash is not None:
             names = (coupling.follower, *(leader for leader, _ in coupling.terms))
             factors = (None, *(-ratio for _, ratio in coupling.terms))
             terms: dict[str, Scalar | None] = dict(zip(names, factors, strict=True))
@@ -98,6 +105,64 @@ def gaps_of(coordinates: tuple[Coordinate, ...], couplings: tuple[Coupling, ...]
             clearance = Gap(coupling.backlash, coupling.flank)  # pyright: ignore[reportArgumentType]
             every.append(_gap(coupling.name, terms, coupling.offset, clearance, by_name))
     return tuple(every)
+
+
+def flanks_of(coupling: Coupling) -> tuple[str, ...]:
+    """The names of the gaps of a coupling with backlash."""
+    return (coupling.name,) if coupling.base_radius is None else (f"{coupling.name}_ahead", f"{coupling.name}_back")
+
+
+class Teeth(Module):
+    """Where flanks push two wheels apart: the bodies, and in the frame of the `carrier` the place `at` [m] where the
+    line of action crosses that of the centres, and the direction `normal` of the force on the wheel.
+    """
+
+    carrier: str = eqx.field(static=True)
+    pinion: str = eqx.field(static=True)
+    wheel: str = eqx.field(static=True)
+    at: Pair
+    normal: Pair
+
+
+def _of_teeth(
+    coupling: Coupling, joints: tuple[AbstractJoint, ...], by_name: dict[str, Coordinate]
+) -> Iterator[CoordinateGap]:
+    """The two flanks of a pair of gears. The depth of each along its line of action is s r (q2 - k q1 - o) + n (u1 -
+    u2) - j / 2, with the base radius r of the follower and the offsets u of both wheels in their bearings. (So the gap
+    widens with the distance of the centres to first order.)
+    """
+    what, known = f"Coupling `{coupling.name}` has teeth (`base_radius`)", {joint.name: joint for joint in joints}
+    wheel, pinion = (known.get(name) for name in (coupling.follower, coupling.leader))
+    if not (isinstance(wheel, Revolute) and isinstance(pinion, Revolute) and wheel.parent == pinion.parent):
+        raise ClearanceError(f"{what}: both wheels must be on pins of one body.").about(coupling.name)
+    if not (wheel.is_plane and pinion.is_plane):
+        raise ClearanceError(f"{what}, which are known in the plane only.").about(coupling.name)
+    assert coupling.base_radius is not None
+    assert coupling.backlash is not None
+    first, second = (joint.at_parent.vector[:2] for joint in (pinion, wheel))
+    apart = [jnp.asarray(b - a, float) for a, b in zip(first, second, strict=True)]
+    distance = jnp.hypot(*apart)
+    x, y = (d / distance for d in apart)
+    radius, gap = coupling.base_radius, coupling.base_radius * coupling.backlash
+    # Both base circles touch the line of action: its angle follows from the distance of the centres.
+    across = radius * (1.0 - coupling.ratio) / distance
+    along = jnp.sqrt(1.0 - across**2)
+    reach = distance * coupling.ratio / (coupling.ratio - 1.0)
+    at = first[0] + reach * x, first[1] + reach * y
+    for side, name in zip((1.0, -1.0), flanks_of(coupling), strict=True):
+        # The normal turns the pinion's way, and pushes the wheels apart.
+        normal = along * x - side * across * y, along * y + side * across * x
+        terms: dict[str, Scalar | None] = {wheel.name: side * radius, pinion.name: -side * coupling.ratio * radius}
+        for joint, sign in ((pinion, 1.0), (wheel, -1.0)):
+            turned = 0.0 if joint.angle is None else joint.angle
+            cos, sin = jnp.cos(turned), jnp.sin(turned)
+            inside = cos * normal[0] + sin * normal[1], cos * normal[1] - sin * normal[0]
+            for play in joint.play_coordinates():
+                terms[play.name] = sign * (inside[0] if play.name.endswith("x") else inside[1])
+        flank = Gap(gap, coupling.flank, "upper")  # pyright: ignore[reportArgumentType]
+        made = _gap(name, terms, side * radius * coupling.offset + 0.5 * gap, flank, by_name, "teeth")
+        teeth = Teeth(pinion.parent, pinion.child, wheel.child, at, normal)
+        yield dataclasses.replace(made, turns=False, teeth=teeth)
 
 
 def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[CoordinateGap]:

@@ -67,7 +67,7 @@ class Mechanism(AbstractMechanism):
 
     @property
     def gaps(self):
-        return gaps_of(tuple(self.coordinates()), self.couplings)
+        return gaps_of(self.joints, self.couplings)
 
     # Variants ------------------------------------------------------------------------------------------------------
 

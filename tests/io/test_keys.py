@@ -235,6 +235,8 @@ def test_examples_of_friction_laws_are_read(word, tmp_path):
     assert {f"pin.friction.{name}" for name in values if name != "law"} <= set(cj.parameters(read.mechanism))
 
 
+# With which flanks have forces [N] and lengths [m].
+TEETH = ("module", "pressure_angle", "base_radius")
 # What contradicts other numbers of a flank.
 OTHER_FLANKS = ("damping_factor", "cubic", "efforts")
 
@@ -267,7 +269,7 @@ def test_examples_of_a_compliance_are_read(tmp_path):
 
 @pytest.mark.parametrize("word", coupling_keys.COUPLING_TABLES)
 def test_examples_of_couplings_are_read(word, tmp_path):
-    values = example(coupling_keys.COUPLING_TABLES[word], "second", "second_ratio", *OTHER_FLANKS)
+    values = example(coupling_keys.COUPLING_TABLES[word], "second", "second_ratio", *OTHER_FLANKS, *TEETH)
     coordinates = {
         key: f'"{name}"' for key, name in zip(("leader", "sun", "left"), ("main",) * 3, strict=True) if key in values
     }

@@ -490,3 +490,62 @@ def test_gaps_have_names_of_their_own():
     assert {"hub_drive.position", "hub_drive.effort", "hub_drive.penetration"} <= set(solution.names)
     with refused("hub_drive.force", allowed="hub_drive.effort"):
         solution["hub_drive.force"]
+
+
+def toothed(backlash=1e-3, torque=5.0, clearance=None, turned=0.7, angle=None, module=2e-3, law=None):
+    """A driven pinion and a loaded wheel on pins, whose centres are apart in a direction of the plane."""
+    law = cj.laws.HuntCrossley(1e8, 0.5, 1.0) if law is None else law
+    play = None
+    if clearance is not None:
+        play = cj.joints.RevoluteClearance(clearance, 0.01, cj.laws.HuntCrossley(1e9, 0.5, 1.0), None)
+    distance = 2e-3 * 30
+    at = cj.Position(distance * np.cos(turned), distance * np.sin(turned))
+    load = cj.actuators.ConstantEffort(torque)
+    turning, loaded = cj.Motion(cj.drives.ConstantSpeed(10.0)), cj.Motion(actuators=(load,))
+    joints = (
+        cj.Revolute("pinion", "ground", "small", motion=turning, clearance=play, angle=angle),
+        cj.Revolute("wheel", "ground", "large", at, motion=loaded, clearance=play, angle=angle),
+    )
+    mesh = cj.Gear("mesh", "wheel", "pinion", (20, 40), backlash=backlash, flank=law, module=module)
+    bodies = cj.Body("small", 0.2, 2e-5), cj.Body("large", 0.8, 3e-4)
+    return cj.Mechanism(bodies, joints, couplings=(mesh,))
+
+
+BASE = 2e-3 * 20 * np.cos(np.radians(20))
+
+
+def test_teeth_load_their_bearings():
+    """F = T / r_b along the line of action, on both bearings; its direction turns with that of the centres."""
+    solution = cj.simulate(toothed(), 0.05, rtol=1e-9)
+    force = float(solution["mesh.torque"]) / -BASE
+    assert force == pytest.approx(5.0 / BASE, rel=3e-3)  # it still rings a little
+    line = 0.7 + np.pi / 2 - np.radians(20)  # of the force on the wheel by the ahead flank
+    direction = np.array([np.cos(line), np.sin(line)])
+    for name, sign in (("wheel", -1.0), ("pinion", 1.0)):
+        np.testing.assert_allclose(solution[f"{name}.joint_reaction"], sign * force * direction, rtol=1e-9)
+    # Without play of the bearings it is the coupling of angles with the same stiffness about the wheel.
+    angles = cj.laws.HuntCrossley(1e8 * BASE**2, 0.5 * BASE, 1.0)
+    same = cj.simulate(toothed(module=None, law=angles), 0.05, rtol=1e-9)
+    assert float(solution["wheel.position"]) == pytest.approx(float(same["wheel.position"]), abs=1e-9)
+    assert float(solution["pinion.drive_force"]) == pytest.approx(float(same["pinion.drive_force"]), rel=1e-6)
+
+
+@pytest.mark.parametrize("angle", [None, 0.4])
+def test_play_of_the_bearings_widens_the_gap_of_their_gears(angle):
+    """Both pins are pressed along the line of action: the wheel lags by half the gap, both plays and three depths."""
+    solution = cj.simulate(toothed(clearance=5e-5, angle=angle), 0.2, rtol=1e-7)
+    force = 5.0 / BASE
+    lag = 0.5e-3 + (2 * 5e-5 + force / 1e8 + 2 * force / 1e9) / BASE
+    assert float(solution["wheel.position"]) + 1.0 == pytest.approx(lag, rel=1e-5)
+    assert float(solution["wheel.contact_force"]) == pytest.approx(force, rel=1e-5)
+    assert float(solution.energy_residual) < 1e-8
+
+
+def test_what_teeth_are_not_known_of_is_refused():
+    flank: Any = {"backlash": 1e-3, "flank": cj.laws.Flank(1e7), "module": 2e-3}
+    inside = cj.Gear("mesh", "wheel", "pinion", (20, 40), internal=True, **flank)
+    ring = dataclasses.replace(toothed(), couplings=(inside,))
+    with pytest.raises(cj.ClearanceError, match="below 0"):
+        cj.simulate(ring, 0.01)
+    with refused("mesh.base_radius"):
+        cj.Gear("mesh", "wheel", "pinion", (20, 40), module=2e-3)

@@ -142,8 +142,12 @@ def _couplings(top: TomlTable, joints: Sequence[AbstractJoint]) -> Iterator[Coup
         named = [values.get(key) for key in ("follower", "leader", "second")]
         follower, leader, second = (name if isinstance(name, str) else "" for name in named)
         table.words = coupling_units(kinds, follower, leader, second)
+        if {"module", "base_radius"} & values.keys():
+            table.words |= {"coordinate": "m", "effort": "N"}
         with naming(where):
             given = table.arguments("type", *FLANK_KEYS)
+            if word == "gear" and "module" not in table.values:
+                table.refuse("pressure_angle", why="has no effect without `module`.")
             if "backlash" in table.values:
                 table.need("stiffness")
                 given["flank"] = Flank(**table.only(*FLANK_KEYS))

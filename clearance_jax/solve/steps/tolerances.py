@@ -144,7 +144,7 @@ def _gap_sizes(mechanism: PreparedMechanism) -> tuple[dict[str, Array], dict[str
     """By coordinate the size of its own backlash; and of that in the least of its meshes, seen from it."""
     drives, meshed = {}, {}
     for gap in mechanism.gaps:
-        if not gap.is_play:
+        if not (gap.is_play or gap.what == "teeth"):
             continue
         for name, factor in terms_of(gap):
             if len(gap.coordinates) == 1:
