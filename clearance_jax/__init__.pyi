@@ -56,6 +56,7 @@ from .mechanism.couplings import Screw as Screw
 from .mechanism.imperfections import Compliance as Compliance
 from .mechanism.imperfections import with_compliance as with_compliance
 from .mechanism.imperfections import with_misalignment as with_misalignment
+from .mechanism.imperfections import with_stops as with_stops
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.motion import drives as drives
 from .mechanism.motion import paths as paths

@@ -19,9 +19,9 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name
-from clearance_jax.laws.normal.flank import Flank
+from clearance_jax.laws import AbstractNormalLaw, Flank
 from clearance_jax.mechanism.actuators import DriveSpring, JointFriction, Wave
-from clearance_jax.mechanism.body import Body, Motion, Motor
+from clearance_jax.mechanism.body import Body, Motion, Motor, Stops
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Fixed, Misalignment, Prismatic, Revolute
@@ -126,6 +126,39 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
     moved = vars(joint.motion) | {"stops": None}
     spring = dataclasses.replace(spring, stops=joint.motion.stops)
     return mechanism.with_joint(dataclasses.replace(joint, motor=Motor(**moved | inertia), motion=spring))
+
+
+def with_stops(mechanism: Mechanism, flank: AbstractNormalLaw, names: Iterable[str] | None = None) -> Mechanism:
+    """The same mechanism with stops at the limits of its free coordinates, as a robot's file has them.
+
+    **Arguments:** `mechanism`; `flank`: the law of all stops, with efforts [N m] of angles, [N] of lengths; `names`: of
+    revolute or prismatic joints of the tree; `None`: every free one that has limits.
+
+    **Raises:** `ClearanceError` for a joint of another kind, one that moves by a drive, one without limits, and, where
+    no names are given, if angles and lengths would share the law.
+    """
+    known = {j.name: j for j in mechanism.joints if isinstance(j, Revolute | Prismatic)}
+    wanted = [name for name, j in known.items() if _ends(j) and j.motion.is_free] if names is None else list(names)
+    kinds = {type(known[name]) for name in wanted if name in known}
+    if names is None and len(kinds) > 1:
+        raise ClearanceError("Angles and lengths cannot have one law of stops. Name those of one kind: `names`.")
+    for name in wanted:
+        if name not in known:
+            raise unknown_name(f"There is no revolute or prismatic joint `{name}` of the tree.", name, known)
+        joint = known[name]
+        if not _ends(joint) or not joint.motion.is_free:
+            what = "no limits" if not _ends(joint) else "a drive"
+            raise ClearanceError(f"Joint `{name}` has {what}, so it cannot have stops.").about(name)
+        motion = dataclasses.replace(joint.motion, stops=Stops(**_ends(joint), flank=flank))
+        mechanism = mechanism.with_joint(dataclasses.replace(joint, motion=motion))
+    return mechanism
+
+
+def _ends(joint: Revolute | Prismatic) -> dict[str, float]:
+    """The limits of a joint, those that it has."""
+    limits = joint.motion.limits
+    ends = {} if limits is None else {"lower": limits.lower, "upper": limits.upper}
+    return {name: float(value) for name, value in ends.items() if value is not None}
 
 
 def with_misalignment(mechanism: Mechanism, names: Iterable[str] | None = None) -> Mechanism:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from places import refused
+from places import SCENES, refused
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -549,3 +549,18 @@ def test_what_teeth_are_not_known_of_is_refused():
         cj.simulate(ring, 0.01)
     with refused("mesh.base_radius"):
         cj.Gear("mesh", "wheel", "pinion", (20, 40), module=2e-3)
+
+
+def test_a_robot_gets_stops_at_its_limits():
+    robot = cj.load(SCENES / "six_axes.urdf")
+    flank = cj.laws.Flank(1e4, 10.0)
+    with pytest.raises(cj.ClearanceError, match="one law"):  # its jaws slide
+        cj.with_stops(robot, flank)
+    axes = [joint.name for joint in robot.joints if isinstance(joint, cj.Revolute)]
+    stopped = cj.with_stops(robot, flank, axes)
+    assert [gap.name for gap in stopped.gaps] == [f"{name}_stop" for name in axes]
+    limits: Any = robot.joint(axes[0])
+    place = cj.parameters(stopped)[f"{axes[0]}.stops.upper"].value
+    assert float(place) == pytest.approx(limits.motion.limits.upper)
+    with refused("hub"):
+        cj.with_stops(hub(), cj.laws.Flank(1e4), ["hub"])
