@@ -134,7 +134,7 @@ def _ideal_motion(mechanism: Any, solution: Any, solve: dict[str, Any]) -> Any:
 
     ideal = mechanism.intended()
     try:
-        if not mechanism.clearance_joints() or freedom(ideal) == 0:
+        if not mechanism.has_play or freedom(ideal) == 0:
             return None
     except ClearanceError:  # over-constrained without its play; the dataset says so
         return None

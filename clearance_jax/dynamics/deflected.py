@@ -1,8 +1,9 @@
-"""Drives that give way, and gears with backlash, under the load of the start: deflected, on the flank that bears it.
+"""Drives that give way, and couplings with backlash, under load: deflected, on the flanks that bear it.
 
-The ideal mechanism has no backlash. Its springs and couplings are put where the loaded flanks are (`DriveSpring.rest`,
-by half a gap; `Coupling.offset`, by the place in the gap), so its loads are those of the settled mechanism. A gap that
-nothing loads starts in the middle.
+Drives are held at trial deflections, as if prescribed, and couplings at trial places in their gaps. The mechanism then
+says which effort each must exert (`drive_forces`, `mesh_efforts`), with all that acts on it: weight, motion, loops,
+friction. The place at which a flank gives that effort is the next trial. A deflection changes the loads by about its
+own angle, so that a few rounds are exact. A gap that nothing loads stays in the middle.
 """
 
 import dataclasses
@@ -16,139 +17,114 @@ from jaxtyping import Array
 
 from clearance_jax._basis.small_matrices import small_eigh
 from clearance_jax._basis.types import Scalar
-from clearance_jax.dynamics.applied import Measured, measure
+from clearance_jax.dynamics.applied import measure
+from clearance_jax.dynamics.closures import assemble
 from clearance_jax.dynamics.equations import balance
-from clearance_jax.dynamics.field import mesh_efforts, slope
+from clearance_jax.dynamics.field import drive_forces, mesh_efforts
 from clearance_jax.dynamics.gaps import gap_motions, wave_of
 from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints._base import TOUCHING
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import DriveSpring
-from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import StateSlices, initial_values, layout, parts
-from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.variants import DRIVE, gives_way, motor_of, rigid, with_motions, without_gaps
-from clearance_jax.spatial import Term, as_array, plus, times
+from clearance_jax.mechanism.state import initial_values, layout, parts
+from clearance_jax.mechanism.variants import DRIVE, gives_way, motor_of, rigid, without_gaps
+from clearance_jax.spatial import Term, as_array, plus, times, total
 
-# Newton's iterations for the deflections. The problem is nearly linear: the second one changes round-off only. Two more
-# make first and second derivatives right.
-DEFLECTIONS = 4
-# Rounds of loads and flanks. A flank moves its link by half a gap, and changes the loads by about that angle.
-ROUNDS = 4
+# Rounds of loads and deflections. Each reduces the error by the change of a load by a deflection over the stiffness.
+ROUNDS = 12
 
 
-def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
-    """The mechanism with drives that give way deflected, so that they do not accelerate while joints are ideal, and
-    with gaps on the flanks that bear the load.
+class Deflected(NamedTuple):
+    """A mechanism whose couplings with backlash have their loaded flanks as `offset`, and the `places` of its drives'
+    deflections by coordinate [rad or m].
     """
-    springs = _springs(mechanism.ideal())
-    gaps = [gap for gap in mechanism.gaps if gap.is_play or gap.wave is not None]
-    if not springs and not gaps:
-        return mechanism
-    places = np.array([part.q.start for part in springs], int)
-    begin = Flanks(initial_values(mechanism.ideal())[places], jnp.zeros(len(gaps)), jnp.zeros(len(gaps)))
-    if not gaps:
-        return _put(mechanism, gaps, begin._replace(deflections=_deflections(time, mechanism, begin.deflections)))
 
-    def once(_, now: Flanks) -> Flanks:
-        moved = _put(mechanism, gaps, now)
-        moved = _put(mechanism, gaps, now._replace(deflections=_deflections(time, moved, now.deflections)))
-        return _flanks(time, mechanism, moved, gaps, places)
+    mechanism: PreparedMechanism
+    places: dict[str, Scalar]
 
-    now = jax.lax.fori_loop(0, ROUNDS, once, begin)
-    return _put(mechanism, gaps, now)
+    def held(self) -> PreparedMechanism:
+        """The mechanism with its drives held there."""
+        return hold_drives(self.mechanism, self.places)
 
 
-class Flanks(NamedTuple):
-    """The deflections of drives [rad or m]; by gap the place of the middle of its flank, and of rest [rad or m]."""
+def deflect(time: Scalar, mechanism: PreparedMechanism) -> Deflected:
+    """The mechanism with drives that give way deflected by their loads, and gaps on the flanks that bear them.
 
-    deflections: Array
-    middles: Array
-    rests: Array
-
-
-def _springs(ideal: PreparedMechanism) -> list[StateSlices]:
-    return [part for part in parts(ideal) if gives_way(part.coordinate.motion)]
-
-
-def _deflections(time: Scalar, mechanism: PreparedMechanism, begin: Array) -> Array:
-    """The deflections at which the load accelerates no spring of the ideal mechanism."""
-    ideal = mechanism.ideal().without_sampling().as_small_program()
-    springs, first = _springs(ideal), initial_values(ideal)
-    if not springs:
-        return begin
-    places, speeds = (np.array([getattr(part, which).start for part in springs]) for which in "qv")
-
-    def accelerations(x: Array) -> Array:
-        return slope(time, first.at[places].set(x), ideal)[layout(ideal).v][speeds]
-
-    def newton(_, x):
-        stiff = jax.lax.stop_gradient(jax.jacfwd(accelerations)(jax.lax.stop_gradient(x)))
-        return x - jnp.linalg.solve(stiff, accelerations(x))
-
-    return jax.lax.fori_loop(0, DEFLECTIONS, newton, begin)
-
-
-def _flanks(
-    time: Scalar, given: PreparedMechanism, moved: PreparedMechanism, gaps: list[CoordinateGap], places: np.ndarray
-) -> Flanks:
-    """The flanks that bear the efforts of a mechanism whose springs and couplings are `moved`."""
-    ideal = moved.ideal().without_sampling()
-    y = initial_values(ideal)
-    # The springs' efforts on their links, and those of the meshes.
-    pull: dict[str, Term] = {
-        DRIVE.format(c.name): spring(time, jnp.asarray(c.motion.position, float), jnp.zeros(()))
-        for c in (part.coordinate for part in _springs(ideal))
-        for spring in c.motion.actuators
-        if isinstance(spring, DriveSpring)
-    }
-    if any(coupling.backlash is not None for coupling in given.couplings):
-        state = layout(ideal).split(y)
-        meshes = mesh_efforts(ideal, time, state, balance(ideal, time, state))
-        pull |= dict(zip((c.name for c in ideal.couplings), meshes, strict=True))
-    whole = jnp.concatenate([initial_values(moved), jnp.zeros(layout(moved).remembered)])
-    seen = measure(moved, time, layout(moved).split(whole))
-    seats = [_seat(gap, jnp.asarray(pull[gap.name], float), seen) for gap in gaps]
-    return Flanks(y[places], *(jnp.stack(several) for several in zip(*seats, strict=True)))
-
-
-def _seat(gap: CoordinateGap, effort: Array, seen: Measured) -> tuple[Array, Array]:
-    """The place of the middle of the flank that gives an effort, that of the gap where nothing loads it; and the place
-    of rest.
+    **Raises:** `ClearanceError` for flanks without a place of rest.
     """
-    error = jnp.zeros(())
-    if gap.wave is not None:
-        place, speed = seen[gap.motor]
-        error = wave_of(gap.wave, place, speed, 0.0).value
-    if not gap.is_play:
-        return error, error
-    (place, _), pressed = gap.clearance.seat((effort, jnp.zeros(())))
-    side = jnp.where(pressed, -jnp.sign(effort), 0.0)
-    return error + side * gap.size, error + jnp.where(pressed, place, 0.0)
+    mechanism = mechanism.without_sampling()
+    for gap in mechanism.gaps:
+        if gap.what != "friction" and not gap.clearance.normal.law.has_static_force:
+            law = type(gap.clearance.normal.law).__name__
+            text = f"How far `{law}` of `{gap.name}` has given way before is not known. Begin otherwise than settled."
+            raise ClearanceError(text).about(gap.name, law)
+    springs = _springs(mechanism)
+    meshes = [coupling.name for coupling in mechanism.couplings if coupling.backlash is not None]
 
-
-def _put(mechanism: PreparedMechanism, gaps: list[CoordinateGap], flanks: Flanks) -> PreparedMechanism:
-    """The mechanism with its springs deflected; the ideal one has its springs and couplings where the flanks are."""
-    at = {part.coordinate.name: flanks.deflections[i] for i, part in enumerate(_springs(mechanism.ideal()))}
-    middles, rests = ({gap.name: each[i] for i, gap in enumerate(gaps)} for each in (flanks.middles, flanks.rests))
-
-    def change(c: Coordinate) -> Motion:
-        if c.name not in at:
-            return c.motion
-        rest = middles.get(DRIVE.format(c.name))
-        actuators = tuple(
-            dataclasses.replace(spring, rest=rest) if isinstance(spring, DriveSpring) and rest is not None else spring
-            for spring in c.motion.actuators
+    def put(at: Array) -> Deflected:
+        rests = dict(zip(meshes, at[len(springs) :], strict=True))
+        couplings = tuple(
+            dataclasses.replace(c, offset=c.offset + rests[c.name]) if c.name in rests else c
+            for c in mechanism.couplings
         )
-        return dataclasses.replace(c.motion, position=at[c.name], actuators=actuators)
+        places = dict(zip(springs, at[: len(springs)], strict=True))
+        return Deflected(dataclasses.replace(mechanism, couplings=couplings), places)
 
-    joints = tuple(with_motions(joint, change) for joint in mechanism.joints)
-    couplings = tuple(
-        dataclasses.replace(c, offset=c.offset + rests[c.name]) if c.name in rests else c for c in mechanism.couplings
-    )
-    return dataclasses.replace(mechanism, joints=joints, couplings=couplings)
+    def once(_, at: Array) -> Array:
+        held = put(at).held().ideal()
+        y = closed(held, time)
+        state = layout(held).split(jnp.concatenate([y, jnp.zeros(layout(held).remembered)]))
+        now = balance(held, time, state)
+        named = [c.name for c in held.coordinates() if not c.motion.is_free and c.name not in _followers(held)]
+        needed = dict(zip(named, (effort for effort, _ in drive_forces(held, now)), strict=True))
+        seen = measure(held, time, state)
+        after = [_deflection(spring, needed[name], seen[motor_of(name)]) for name, spring in springs.items()]
+        if meshes:
+            exerted = dict(zip((c.name for c in held.couplings), mesh_efforts(held, time, state, now), strict=True))
+            gaps = {gap.name: gap for gap in mechanism.gaps}
+            # Teeth that load their bearings start in the middle of their gap.
+            after += [_seat(gaps[name], exerted[name]) if name in gaps else 0.0 for name in meshes]
+        return as_array(after)
+
+    begin = jnp.zeros(len(springs) + len(meshes))
+    return put(jax.lax.fori_loop(0, ROUNDS, once, begin) if begin.size else begin)
+
+
+def _springs(mechanism: AbstractMechanism) -> dict[str, DriveSpring]:
+    """By coordinate the springs of drives that give way."""
+    moved = [c for c in mechanism.moved_coordinates() if gives_way(c.motion)]
+    return {c.name: next(a for a in c.motion.actuators if isinstance(a, DriveSpring)) for c in moved}
+
+
+def _followers(mechanism: AbstractMechanism) -> set[str]:
+    return {coupling.follower for coupling in mechanism.firm_couplings}
+
+
+def _deflection(spring: DriveSpring, effort: Term, motor: tuple[Term, Term]) -> Array:
+    """The deflection at which the spring of a drive exerts an effort on its link, for place and speed of the motor."""
+    size, half = jnp.abs(jnp.asarray(effort, float)), 0.5 * (0.0 if spring.backlash is None else spring.backlash)
+    depth = spring.flank.depth(size)
+    loaded = jnp.where(depth > TOUCHING * half, half + depth, 0.0)
+    place = plus(spring.rest, jnp.where(jnp.asarray(effort) > 0, -loaded, loaded))
+    return place if spring.wave is None else place + wave_of(spring.wave, *motor, 0.0).value
+
+
+def _seat(gap: CoordinateGap, effort: Term) -> Array:
+    """The place in a gap at which its flanks exert an effort; the middle where nothing loads it."""
+    (place, _), pressed = gap.clearance.seat((jnp.asarray(effort, float), jnp.zeros(())))
+    return jnp.where(pressed, place, 0.0)
+
+
+def closed(mechanism: PreparedMechanism, time: Scalar) -> Array:
+    """The initial positions and velocities of a mechanism without play, its loops closed."""
+    y = engage(mechanism, time, initial_values(mechanism))
+    if not (mechanism.loops and mechanism.assemble):
+        return y
+    whole = jnp.concatenate([y, jnp.zeros(layout(mechanism).remembered)])
+    return assemble(time, whole, mechanism.as_small_program())[0][: y.shape[0]]
 
 
 def has_drives(mechanism: AbstractMechanism) -> bool:
@@ -171,41 +147,49 @@ def hold_drives(mechanism: PreparedMechanism, places: Mapping[str, Term]) -> Pre
     return firm._without_gaps()
 
 
-def released(mechanism: PreparedMechanism, time: Scalar, y: Array, places: Mapping[str, Term]) -> Array:
-    """The state of a mechanism from that of the one whose drives are held at `places` (`hold_drives`)."""
-    held, plan = layout(hold_drives(mechanism, places)), layout(mechanism)
-    known = {name: y[i] for i, name in enumerate((*held.positions, *(f"{name}'" for name in held.velocities)))}
-    known |= {name: jnp.asarray(place, float) for name, place in places.items()}
-    names = (*plan.positions, *(f"{name}'" for name in plan.velocities))
-    moved = engage(mechanism, time, as_array([known.get(name, 0.0) for name in names]))
-    return jnp.concatenate([moved, y[held.v.stop :], as_array(touching_gaps(mechanism, time, moved))])
-
-
-def drive_frequency(time: Scalar, mechanism: PreparedMechanism) -> Array:
-    """The lowest frequency [Hz] of the springs of a deflected mechanism, with pins held; 0 where a gap is unloaded;
-    infinite without springs.
+def released(
+    mechanism: PreparedMechanism, time: Scalar, y: Array, places: Mapping[str, Term], given: bool = False
+) -> Array:
+    """The state of a mechanism from that of the one whose drives are held at `places` (`hold_drives`). `given`: as the
+    mechanism's own initial values say, apart from what is held; else at rest, with the flanks as they touch.
     """
-    ideal = mechanism.ideal().without_sampling()
-    springs = _springs(ideal)
+    held, plan, first = layout(hold_drives(mechanism, places)), layout(mechanism), initial_values(mechanism)
+    names = (*plan.positions, *(f"{name}'" for name in plan.velocities))
+    known = dict(zip(names, first, strict=True)) if given else {}
+    known |= {name: jnp.asarray(place, float) for name, place in places.items()}
+    known |= {name: y[i] for i, name in enumerate((*held.positions, *(f"{name}'" for name in held.velocities)))}
+    moved = engage(mechanism, time, as_array([known.get(name, 0.0) for name in names]))
+    memory = [jnp.zeros(len(gap.clearance.remembers)) for gap in mechanism.gaps]
+    touched = jnp.concatenate([jnp.zeros(0), *memory]) if given else as_array(touching_gaps(mechanism, time, moved))
+    kept = sum(len(names) for joint, names in held.memories if joint in {j.name for j in mechanism.clearance_joints()})
+    return jnp.concatenate([moved, y[held.v.stop : held.v.stop + kept], touched])
+
+
+def drive_frequency(time: Scalar, deflected: Deflected) -> Array:
+    """The lowest frequency [Hz] of the springs of deflected drives, with pins held; 0 where a gap is unloaded; infinite
+    without springs.
+    """
+    springs, places = _springs(deflected.mechanism), deflected.places
     if not springs:
         return jnp.asarray(jnp.inf)
-    state = layout(ideal).split(initial_values(ideal))
+    ideal = deflected.mechanism.ideal().without_sampling()
+    by_name = {part.coordinate.name: part for part in parts(ideal)}
+    chosen = [by_name[name] for name in springs]
+    y = initial_values(ideal).at[np.array([part.q.start for part in chosen])].set(jnp.stack([*places.values()]))
+    state = layout(ideal).split(jnp.concatenate([y, jnp.zeros(layout(ideal).remembered)]))
     inertia = frames(ideal.at(time), time, state).mass_matrix()
-    places, stiff = np.array([part.v.start for part in springs]), []
-    gaps = {gap.name: gap for gap in mechanism.gaps if gap.is_play}
-    for part in springs:
-        c, x = part.coordinate, jnp.asarray(part.coordinate.motion.position, float)
-        spring = next(s for s in c.motion.actuators if isinstance(s, DriveSpring))
-        firm = -jax.grad(lambda x, s=spring: s(time, x, jnp.zeros(())))(x)
-        gap = gaps.get(DRIVE.format(c.name))
-        stiff.append(firm if gap is None else jnp.where(jnp.abs(x) > gap.size, firm, 0.0))
-    root = jnp.sqrt(jnp.maximum(jnp.stack(stiff), 0.0))
+    stiff = []
+    for name, spring in springs.items():
+        half = 0.0 if spring.backlash is None else 0.5 * spring.backlash
+        depth = jnp.abs(places[name] - spring.rest) - half
+        firm = jax.grad(spring.flank.curve.effort)(jnp.maximum(depth, 0.0))
+        stiff.append(firm if spring.backlash is None else jnp.where(depth > 0, firm, 0.0))
+    root, speeds = jnp.sqrt(jnp.stack(stiff)), np.array([part.v.start for part in chosen])
 
     def accelerations(force: Array) -> Array:
         return as_array(inertia.solve([force[i] for i in range(layout(ideal).free)]))
 
-    unit = jnp.eye(layout(ideal).free)[places]
-    inverse = jax.vmap(accelerations)(unit)[:, places]
+    inverse = jax.vmap(accelerations)(jnp.eye(layout(ideal).free)[speeds])[:, speeds]
     squares, _ = small_eigh(root[:, None] * inverse * root[None, :])
     return jnp.sqrt(jnp.maximum(squares[0], 0.0)) / (2 * jnp.pi)
 
@@ -215,32 +199,30 @@ def engage(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
     meshes = {c.follower: c for c in mechanism.couplings if c.backlash is not None}
     if not meshes:
         return y
-    plan = layout(mechanism)
-    places = {part.coordinate.name: (part.q.start, plan.v.start + part.v.start) for part in parts(mechanism)}
+    plan, firm = layout(mechanism), {c.follower: c for c in mechanism.firm_couplings}
+    states = {part.coordinate.name: (part.q.start, plan.v.start + part.v.start) for part in parts(mechanism)}
     drives = {c.name: c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None}
-    springs, done = {*deflections(mechanism)}, {}
-
-    def leaders(coupling: Coupling) -> list[tuple[str, Scalar]]:
-        """The coordinates that a follower follows, the motors of links whose drives give way among them."""
-        motors = [(motor_of(leader), ratio) for leader, ratio in coupling.terms if leader in springs]
-        return [*coupling.terms, *motors]
+    springs, done = _springs(mechanism), {}
 
     def of(name: str) -> tuple[Term, Term]:
-        if name in drives:
-            return drives[name](time)[:2]
         if name not in done:
-            motion: tuple[Term, Term] = y[places[name][0]], y[places[name][1]]
-            if name in meshes:
-                place, speed = plus(motion[0], meshes[name].offset), motion[1]
-                for leader, factor in leaders(meshes[name]):
-                    at, moving = of(leader)
-                    place, speed = plus(place, times(factor, at)), plus(speed, times(factor, moving))
-                motion = jnp.asarray(place, float), jnp.asarray(speed, float)
+            if name in drives:
+                done[name] = drives[name](time)[:2]
+                return done[name]
+            motion: tuple[Term, Term] = (0.0, 0.0)
+            if name in states:
+                motion = y[states[name][0]], y[states[name][1]]
+            coupling = meshes.get(name, firm.get(name))
+            if coupling is not None:
+                factors = [*coupling.terms, *((motor_of(n), k) for n, k in coupling.terms if n in springs)]
+                led = [(of(leader), ratio) for leader, ratio in factors]
+                place = plus(coupling.offset, total(times(ratio, at) for (at, _), ratio in led))
+                motion = plus(motion[0], place), plus(motion[1], total(times(ratio, v) for (_, v), ratio in led))
             done[name] = motion
         return done[name]
 
     for name in meshes:
-        (q, v), (place, speed) = places[name], of(name)
+        (q, v), (place, speed) = states[name], of(name)
         y = y.at[q].set(place).at[v].set(speed)
     return y
 

@@ -87,7 +87,9 @@ def wave_of(wave: Wave, place: Term, speed: Term, rise: Term) -> TransmissionErr
 def gap_actions(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Action]:
     """What the contacts of the gaps do, by name."""
     seen = gap_motions(mechanism, time, state)
-    acting = [(gap.clearance, at.now, state.memory[gap.name]) for gap, at in zip(mechanism.gaps, seen, strict=True)]
+    acting = [
+        (gap.clearance, at.now, state.memory.get(gap.name, ())) for gap, at in zip(mechanism.gaps, seen, strict=True)
+    ]
     return dict(zip((gap.name for gap in mechanism.gaps), each_joint(PreparedClearance.act, acting), strict=True))
 
 

@@ -150,12 +150,11 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     joints = mechanism.clearance_joints()
     if has_drives(mechanism):
         moved = deflect(time, mechanism)
-        places = deflections(moved)
-        pose = _pose(hold_drives(moved, places), known, time, ideal, near)
+        pose = _pose(moved.held(), known, time, ideal, near)
         # Dunkerley's bound of the lowest frequency of both together.
         several = jnp.stack([pose.frequency, drive_frequency(time, moved)])
         frequency = jnp.where(jnp.all(several > 0), jnp.sum(several**-2.0) ** -0.5, 0.0)
-        return pose._replace(y=released(moved, time, pose.y, places), frequency=frequency)
+        return pose._replace(y=released(moved.mechanism, time, pose.y, moved.places), frequency=frequency)
     if not joints:
         return StaticPose(ideal, (), ideal, StartErrors.nothing(), jnp.asarray(jnp.inf))
     begin = tuple(middle(joint) for joint in joints)
@@ -220,8 +219,7 @@ def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPos
     mechanism = mechanism.without_sampling()
     if has_drives(mechanism):
         moved = deflect(time, mechanism)
-        places = deflections(moved)
-        return released(moved, time, with_derivatives(time, hold_drives(moved, places), pose), places)
+        return released(moved.mechanism, time, with_derivatives(time, moved.held(), pose), moved.places)
     if not mechanism.clearance_joints():
         return pose.ideal
     play, ideal = jax.lax.stop_gradient((pose.play, pose.ideal))

@@ -101,7 +101,7 @@ def _ways(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, 
         return jnp.asarray(np.eye(plan.free)[chosen])
 
     def rates(v):
-        motions = relative_motions(time, y.at[plan.v].set(v), mechanism)
+        motions = relative_motions(time, y.at[plan.v].set(v), mechanism)[: len(joints)]
         # Slides come first, and turns are small: the sleeve's axes are those of the play.
         return as_array(
             dot(now.spin, c.turns) if c.slides is None else dot(now.velocity, c.slides)

@@ -24,7 +24,7 @@ from jaxtyping import Array
 from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import HELD, StartErrors, correct
-from clearance_jax.dynamics.deflected import deflect, engage, touching_gaps
+from clearance_jax.dynamics.deflected import deflect, has_drives, released, touching_gaps
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.reactions import by_joint, held_reactions, hold_still
 from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency
@@ -57,7 +57,11 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     """
     _check(mechanism)
     # At the start, sampled controllers act continuously.
-    mechanism = deflect(time, mechanism.without_sampling())
+    mechanism = mechanism.without_sampling()
+    if has_drives(mechanism):
+        moved = deflect(time, mechanism)
+        y, errors = settle_start(time, moved.held())
+        return released(moved.mechanism, time, y, moved.places), errors
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin, sizes = tuple(map(middle, joints)), [size_of(joint.joint.play()) for joint in joints]
     tilts = _tilts(joints, sizes)
@@ -237,11 +241,6 @@ def whole_state(
         width = len(joint.clearance.remembers) // joint.clearance.joint.count
         for i, name in enumerate(joint.clearance.remembers):
             memory.append(touching[i // width] if name.startswith("touching") else 0.0)
-    # What follows with backlash is no state of the ideal mechanism; `engage` places it.
-    none = (0.0,), (0.0,)
-    values = [by_name.get(coordinate.name, none) for coordinate in mechanism.free_coordinates()]
+    values = [by_name[coordinate.name] for coordinate in mechanism.free_coordinates()]
     y = as_array([x for place, _ in values for x in place] + [x for _, speed in values for x in speed] + memory)
-    if not mechanism.gaps:
-        return y
-    y = engage(mechanism, time, y)
-    return jnp.concatenate([y, as_array(touching_gaps(mechanism, time, y))])
+    return jnp.concatenate([y, as_array(touching_gaps(mechanism, time, y))]) if mechanism.gaps else y

@@ -47,7 +47,8 @@ class Gap(AbstractClearance):
         return 0.5 * self.width
 
     def geometry(self):
-        return Geometry(self.half, self.half, self.half, kind="flat")
+        size = self.half if self.sides == "both" else jnp.ones(())
+        return Geometry(size, size, size, kind="flat")
 
     @property
     def count(self) -> int:

@@ -58,6 +58,11 @@ class CoordinateGap(Module):
         return self.what == "backlash"
 
     @property
+    def lasts(self) -> bool:
+        """Whether ideal mechanisms have it: friction, but not of bristles, which are unbent where they begin."""
+        return self.what == "friction" and not self.clearance.remembers
+
+    @property
     def joint(self) -> "CoordinateGap":
         """Itself, for what asks a clearance joint for its joint."""
         return self
@@ -101,7 +106,7 @@ def gaps_of(joints: tuple[AbstractJoint, ...], couplings: tuple[Coupling, ...]) 
             terms: dict[str, Scalar | None] = dict(zip(names, factors, strict=True))
             for name, factor in [*terms.items()]:
                 if gives_way(by_name[name].motion):
-                    terms[motor_of(name)] = factor
+                    terms[motor_of(name)] = _sum(terms.get(motor_of(name), 0.0), factor)
             clearance = Gap(coupling.backlash, coupling.flank)  # pyright: ignore[reportArgumentType]
             every.append(_gap(coupling.name, terms, coupling.offset, clearance, by_name))
     return tuple(every)
@@ -165,6 +170,13 @@ def _of_teeth(
         yield dataclasses.replace(made, turns=False, teeth=teeth)
 
 
+def _sum(known: Scalar | float | None, factor: Scalar | None) -> Any:
+    """The sum of two factors, of which `None` stands for 1; not of nothing."""
+    if isinstance(known, float):
+        return factor
+    return (1.0 if known is None else known) + (1.0 if factor is None else factor)
+
+
 def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[CoordinateGap]:
     motor: dict[str, None] = {motor_of(c.name): None} if gives_way(c.motion) else {}
     frictions = 0
@@ -176,7 +188,7 @@ def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[Co
             made = _gap(
                 DRIVE.format(c.name),
                 {c.name: None},
-                None,
+                actuator.rest,
                 Gap(width, flank, "spring" if actuator.backlash is None else "both"),
                 by_name,
                 what,

@@ -15,6 +15,7 @@ on `NAME_axis`. The ideal mechanism has no misalignment, so errors of position a
 import dataclasses
 from collections.abc import Iterable
 
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
@@ -70,6 +71,8 @@ class Compliance(Parametrised):
     def __check_init__(self):
         if (self.error is None) != (self.error_order is None):
             raise ClearanceError("A transmission error needs `error` and `error_order`, or neither.").about("error")
+        if self.error is None and not isinstance(self.error_phase, Tracer) and float(self.error_phase) != 0:
+            raise ClearanceError("`error_phase` has no effect without `error`. Leave it out.").about("error_phase")
 
     def demands(self):
         yield from self.flank.demands()

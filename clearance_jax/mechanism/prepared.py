@@ -52,7 +52,7 @@ class PreparedMechanism(AbstractMechanism):
         return dataclasses.replace(super()._with_joints(change), chosen=None, links=None)
 
     def _without_gaps(self):
-        firm = dataclasses.replace(super()._without_gaps(), gaps=())
+        firm = dataclasses.replace(super()._without_gaps(), gaps=tuple(gap for gap in self.gaps if gap.lasts))
         marked = dataclasses.replace(firm, joints=mark_followers(firm))
         return dataclasses.replace(marked, joints=with_followed_drives(marked))
 

@@ -40,12 +40,14 @@ def _check_names(mechanism: AbstractMechanism) -> None:
     """Raise where two parts have one name."""
     parts = (*mechanism.bodies, *mechanism.all_joints(), *mechanism.springs, *mechanism.points, *mechanism.wrenches)
     motors = [joint.motor for joint in mechanism.joints if isinstance(joint, Revolute | Prismatic)]
+    meshes = {coupling.name for coupling in mechanism.couplings}
     seen: set[str] = set()
     for part in (
         *parts,
         *mechanism.couplings,
         *mechanism.controllers,
         *(motor for motor in motors if motor is not None),
+        *(gap for gap in mechanism.gaps if gap.name not in meshes),
     ):
         if part.name in seen or part.name in RESERVED:
             raise ClearanceError(f"The name `{part.name}` is used twice or reserved. Rename one of the parts.")

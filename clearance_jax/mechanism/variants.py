@@ -247,7 +247,8 @@ def rigid(joint: AbstractJoint, at: Mapping[str, Any]) -> AbstractJoint:
     def change(c: Coordinate) -> Motion:
         if not gives_way(c.motion):
             return c.motion
-        return Motion(Constant(at.get(DRIVE.format(c.name), 0.0)).prepare(), limits=c.motion.limits)
+        held = Constant(at.get(DRIVE.format(c.name), 0.0)).prepare()
+        return dataclasses.replace(c.motion, drive=held, actuators=(), stops=None)
 
     return with_motions(joint, change)
 

@@ -158,6 +158,8 @@ class Integrand(Module):
 def play_size(mechanism: AbstractMechanism) -> Scalar:
     """The largest clearance [m]."""
     sizes = [joint.size for joint in mechanism.clearance_joints()]
+    gaps = [gap for gap in mechanism.gaps if gap.what in ("backlash", "teeth")]
+    sizes += [gap.size * (largest_length(mechanism) if gap.turns else 1.0) for gap in gaps]
     return jnp.max(jnp.stack(sizes)) if sizes else jnp.asarray(jnp.inf)
 
 

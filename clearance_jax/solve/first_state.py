@@ -7,14 +7,13 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
 from clearance_jax.dynamics.applied import renew
 from clearance_jax.dynamics.closures import StartErrors, assemble
-from clearance_jax.dynamics.deflected import deflect, engage, touching_gaps
+from clearance_jax.dynamics.deflected import deflect, deflections, has_drives, hold_drives, released
 from clearance_jax.dynamics.field import balance_at_start
 from clearance_jax.dynamics.settled import settle_start
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.solve.settings import CENTRE, SETTLED
 from clearance_jax.solve.steps.problem import Problem, widths
-from clearance_jax.spatial import as_array
 
 
 def initial(problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE) -> tuple[Array, StartErrors]:
@@ -43,20 +42,29 @@ def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) 
     positions and velocities of the ideal mechanism; or, with a settled `start`, pressed at the wall (see
     `settle_start`).
     """
-    if start == SETTLED and not mechanism.clearance_joints():
-        mechanism = deflect(t0, mechanism)
-    elif start == SETTLED:
-        y, errors = settle_start(t0, mechanism)
-        return measure_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
-    y = engage(mechanism, t0, initial_values(mechanism))
-    memory = layout(mechanism).remembered
-    settled = touching_gaps(mechanism, t0, y) if start == SETTLED else []
-    y = jnp.concatenate([y, as_array(settled), jnp.zeros(memory - len(settled))])
-    errors = StartErrors.nothing()
+    y, errors = _without_commands(mechanism, t0, start)
+    return measure_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
+
+
+def _without_commands(mechanism: PreparedMechanism, t0: Scalar, start: str) -> tuple[Array, StartErrors]:
+    """`closed_start`, without the efforts that sampled sources hold."""
+    if start == SETTLED and mechanism.clearance_joints():
+        return settle_start(t0, mechanism)
+    if has_drives(mechanism):
+        # Loops are closed and pins placed with drives and couplings held: they would be moved out of their gaps.
+        if start == SETTLED:
+            moved = deflect(t0, mechanism)
+            y, errors = _without_commands(moved.held(), t0, start)
+            return released(moved.mechanism, t0, y, moved.places), errors
+        places = deflections(mechanism)
+        y, errors = _without_commands(hold_drives(mechanism, places), t0, start)
+        return released(mechanism, t0, y, places, given=True), errors
+    plan, errors = layout(mechanism), StartErrors.nothing()
+    y = jnp.concatenate([initial_values(mechanism), jnp.zeros(plan.remembered - plan.held)])
     if mechanism.loops and mechanism.assemble:
         y, opened = assemble(t0, y, mechanism.as_small_program())
         errors = errors._replace(loops=opened)
-    return measure_first(t0, y, mechanism), errors
+    return y, errors
 
 
 def measure_first(t0: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:

@@ -129,7 +129,7 @@ def has_left(mechanism: PreparedMechanism, time: Each, y: Array) -> EachFlag:
     """Whether some joint's part is beyond its walls in a state of the motion; for mechanisms with walls that end."""
 
     def beyond(time, y, mechanism):
-        pairs = zip(mechanism.clearance_joints(), relative_motions(time, y, mechanism), strict=True)
+        pairs = list(zip(mechanism.contacts(), relative_motions(time, y, mechanism), strict=True))
         reaches = [joint.clearance.joint.overhang(at) for joint, at in pairs if joint.clearance.joint.has_ends]
         return jnp.any(jnp.stack(reaches) > 0)
 

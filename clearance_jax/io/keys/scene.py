@@ -205,8 +205,8 @@ MOTION = table(
 STOPS = table(
     "joint.NAME.stops",
     "Stops",
-    "Contacts at the ends of the range of a free coordinate, `NAME_stop`. Of a robot's joint `lower` and `upper` are "
-    "by default those of its file.",
+    "Contacts at the ends of the range of a free coordinate, `NAME_stop`. Where a robot's joint has neither `lower` "
+    "nor `upper`, they are those of its file.",
     **keys_of(Stops),
     **FLANK_KEYS,
 )

@@ -26,6 +26,7 @@ from clearance_jax.mechanism.motion.motion_laws import AbstractDrive, Spline
 from clearance_jax.mechanism.placement import Axis, Orientation, Position
 from clearance_jax.mechanism.tree.compounds import Ball, Free, Slide, Spin, Turn
 from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.parameters import check_demands
 from clearance_jax.units import to_si
 
 # What only a joint of the tree has.
@@ -119,7 +120,10 @@ def stops_of(table: TomlTable, limits: Limits | None) -> Stops:
         known = {"lower": limits.lower, "upper": limits.upper}
         ends = {name: float(value) for name, value in known.items() if value is not None}
     with naming(table.where):
-        return Stops(**ends, flank=Flank(**table.only(*FLANK_KEYS)))
+        stops = Stops(**ends, flank=Flank(**table.only(*FLANK_KEYS)))
+        check_demands(stops)
+        check_demands(stops.flank)
+        return stops
 
 
 def drive_of(table: TomlTable, name: str, path: Path) -> AbstractDrive:

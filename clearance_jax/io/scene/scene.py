@@ -26,9 +26,9 @@ from clearance_jax.mechanism.couplings import Coupling, coupling_units
 from clearance_jax.mechanism.imperfections import Compliance, with_compliance, with_misalignment
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity
-from clearance_jax.mechanism.structure import check_model
+from clearance_jax.mechanism.structure import check_encoders, check_model
 from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, Prismatic
-from clearance_jax.parameters import outside
+from clearance_jax.parameters import check_demands, outside
 
 # From a speck of dust to a ship. Outside, a unit or an exponent has slipped.
 LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
@@ -131,6 +131,8 @@ def _whole(top: TomlTable, path: Path) -> tuple[Mechanism, Trajectory | None]:
             table = TomlTable(values, where, keys.COMPLIANCE, words)
             table.need("stiffness")
             mechanism = with_compliance(mechanism, name, Compliance(**table.arguments()))
+    with naming(str(path)):
+        check_encoders(tuple(mechanism.coordinates()))
     controllers = [_controller(*part, path, mechanism) for part in top.tables("controller", keys.CONTROLLER)]
     return dataclasses.replace(mechanism, controllers=tuple(controllers)), trajectory
 
@@ -151,6 +153,7 @@ def _couplings(top: TomlTable, joints: Sequence[AbstractJoint]) -> Iterator[Coup
             if "backlash" in table.values:
                 table.need("stiffness")
                 given["flank"] = Flank(**table.only(*FLANK_KEYS))
+                check_demands(given["flank"])
             else:
                 table.refuse(*FLANK_KEYS, why="has no effect without `backlash`")
             yield COUPLINGS[word][0](name, **given)

@@ -85,7 +85,12 @@ class Flank(AbstractNormalLaw):
         "whether the damper is held within the spring's effort", "false", static=True, default=True
     )
     cubic: Scalar | None = physical(
-        "effort/coordinate^3", "factor k3 of the third power of the depth", '"500 MN*m/rad^3"', "none", default=None
+        "effort/coordinate^3",
+        "factor k3 of the third power of the depth",
+        '"500 MN*m/rad^3"',
+        "none",
+        least=0.0,
+        default=None,
     )
     smooth_alternative: ClassVar[str] = "`limited` true"
 
@@ -101,6 +106,18 @@ class Flank(AbstractNormalLaw):
             yield Demand("cubic", self.efforts is None, lambda: "must be left out beside `efforts`")
         if self.damping_factor is not None:
             yield Demand("damping", self.damping == 0, lambda: "must be left out beside a `damping_factor`")
+
+    def depth(self, effort: Scalar) -> Scalar:
+        """The depth at which the spring exerts an effort, not below 0 [rad or m]."""
+        if self.cubic is not None:
+            # Cardano: k d + k3 d^3 = T has one root. In the limit of small k3 it is T / k.
+            k, k3 = self.stiffness, jnp.maximum(self.cubic, 1e-12 * self.stiffness)
+            unit = jnp.sqrt(3 * k3 / k)
+            return 2 / unit * jnp.sinh(jnp.arcsinh(1.5 * effort * unit / k) / 3)
+        if self.efforts is None:
+            return effort / self.stiffness
+        slopes = tuple(1 / slope for slope in self.curve.slopes)
+        return FlankCurve(slopes, tuple(jnp.asarray(self.efforts)[i] for i in range(len(slopes) - 1))).effort(effort)
 
     @property
     def smoothness(self) -> Smoothness:  # type: ignore[override]
