@@ -4,7 +4,7 @@ import abc
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -111,6 +111,9 @@ class AbstractMechanism(Parametrised):
             if isinstance(joint, AbstractPlayed) and joint.clearance is not None
         )
 
+    friction_in_motions: ClassVar[bool] = True
+    """Whether friction on the link's side of drives is that of their motions, and not records of gaps."""
+
     @property
     @abc.abstractmethod
     def gaps(self) -> tuple[CoordinateGap, ...]:
@@ -216,7 +219,7 @@ class AbstractMechanism(Parametrised):
         firm = self.hold_pins(play)._with_joints(without_misalignment)
         at = {name: places[0] for name, places in play.items()}
         if any(gives_way(c.motion) for c in firm.moved_coordinates()):
-            firm = firm._with_joints(lambda joint: rigid(joint, at))
+            firm = firm._with_joints(lambda joint: rigid(joint, at, self.friction_in_motions))
         meshes = [c for c in self.couplings if c.backlash is not None and c.name in at]
         if not meshes:
             return firm

@@ -1,6 +1,7 @@
 """The mechanism as a solve uses it."""
 
 import dataclasses
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -41,6 +42,7 @@ class PreparedMechanism(AbstractMechanism):
     couplings: tuple[Coupling, ...] = ()
     gaps: tuple[CoordinateGap, ...] = ()  # pyright: ignore[reportIncompatibleMethodOverride]
     chosen: Array | None = None
+    friction_in_motions: ClassVar[bool] = False
     links: Links | None = None
 
     @property

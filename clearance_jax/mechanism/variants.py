@@ -241,16 +241,21 @@ def without_gaps(joint: AbstractJoint) -> AbstractJoint:
     return with_motions(joint, change)
 
 
-def rigid(joint: AbstractJoint, at: Mapping[str, Any]) -> AbstractJoint:
-    """The joint whose drive does not give way; `at`: by name of a drive's gap the place at which its link is held."""
-
-    def change(c: Coordinate) -> Motion:
-        if not gives_way(c.motion):
-            return c.motion
-        held = Constant(at.get(DRIVE.format(c.name), 0.0)).prepare()
-        return dataclasses.replace(c.motion, drive=held, actuators=(), stops=None)
-
-    return with_motions(joint, change)
+def rigid(joint: AbstractJoint, at: Mapping[str, Any], moves_friction: bool = False) -> AbstractJoint:
+    """The joint whose drive does not give way; `at`: by name of a drive's gap the place at which its link is held;
+    `moves_friction`: whether friction of the link becomes its motor's, if that moves freely.
+    """
+    motor, motion = getattr(joint, "motor", None), getattr(joint, "motion", None)
+    if motor is None or motion is None or not gives_way(motion):
+        return joint
+    held = Constant(at.get(DRIVE.format(joint.name), 0.0)).prepare()
+    rubbing = tuple(actuator for actuator in motion.actuators if isinstance(actuator, JointFriction))
+    if moves_friction and motor.is_free and rubbing:
+        named = tuple(dataclasses.replace(rub, name=None) for rub in rubbing)
+        motor = dataclasses.replace(motor, actuators=(*motor.actuators, *named))
+    changed: dict[str, Any] = {"motor": motor}
+    changed["motion"] = dataclasses.replace(motion, drive=held, actuators=(), stops=None)
+    return dataclasses.replace(joint, **changed)
 
 
 def change_drives(mechanism: Any, *, stiffer: float = 1.0, closer: float = 1.0) -> Any:

@@ -37,6 +37,11 @@ class Farthest(AbstractSignal):
         return self.signal.unit
 
     def prepare(self, mechanism, t1, options):
+        if mechanism.gaps and not all(gap.what in ("friction", "stops") for gap in mechanism.gaps):
+            raise ClearanceError(
+                f"The fidelity `static` knows the play of joints only, and not the gap of `{mechanism.gaps[0].name}`. "
+                "Take `quasi-static` or `dynamics`; the static bound of a point has a weight for every gap."
+            ).about("fidelity", "static")
         return Farthest(self.signal.prepare(mechanism, t1, options))
 
     def value(self, time, y, mechanism: PreparedMechanism, reference: Array | None):

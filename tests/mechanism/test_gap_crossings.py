@@ -1,0 +1,206 @@
+"""Backlash, stops and friction where they meet loops, play, friction, controllers and names: against programs and
+closed forms of their own.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import clearance_jax as cj
+from clearance_jax.design.judge.budget import error_budget
+from tests.mechanism.test_gaps import hub, pendulum
+
+P = cj.Position
+
+
+def four_bar(drive, guess=(-0.04393053, 1.71447812), compliance=None):
+    """A four-bar whose crank is driven through a gap; the guess closes it at a crank of 0.7 rad."""
+    bodies = (
+        cj.Body("crank", 0.5, 1e-3, P(0.05)),
+        cj.Body("coupler", 1.0, 8e-3, P(0.15)),
+        cj.Body("rocker", 1.0, 6e-3, P(0.125)),
+    )
+    joints = (
+        cj.Revolute("A", "ground", "crank", motion=cj.Motion(drive)),
+        cj.Revolute("B", "crank", "coupler", at_parent=P(0.1), motion=cj.Motion(position=guess[0])),
+        cj.Revolute("D", "ground", "rocker", at_parent=P(0.35), motion=cj.Motion(position=guess[1])),
+    )
+    loops = (cj.Revolute("C", "coupler", "rocker", at_parent=P(0.3), at_child=P(0.25)),)
+    compliance = cj.Compliance(2e3, 2.0, backlash=4e-3) if compliance is None else compliance
+    whole = cj.Mechanism(bodies, joints, loops=loops, gravity=cj.Gravity(0, -9.81))
+    return whole if compliance == "rigid" else cj.with_compliance(whole, "A", compliance)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.15])
+def test_a_drive_with_backlash_in_a_loop_starts_in_the_middle_of_its_gap(off):
+    """With the velocities of the rigid drive, also from a guess that is off."""
+    drive = cj.drives.Harmonic(0.5, 12.0, 0.0, 0.7)
+    begun = cj.simulate(four_bar(drive, (-0.04393053 + off, 1.71447812)), 1e-3)
+    rigid = cj.simulate(four_bar(drive, compliance="rigid"), 1e-3)
+    assert float(begun.initial[0]) == 0.0
+    places, speeds = np.asarray(begun.initial[:3]), np.asarray(begun.initial[3:6])
+    np.testing.assert_allclose(places[1:], rigid.initial[:2], atol=1e-8)
+    np.testing.assert_allclose(speeds, [0.0, *rigid.initial[2:4]], atol=1e-7)
+
+
+def test_a_settled_drive_in_a_loop_stays_where_it_starts():
+    still = four_bar(cj.drives.Constant(0.7))
+    begun = cj.simulate(still, 0.3, start="settled", rtol=1e-9)
+    assert float(begun.initial[0]) == pytest.approx(-0.0022786, abs=2e-7)
+    assert float(begun["A.position"]) == pytest.approx(float(begun.initial[0]), abs=1e-8)
+    elastic = cj.simulate(
+        four_bar(cj.drives.Constant(0.7), compliance=cj.Compliance(2e3, 2.0)), 0.3, start="settled", rtol=1e-9
+    )
+    assert float(elastic.initial[0]) == pytest.approx(-0.000278, abs=2e-6)
+    assert float(elastic["A.position"]) == pytest.approx(float(elastic.initial[0]), abs=1e-8)
+
+
+def test_play_in_a_loop_beside_a_drive_with_backlash():
+    """Both are seated together, and there it stays."""
+    play = cj.joints.RevoluteClearance(5e-5, 0.01, cj.laws.HuntCrossley(1e8, 0.5), None)
+    still = four_bar(cj.drives.Constant(0.7))
+    loop: Any = still.loops[0]
+    still = dataclasses.replace(still, loops=(dataclasses.replace(loop, clearance=play),))
+    begun = cj.simulate(still, 0.05, start="settled", rtol=1e-8)
+    assert float(begun["A.position"]) == pytest.approx(float(begun.initial[0]), abs=1e-6)
+    assert float(begun.initial[0]) == pytest.approx(-0.00228, abs=3e-5)
+
+
+def test_a_cubic_drive_settles_where_its_load_is_borne():
+    load = 4.0 * 9.81 * 0.3
+    for cubic in (1e5, 1e8, 1e10):
+        for gap in (None, 1e-2):
+            arm = pendulum(1e-2)
+            bare = dataclasses.replace(arm.joint("hub"), motor=None, motion=cj.Motion(cj.drives.Constant(0.4)))  # pyright: ignore
+            arm = cj.with_compliance(arm.with_joint(bare), "hub", cj.Compliance(50.0, 1.0, backlash=gap, cubic=cubic))
+            half = 0.0 if gap is None else gap / 2
+
+            def left(x, cubic=cubic, half=half):
+                return 50 * x + cubic * x**3 - load * np.cos(0.4 - half - x)
+
+            place = -half - brentq(left, 0, 1.0, xtol=1e-15)
+            assert float(cj.simulate(arm, 1e-4, start="settled").initial[0]) == pytest.approx(place, rel=1e-9)
+
+
+def test_a_spring_rests_where_it_says_with_and_without_backlash():
+    for gap in (None, 1e-3):
+        arm = cj.with_compliance(hub(drive=cj.drives.Constant(0.0)), "hub", cj.Compliance(1e3, 50.0, backlash=gap))
+        arm = cj.replace(arm, {"hub.actuator.compliance.rest": 0.1})
+        begun = cj.simulate(arm, 0.1, start="settled")
+        assert float(begun["hub.position"]) == pytest.approx(0.1, abs=1e-12)
+
+
+def test_friction_on_the_link_counts_in_starts_models_and_what_is_meant():
+    turning = hub(inertia=0.1, drive=cj.drives.ConstantSpeed(1.0))
+    for gap, place in ((1e-3, -0.0025), (None, -0.002)):
+        rub = cj.actuators.JointFriction(2.0, 0.01)
+        dragged = cj.with_compliance(turning, "hub", cj.Compliance(1e3, backlash=gap, friction=rub))
+        begun = cj.simulate(dragged, 0.1, start="settled", rtol=1e-9)
+        assert float(begun.initial[0]) == pytest.approx(place, rel=1e-9)
+        assert float(begun["hub.position"]) == pytest.approx(place, rel=1e-6)
+    # A model with the law is the model with the formula.
+    errors = []
+    for law in (None, cj.laws.TanhCoulomb(1.0, 0.05)):
+        steered = hub(cj.actuators.JointFriction(2.0, 0.05, law=law), inertia=0.5)
+        target = cj.drives.Harmonic(0.4, 6.0)
+        control = cj.controllers.ComputedTorque("brain", (cj.controllers.Reference("hub", target),), 20.0)
+        moved = cj.simulate(steered.with_controllers(control), 0.5, rtol=1e-9, save_at=11)
+        errors.append(np.max(np.abs(np.asarray(moved["hub"]) - 0.4 * np.sin(6 * np.asarray(moved.time)))))
+    assert errors[1] == pytest.approx(errors[0], rel=1e-6)
+
+
+def test_the_friction_of_what_is_meant_is_that_of_the_link():
+    """A servo against link friction: nearly rigid, the arm is where the rigid one is."""
+    servo = cj.actuators.Servo(cj.drives.Harmonic(0.4, 6.0), 200.0, 20.0)
+    rub = cj.actuators.JointFriction(2.0, 0.05)
+    arm = dataclasses.replace(hub(servo, inertia=0.5), points=(cj.Point("tip", "wheel", P(0.6)),))
+    stiff = cj.with_compliance(arm, "hub", cj.Compliance(1e6, 500.0, 0.1, friction=rub))
+    asked = {"peak": cj.metrics.Peak(cj.metrics.PositionError("tip"))}
+    assert float(cj.measure(stiff, asked, 0.5, rtol=1e-7)["peak"]) < 1e-4
+
+
+def geared(backlash, follower_play=1e-5):
+    """A heavy wheel behind a driven pinion, with a little play in its own bearing."""
+    flanks: dict[str, Any] = {"backlash": backlash, "flank": cj.laws.Flank(2e4, 2.0)} if backlash else {}
+    pinion = cj.Revolute("pin", "ground", "a", motion=cj.Motion(cj.drives.Harmonic(0.5, 2.0)))
+    whole = cj.Mechanism(
+        (cj.Body("a", 1.0, 2e-3), cj.Body("b", 1.0, 2e-2, P(0.2))),
+        (pinion, cj.Revolute("w1", "ground", "b")),
+        couplings=(cj.Gear("mesh", "w1", "pin", (20, 40), **flanks),),
+        gravity=cj.Gravity(0, -9.81),
+        points=(cj.Point("tip", "b", P(0.4)),),
+    )
+    return whole.with_clearance("w1", radial_clearance=follower_play, pin_radius=0.005, length=0.02)
+
+
+def test_poses_and_budgets_know_the_backlash_of_gears():
+    peak = {"p": cj.metrics.Peak(cj.metrics.PositionError("tip"))}
+    moved = float(cj.measure(geared(3e-3), peak, 1.0, fidelity="dynamics", start="settled")["p"])
+    posed = float(cj.measure(geared(3e-3), peak, 1.0, fidelity="quasi-static")["p"])
+    # Half a gap of 3 mrad at 0.4 m, and the wind-up of 1.96 N m.
+    assert posed == pytest.approx(0.4 * (1.5e-3 + 1.962 / 2e4), rel=0.02)
+    assert moved == pytest.approx(posed, rel=0.1)
+    assert error_budget(geared(3e-3), "tip", 1.0, dynamics=False).shares["mesh"] == pytest.approx(posed, rel=0.05)
+    with pytest.raises(cj.ClearanceError):
+        cj.measure(geared(3e-3), peak, 1.0, fidelity="static")
+
+
+def test_chains_of_gears_of_which_one_has_backlash():
+    """Free pinion, firm gear, gear with backlash: every wheel begins where the chain has it."""
+    bodies = tuple(cj.Body(name, 1.0, 2e-3) for name in "abc")
+    joints = tuple(
+        cj.Revolute(f"w{i}", "ground", name, motion=cj.Motion(position=0.4, velocity=2.0) if i == 0 else cj.Motion())
+        for i, name in enumerate("abc")
+    )
+    flank: Any = {"backlash": 2e-3, "flank": cj.laws.Flank(2e3, 1.0)}
+    for first, second in (({}, flank), (flank, {})):
+        couplings = (cj.Coupling("one", "w1", "w0", -0.5, **first), cj.Coupling("two", "w2", "w1", 3.0, **second))
+        begun = cj.simulate(cj.Mechanism(bodies, joints, couplings=couplings), 1e-4)
+        places, speeds = ([float(begun[f"w{i}.{what}"]) for i in range(3)] for what in ("position", "velocity"))
+        np.testing.assert_allclose(places, np.array([1.0, -0.5, -1.5]) * places[0], rtol=1e-9)
+        np.testing.assert_allclose(speeds, np.array([1.0, -0.5, -1.5]) * speeds[0], rtol=1e-9)
+
+
+def test_a_coupling_may_name_a_joint_and_its_motor():
+    soft = cj.with_compliance(hub(drive=cj.drives.ConstantSpeed(1.0)), "hub", cj.Compliance(1e4, 10.0))
+    wheel = cj.Revolute("w", "ground", "other")
+    for gap in ({}, {"backlash": 1e-3, "flank": cj.laws.Flank(1e4, 10.0)}):
+        mesh = cj.Coupling("mesh", "w", "hub", 2.0, second="hub_motor", second_ratio=-0.5, **gap)
+        whole = dataclasses.replace(
+            soft, bodies=(*soft.bodies, cj.Body("other", 1.0, 0.01)), joints=(*soft.joints, wheel), couplings=(mesh,)
+        )
+        turned = cj.simulate(whole, 0.2, start="settled")
+        wanted = 2 * (0.2 + float(turned["hub.position"])) - 0.5 * 0.2
+        assert float(turned["w.position"]) == pytest.approx(wanted, abs=6e-4)
+
+
+def test_a_guide_with_ends_beside_a_gap_moves():
+    slide = cj.Prismatic("sl", "ground", "block", motion=cj.Motion(cj.drives.Harmonic(0.02, 10.0)))
+    arm = cj.Revolute("arm", "block", "link", motion=cj.Motion(cj.drives.Constant(0.3)))
+    whole = cj.Mechanism((cj.Body("block", 1.0, 1e-3), cj.Body("link", 0.2, 1e-3, P(0.1))), (slide, arm))
+    whole = whole.with_clearance("sl", side_clearance=1e-4, length=0.05, height=0.02, guide_length=0.2)
+    whole = cj.with_compliance(whole, "arm", cj.Compliance(1e3, 1.0, backlash=1e-3))
+    assert bool(cj.simulate(whole, 0.02).succeeded)
+
+
+def test_names_of_gaps_are_not_given_twice():
+    arm = pendulum()
+    with pytest.raises(cj.ClearanceError, match="hub_drive"):
+        dataclasses.replace(arm, points=(cj.Point("hub_drive", "wheel", P(0.6)),))
+
+
+def test_an_average_of_an_error_by_backlash_alone_is_controlled():
+    """Its scale is that of the gap, so that the integral converges."""
+    mean = {"m": cj.metrics.Mean(cj.metrics.PositionError("tip"))}
+    swing = cj.with_compliance(
+        pendulum().with_joint(
+            dataclasses.replace(pendulum().joint("hub"), motor=None, motion=cj.Motion(cj.drives.Harmonic(0.4, 15.0)))  # pyright: ignore
+        ),
+        "hub",
+        cj.Compliance(500.0, 1.0, backlash=1e-2),
+    )
+    coarse, fine = (float(cj.measure(swing, mean, 0.5, rtol=rtol)["m"]) for rtol in (1e-6, 1e-9))
+    assert coarse == pytest.approx(fine, rel=1e-5)
