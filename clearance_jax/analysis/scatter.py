@@ -185,22 +185,40 @@ def neighbours(
     joint's `Touches`, shape (lanes,).
     """
     times = evenly(options.t0, t1, SAMPLES)
-    joints = mechanism.clearance_joints()
-    observers = tuple(map(TouchCounter, range(len(joints))))
+    joints, places = mechanism.contacts(), touching(mechanism)
+    observers = tuple(map(TouchCounter, places))
 
     def at(point):
         def pins(point):
             changed = replace(mechanism, dict(zip(names, point, strict=True)))
             solution = run(changed, t1, options._replace(save_at=times, energy_balance=False), observers=observers)
             ready = changed.prepare()
-            return jax.vmap(lambda t, y: observe(t, y, ready)["eccentricity"])(times, solution.y), solution.records
+            return jax.vmap(lambda t, y: _offsets(observe(t, y, ready)))(times, solution.y), solution.records
 
         slopes, record = jax.jacfwd(pins, has_aux=True)(point)
         return jnp.sqrt(jnp.sum((slopes * scatter[None, None, None]) ** 2, axis=(2, 3))), record
 
     apart, record = jax.vmap(at)(points)
-    sizes = jnp.stack([joint.size for joint in joints])
+    sizes = jnp.stack([joints[i].size for i in places])
     return times, jnp.max(apart / sizes[None, None], axis=2), record
+
+
+def touching(mechanism: Any) -> tuple[int, ...]:
+    """The contacts that come off, by number: joints with clearance and gaps, but not friction."""
+    open_ones = {gap.name for gap in mechanism.open_gaps()}
+    pins = len(mechanism.clearance_joints())
+    return (*range(pins), *(pins + i for i, gap in enumerate(mechanism.gaps) if gap.name in open_ones))
+
+
+def _offsets(seen: dict[str, jax.Array]) -> jax.Array:
+    """The places of pins and those in gaps, (contacts, axes)."""
+    if "gap_position" not in seen:
+        return seen["eccentricity"]
+    gaps = seen["gap_position"]
+    if "eccentricity" not in seen:
+        return gaps[:, None]
+    pins = seen["eccentricity"]
+    return jnp.concatenate([pins, jnp.pad(gaps[:, None], ((0, 0), (0, pins.shape[1] - 1)))])
 
 
 class Divergence(NamedTuple):
@@ -216,7 +234,7 @@ class Divergence(NamedTuple):
 
 def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: float, options: Settings) -> Divergence:
     """The divergence of motions at `draws` (samples, parameters), parted where their spread is above `limit`."""
-    if not mechanism.clearance_joints():
+    if not touching(mechanism):
         return Divergence()
     points = jnp.asarray(plan.centre + np.concatenate([np.zeros((1, len(plan.names))), draws]))
     scatter = jnp.asarray(plan.scatter * plan.unit)

@@ -1,10 +1,12 @@
 """Coordinates that follow others: what they follow in the end, and their motion where drives prescribe that."""
 
 import dataclasses
+from collections.abc import Sequence
 
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.couplings import Following, Follows, Resolved, relations
+from clearance_jax.mechanism.couplings import Coupling, Following, Follows, Resolved, relations
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import gives_way, motor_of, with_motions
@@ -16,11 +18,16 @@ def relations_of(mechanism: AbstractMechanism) -> dict[str, Resolved]:
     return relations(mechanism.firm_couplings, motors)
 
 
-def mark_followers(mechanism: AbstractMechanism) -> tuple[AbstractJoint, ...]:
+def mark_followers(
+    mechanism: AbstractMechanism, couplings: Sequence[Coupling] | None = None
+) -> tuple[AbstractJoint, ...]:
     """The joints of the tree, where a follower of driven coordinates has the drive `Follows`, and no other coordinate
-    has it.
+    has it (and loses its actuators); by other `couplings` its stops go too.
+
+    **Raises:** `ClearanceError` by its own ones, where such a follower has stops: nothing would give way to them.
     """
-    by_name = {coupling.follower: coupling for coupling in mechanism.firm_couplings}
+    given = mechanism.firm_couplings if couplings is None else couplings
+    by_name = {coupling.follower: coupling for coupling in given}
     drives = {c.name: c.motion.drive for c in mechanism.coordinates()}
     if not by_name and not any(isinstance(drive, Follows) for drive in drives.values()):
         return mechanism.joints
@@ -35,7 +42,10 @@ def mark_followers(mechanism: AbstractMechanism) -> tuple[AbstractJoint, ...]:
         marked, follows = isinstance(c.motion.drive, Follows), c.name in by_name and is_driven(c.name)
         if marked == follows or (follows and c.motion.drive is not None):
             return c.motion
-        return dataclasses.replace(c.motion, drive=Follows() if follows else None, actuators=())
+        if couplings is None and follows and c.motion.stops is not None:
+            text = f"`{c.name}` follows driven coordinates, so it takes no stops: nothing would give way to them."
+            raise ClearanceError(text).about(c.name)
+        return dataclasses.replace(c.motion, drive=Follows() if follows else None, actuators=(), stops=None)
 
     return tuple(with_motions(joint, change) for joint in mechanism.joints)
 

@@ -11,14 +11,14 @@ from clearance_jax.joints.presets import PlayNumbers
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Body, Point, Spring, Wrench
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.couplings import Coupling
+from clearance_jax.mechanism.couplings import Coupling, leaders_of, without_backlash
 from clearance_jax.mechanism.followers import mark_followers, with_followed_drives
 from clearance_jax.mechanism.gaps import gaps_of
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.structure import check_encoders, check_model, check_structure
 from clearance_jax.mechanism.tree.tree import AbstractJoint
-from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play
+from clearance_jax.mechanism.variants import check_drives, check_freed, with_drives, with_play, without_actuators
 
 NO_GRAVITY = Gravity()
 
@@ -65,6 +65,10 @@ class Mechanism(AbstractMechanism):
     def __check_init__(self):
         check_structure(self)
 
+    def _without_gaps(self):
+        firm = without_backlash(self.couplings)
+        return dataclasses.replace(self, joints=mark_followers(self, firm), couplings=firm)
+
     @property
     def gaps(self):
         return gaps_of(self.joints, self.couplings)
@@ -98,7 +102,8 @@ class Mechanism(AbstractMechanism):
     def with_drives(self, drives: Mapping[str, Any]) -> "Mechanism":
         """The same mechanism with other drives (such as `cj.drives.Trapezoid`) of the named coordinates.
 
-        A coordinate that was free is then no state any more, and loses its actuators. Its limits are kept.
+        A coordinate that was free is then no state any more, and loses its actuators and stops, as does one that
+        follows it by a coupling. Its limits are kept.
 
         **Arguments:** `drives`: drives by the name of a coordinate of the tree. If a joint has one coordinate only,
         this is the name of the joint.
@@ -107,7 +112,10 @@ class Mechanism(AbstractMechanism):
         loop, and for one whose drive gives way: drive its motor.
         """
         check_drives(self.joints, drives)
-        return self._with_joints(lambda joint: with_drives(joint, drives))
+        driven = {c.name for c in self.coordinates() if c.motion.drive is not None} | drives.keys()
+        couplings = self.firm_couplings
+        led = {c.follower for c in couplings if leaders_of(c.follower, couplings) <= driven}
+        return self._with_joints(lambda joint: with_drives(without_actuators(joint, led), drives))
 
     def with_controllers(self, *controllers: AbstractController) -> "Mechanism":
         """The same mechanism under other controllers. Its actuators stay, and act too.

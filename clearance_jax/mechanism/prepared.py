@@ -55,7 +55,7 @@ class PreparedMechanism(AbstractMechanism):
 
     def _without_gaps(self):
         firm = dataclasses.replace(super()._without_gaps(), gaps=tuple(gap for gap in self.gaps if gap.lasts))
-        marked = dataclasses.replace(firm, joints=mark_followers(firm))
+        marked = dataclasses.replace(firm, joints=mark_followers(firm, firm.couplings))
         return dataclasses.replace(marked, joints=with_followed_drives(marked))
 
     def at(self, time: Scalar) -> "PreparedMechanism":

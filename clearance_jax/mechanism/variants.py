@@ -72,7 +72,18 @@ def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw | N
     """The joint with drives for its named coordinates (`None`: free), without their actuators; limits, say, stay."""
 
     def change(c: Coordinate) -> Motion:
-        return dataclasses.replace(c.motion, drive=drives[c.name], actuators=()) if c.name in drives else c.motion
+        if c.name not in drives:
+            return c.motion
+        return dataclasses.replace(c.motion, drive=drives[c.name], actuators=(), stops=None)
+
+    return with_motions(joint, change)
+
+
+def without_actuators(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
+    """The joint whose named coordinates have neither actuators nor stops."""
+
+    def change(c: Coordinate) -> Motion:
+        return dataclasses.replace(c.motion, actuators=(), stops=None) if c.name in names else c.motion
 
     return with_motions(joint, change)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import refused
 from scipy.optimize import brentq
 
 import clearance_jax as cj
@@ -204,3 +205,16 @@ def test_an_average_of_an_error_by_backlash_alone_is_controlled():
     )
     coarse, fine = (float(cj.measure(swing, mean, 0.5, rtol=rtol)["m"]) for rtol in (1e-6, 1e-9))
     assert coarse == pytest.approx(fine, rel=1e-5)
+
+
+def test_a_follower_of_driven_coordinates_takes_no_stops():
+    wheel = cj.Motion(stops=cj.Stops(0.1, flank=cj.laws.Flank(1e3)))
+    pinion = cj.Revolute("pin", "ground", "a", motion=cj.Motion(cj.drives.ConstantSpeed(1.0)))
+    bodies = cj.Body("a", 1.0, 1e-3), cj.Body("b", 1.0, 1e-3)
+    parts = bodies, (pinion, cj.Revolute("w", "ground", "b", motion=wheel))
+    with refused("w"):
+        cj.Mechanism(*parts, couplings=(cj.Coupling("mesh", "w", "pin", -0.5),))
+    # With backlash it may have them, and its ideal mechanism leaves them out.
+    loose = cj.Coupling("mesh", "w", "pin", -0.5, backlash=1e-3, flank=cj.laws.Flank(1e3, 1.0))
+    ideal = cj.Mechanism(*parts, couplings=(loose,)).ideal()
+    assert [c.name for c in ideal.free_coordinates()] == []

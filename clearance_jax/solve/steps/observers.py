@@ -294,7 +294,7 @@ class TouchCounter(AbstractObserver):
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), states = times, [motion(problem, y) for y in ends[:2]]
-        clearance = problem.mechanism.clearance_joints()[self.joint].clearance
+        clearance = problem.mechanism.contacts()[self.joint].clearance
         here, there = (
             clearance.depths(relative_motions(t, y, problem.mechanism)[self.joint])
             for t, y in zip(times, states, strict=True)
