@@ -22,7 +22,7 @@ def mark_followers(
     mechanism: AbstractMechanism, couplings: Sequence[Coupling] | None = None
 ) -> tuple[AbstractJoint, ...]:
     """The joints of the tree, where a follower of driven coordinates has the drive `Follows`, and no other coordinate
-    has it (and loses its actuators); by other `couplings` its stops go too.
+    has it; by other `couplings` its stops go.
 
     **Raises:** `ClearanceError` by its own ones, where such a follower has stops: nothing would give way to them.
     """
@@ -45,7 +45,8 @@ def mark_followers(
         if couplings is None and follows and c.motion.stops is not None:
             text = f"`{c.name}` follows driven coordinates, so it takes no stops: nothing would give way to them."
             raise ClearanceError(text).about(c.name)
-        return dataclasses.replace(c.motion, drive=Follows() if follows else None, actuators=(), stops=None)
+        # Its actuators stay, unused: its leader's drive may come to give way, and then they act.
+        return dataclasses.replace(c.motion, drive=Follows() if follows else None, stops=None)
 
     return tuple(with_motions(joint, change) for joint in mechanism.joints)
 

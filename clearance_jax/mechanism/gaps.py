@@ -180,7 +180,7 @@ def _sum(known: Scalar | float | None, factor: Scalar | None) -> Any:
 def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[CoordinateGap]:
     motor: dict[str, None] = {motor_of(c.name): None} if gives_way(c.motion) else {}
     frictions = 0
-    for actuator in c.motion.actuators:
+    for actuator in c.motion.actuators if c.motion.is_free else ():
         if isinstance(actuator, DriveSpring) and has_gap(actuator):
             flank = actuator.flank if actuator.backlash is not None else FlankSpring(**vars(actuator.flank))
             width = 0.0 if actuator.backlash is None else actuator.backlash

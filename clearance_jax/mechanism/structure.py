@@ -175,7 +175,7 @@ def _check_control(
     followers = {coupling.follower for coupling in couplings}
     free = {name for name, c in every.items() if c.motion.is_free and c.play is None and name not in followers}
     for c in every.values():
-        if c.motion.actuators and not c.motion.is_free:
+        if c.motion.actuators and not (c.motion.is_free or isinstance(c.motion.drive, Follows)):
             raise ClearanceError(
                 f"`{c.name}` must have a drive or actuators, but it has both: a drive prescribes its motion, whatever "
                 "else acts on it. Leave out the drive or the actuators (friction and springs among them)."

@@ -51,8 +51,10 @@ def acting(motion: Motion) -> tuple[tuple[int, AbstractActuator], ...]:
 
 
 def has_gap(actuator: AbstractActuator) -> bool:
-    """Whether it is the spring of a drive with backlash or a transmission error."""
-    return isinstance(actuator, DriveSpring) and not (actuator.backlash is None and actuator.wave is None)
+    """Whether it is the spring of a drive that is a contact: with backlash, a transmission error, or corners."""
+    if not isinstance(actuator, DriveSpring):
+        return False
+    return not (actuator.backlash is None and actuator.wave is None and actuator.flank.efforts is None)
 
 
 def rubs(actuator: AbstractActuator, motion: Motion) -> bool:

@@ -33,7 +33,7 @@ VELOCITY_1 = "step(time, 0, 0, 0.5, 90 d) + step(time, 0.5, 0, 1, 30 d) + step(t
 def test_every_scene_loads(path):
     scene = load_scene(path)
     assert scene.solve["t1"] > 0
-    assert scene.mechanism.clearance_joints() or scene.mechanism.closures() or "[robot]" in scene.text
+    assert scene.mechanism.contacts() or scene.mechanism.closures() or "[robot]" in scene.text
 
 
 def test_a_scene_may_be_loaded_inside_a_jitted_function():

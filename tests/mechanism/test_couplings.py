@@ -342,3 +342,43 @@ def test_friction_of_a_follower_of_an_elastic_drive_is_refused():
         dataclasses.replace(elastic.with_joint(right), couplings=(cj.Coupling("mesh", "right", "left", -2.0),))
     following = dataclasses.replace(elastic, couplings=(cj.Coupling("mesh", "right", "left", -2.0),))
     assert chain_of(following, "tip", None).joints == ("left_motor", "knee")
+
+
+def test_a_two_link_arm_whose_elbow_follows():
+    """G^T M G of its mass matrix, and the frequency at which it hangs."""
+    bodies = cj.Body("upper", 1.0, 0.02, cj.Position(0.2)), cj.Body("fore", 0.8, 0.01, cj.Position(0.15))
+    push = cj.Motion(position=0.3, actuators=(cj.actuators.ConstantEffort(1.0),))
+    joints = (
+        cj.Revolute("hip", "ground", "upper", motion=push),
+        cj.Revolute("elbow", "upper", "fore", at_parent=cj.Position(0.4)),
+    )
+    arm = cj.Mechanism(bodies, joints, couplings=(cj.Coupling("gear", "elbow", "hip", -2.0),))
+    rates = slope(NOW, initial_values(arm), arm.prepare())
+    assert float(rates[1]) == pytest.approx(1 / 0.136767780969, rel=1e-11)
+    free = cj.Revolute("hip", "ground", "upper", angle=-np.pi / 2)
+    hanging = dataclasses.replace(arm, gravity=cj.Gravity(0.0, -9.81)).with_joint(free).prepare()
+    stiff = jax.jacfwd(lambda y: slope(NOW, y, hanging))(jnp.zeros(2))
+    assert np.sqrt(-float(stiff[1, 0])) == pytest.approx(7.233256528, rel=1e-9)
+
+
+def test_a_rotor_on_a_moving_link():
+    """As a body of its own that is geared to its joint it has the exact inertia: (Jr, N Jr, N^2 Jr)."""
+    ratio, rotor = 100.0, 1e-5
+    push = cj.Motion(actuators=(cj.actuators.ConstantEffort(1.0),))
+    bodies = cj.Body("parent", 1.0, 0.2), cj.Body("link", 1.0, 0.05)
+    joints = cj.Revolute("p", "ground", "parent", motion=push), cj.Revolute("q", "parent", "link")
+    spun = cj.Mechanism(
+        (*bodies, cj.Body("rotor", 1.0, rotor)),
+        (*joints, cj.Revolute("spin", "parent", "rotor")),
+        couplings=(cj.Coupling("reducer", "spin", "q", ratio),),
+    )
+    both = 0.05 + ratio * rotor
+    exact = np.linalg.solve([[0.25 + rotor, both], [both, 0.05 + ratio**2 * rotor]], [1, 0])
+    assert exact == pytest.approx([4.29793, -1.46130], abs=5e-6)
+    np.testing.assert_allclose(slope(NOW, initial_values(spun), spun.prepare())[2:], exact, rtol=1e-12)
+    # The reflected inertia alone leaves out the coupling with the parent.
+    heavy = cj.Revolute("q", "parent", "link", motion=cj.Motion(rotor_inertia=ratio**2 * rotor))
+    bodies = cj.Body("parent", 1.0, 0.2 + rotor), bodies[1]  # which turns with the rotor's housing
+    seen = cj.Mechanism(bodies, (joints[0], heavy))
+    reflected = slope(NOW, initial_values(seen), seen.prepare())[2:]
+    assert np.asarray(reflected) == pytest.approx([4.28553, -1.42851], abs=1.5e-5)
