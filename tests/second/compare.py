@@ -14,6 +14,7 @@ import numpy as np
 
 import clearance_jax as cj
 
+from . import trains
 from .ingredients import JUMPING
 from .motion import Motion, Solution
 from .scenes import RESTART, Scene, changed, toml, value
@@ -156,7 +157,7 @@ def library(mechanisms, scenes: list[Scene]):
     """Quantities of every scene, and their derivatives by the relative change of a number (none of laws that jump)."""
     first = scenes[0]
     kinds = {name: table["type"] for name, table in first.tables["joint"].items() if "normal" in table}
-    smooth = first.case["normal"] not in JUMPING
+    smooth = first.case["normal"] not in JUMPING and "limited" not in str(first.tables)
 
     def both(lane):
         mechanism, number = lane
@@ -193,6 +194,7 @@ def _read(solution, kinds, scene: Scene) -> dict:
     out = {name: solution[name] for name in ENERGIES}
     for point in scene.tables["point"]:
         out |= {name: solution[name] for name in (f"{point}.position", f"{point}.velocity")}
+    out |= {name: solution[other] for name, other in trains.told(scene.tables).items()}
     for joint, kind in kinds.items():
         place = solution[f"{joint}.eccentricity"]
         out[f"{joint}.play"] = place[:, :2] if kind == "prismatic" else place
@@ -204,16 +206,19 @@ def _read(solution, kinds, scene: Scene) -> dict:
 def episodes(mechanism, scene: Scene, exact: Truth) -> list[Finding]:
     """Every contact of the motion: when, how fast, and its largest force; and that there are no more."""
     dataset = cj.to_dataset(mechanism, cj.trace(mechanism, scene.t1, **OPTIONS))
-    joints = [str(dataset["joint"].values[int(i)]) for i in dataset["episode_joint"].values]
-    fields = ("episode_start", "episode_end", "impact_speed", "peak_force")
-    rows = zip(joints, *(dataset[name].values for name in fields), strict=True)
+    fields, rows = ("episode_start", "episode_end", "impact_speed", "peak_force"), []
+    for begin, kind in (("", "joint"), ("gap_", "gap")):
+        if f"{begin}episode_{kind}" in dataset:
+            joints = [str(dataset[kind].values[int(i)]) for i in dataset[f"{begin}episode_{kind}"].values]
+            rows += zip(joints, *(dataset[begin + name].values for name in fields), strict=True)
     found = sorted(rows, key=lambda row: (row[0], row[1]))
     right = sorted(exact.motion.episodes, key=lambda one: (one.joint, one.begin))
     out = [_worst("number of contacts", len(found), len(right), 0.5)]
     # What a relative error changes of forces it may change of contacts.
     changes = [1.0]
-    for joint in joints:
-        size, sense = (np.abs(these[f"{joint}.contact_force"]).max() for these in (exact.motion.values, exact.senses))
+    for joint in {row[0] for row in rows}:
+        name = f"{joint}.contact_force" if f"{joint}.contact_force" in exact.motion.values else f"{joint}.torque"
+        size, sense = (np.abs(these[name]).max() for these in (exact.motion.values, exact.senses))
         changes.append(sense / size if size else 1.0)
     amplified = max(changes)
     for (joint, *values), (other, *rights) in zip(found, right, strict=False):

@@ -6,10 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .drives import Drive, drive
+from .gears import MOTOR, Coupling, Gap, couplings, gaps
 from .play import Play, play
 from .quantities import Vector, about, number, roll_pitch_yaw, vector
 
 GROUND = "ground"
+LISTS = ("begin", "end", "rise", "times", "values", "duration", "depth", "stiffness", "efforts", "teeth", "radii")
+"""Keys of lists that are no vectors."""
 DIRECTIONS = {"x": 0, "y": 1, "z": 2}
 # What an ideal joint holds: slides along and turns about the axes of its frame on the parent.
 HELD = {
@@ -42,13 +45,16 @@ def _nothing(rate: float) -> float:
 
 class Effort(NamedTuple):
     """An actuator: its effort at a time, coordinate and rate, and of this rate the power that its damper and its
-    friction take, which is no work of the drives.
+    friction take, which is no work of the drives; what a servo measures if not its own coordinate; its period.
     """
 
     of: Callable[[float, float, float], float]
     damped: Callable[[float], float] = _nothing
     rubbed: Callable[[float], float] = _nothing
     breaks: tuple[float, ...] = ()
+    encoder: tuple[str, ...] = ()
+    rate_encoder: tuple[str, ...] = ()
+    period: float = 0.0
 
 
 class Coordinate(NamedTuple):
@@ -114,6 +120,9 @@ class Model(NamedTuple):
     points: dict[str, tuple[str, Vector]]
     gravity: Vector
     plane: bool
+    motors: tuple[Coordinate, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    gaps: tuple[Gap, ...] = ()
 
     @property
     def plays(self) -> tuple[Joint, ...]:
@@ -124,10 +133,9 @@ class Model(NamedTuple):
     def breaks(self) -> tuple[float, ...]:
         """Instants at which a derivative of the motion jumps."""
         found = [t for load in self.loads for t in load.course.breaks]
-        for joint in self.joints:
-            for coordinate in joint.coordinates:
-                found += coordinate.drive.breaks if coordinate.drive is not None else ()
-                found += [t for effort in coordinate.efforts for t in effort.breaks]
+        for coordinate in (*(c for joint in self.joints for c in joint.coordinates), *self.motors):
+            found += coordinate.drive.breaks if coordinate.drive is not None else ()
+            found += [t for effort in coordinate.efforts for t in effort.breaks]
         return tuple(sorted(set(found)))
 
 
@@ -135,6 +143,9 @@ def read(scene: dict) -> Model:
     """The model of a scene."""
     plane = _is_plane(scene)
     joints = tuple(_joint(name, table) for name, table in scene["joint"].items())
+    every = couplings(scene)
+    joints, motors = _behind_motors(joints, scene.get("compliance", {}))
+    joints = _following(joints, motors, every)
     return Model(
         {name: _body(table) for name, table in scene["body"].items()},
         joints,
@@ -143,7 +154,51 @@ def read(scene: dict) -> Model:
         {name: (table["body"], vector(table.get("at"))) for name, table in scene.get("point", {}).items()},
         vector(scene.get("gravity")),
         plane,
+        motors,
+        tuple(one for one in every if not one.slack),
+        gaps(scene, every),
     )
+
+
+def _behind_motors(joints, tables) -> tuple[tuple[Joint, ...], tuple[Coordinate, ...]]:
+    """The joints whose drives give way move freely, and start where their motors do."""
+    out, motors = [], []
+    for joint in joints:
+        if joint.name in tables:
+            (own,) = joint.coordinates
+            start, rate = (own.start, own.rate) if own.drive is None else own.drive.at(0.0)[:2]
+            rotor = number(tables[joint.name].get("rotor_inertia", 0.0))
+            motors.append(own._replace(name=MOTOR.format(own.name), start=start, rate=rate, rotor=rotor))
+            own = own._replace(start=start, rate=rate, drive=None, efforts=(), rotor=0.0)
+            joint = joint._replace(coordinates=(own,))
+        out.append(joint)
+    return tuple(out), tuple(motors)
+
+
+def _following(joints, motors, every: tuple[Coupling, ...]) -> tuple[Joint, ...]:
+    """Followers start by their leaders, with backlash by as much further as they say. What only follows drives is
+    driven too: its motor and its friction are left out.
+    """
+    own = {one.name: one for one in (*(c for joint in joints for c in joint.coordinates), *motors)}
+    driven, left = {name for name, one in own.items() if one.drive is not None}, list(every)
+    while left:
+        waited = {one.follower for one in left}
+        one = next(one for one in left if not waited & (one.form.terms.keys() - {one.follower}))
+        left.remove(one)
+        leaders = {name: -factor for name, factor in one.form.terms.items() if name != one.follower}
+        start, rate = one.form.offset, 0.0
+        for name, ratio in leaders.items():
+            drive = own[name].drive
+            place, speed = (own[name].start, own[name].rate) if drive is None else drive.at(0.0)[:2]
+            start, rate = start + ratio * place, rate + ratio * speed
+        follower = own[one.follower]
+        if one.slack:
+            start, rate = start + follower.start, rate + follower.rate
+        elif leaders.keys() <= driven:
+            driven.add(one.follower)
+            follower = follower._replace(efforts=(), rotor=0.0)
+        own[one.follower] = follower._replace(start=start, rate=rate)
+    return tuple(joint._replace(coordinates=tuple(own[c.name] for c in joint.coordinates)) for joint in joints)
 
 
 def _is_plane(scene) -> bool:
@@ -152,7 +207,7 @@ def _is_plane(scene) -> bool:
     def leaves(value, key="") -> bool:
         if isinstance(value, dict):
             return any(leaves(entry, name) for name, entry in value.items())
-        if isinstance(value, list) and key not in ("begin", "end", "rise", "times", "values", "duration", "depth"):
+        if isinstance(value, list) and key not in LISTS:
             return len(value) == 3 and not (key == "torque" and not any(map(number, value[:2])))
         return key == "kind" and value == "sleeve"
 
@@ -224,7 +279,8 @@ def _servo(table) -> Effort:
         value, speed, _ = target.at(t)
         return k * (value - q) + b * (speed - rate)
 
-    return Effort(of, breaks=target.breaks)
+    places, rates = (tuple(table.get(key, ())) for key in ("encoder", "rate_encoder"))
+    return Effort(of, breaks=target.breaks, encoder=places, rate_encoder=rates, period=number(table.get("period", 0.0)))
 
 
 def _gains(table):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import minimize_scalar
 
-from . import kernels
+from .gears import Along
 from .model import read
 from .play import Push
 from .quantities import Vector
@@ -48,27 +48,27 @@ class Motion:
     def __init__(self, scene: dict, t1: float):
         self.system, self.t1 = System(read(scene)), t1
         self.y = initial(self.system)
-        self.plays = self.system.model.plays
+        self.plays = self.system.plays
         speeds = tuple(np.full(j.play.count, j.play.normal.least_speed) for j in self.plays if j.play)
-        self.regime = self._regime(self.y, speeds)
+        self.regime = self._regime(0.0, self.y, speeds)
         now = self.system.now(self.y)
         self.stored = sum(joint.play.stored(self.system.pose(joint, now)) for joint in self.plays if joint.play)
         self.open = {i: [0.0, np.nan, []] for i in range(len(self.plays)) if self.regime.touches[i].any()}
         self.episodes: list[Episode] = []
         self.steps = 0
 
-    def _regime(self, y: Vector, speeds) -> Regime:
-        now = self.system.now(y)
+    def _regime(self, t: float, y: Vector, speeds) -> Regime:
+        now = self.system.now(y, t)
         touches, presses = [], []
         for joint, memory, speed in zip(self.plays, self.system.memory(y), speeds, strict=True):
             assert joint.play is not None
-            depth, _, force = joint.play.depths(self.system.pose(joint, now), memory, speed)
-            touches.append(depth > 0)
-            presses.append((depth > 0) & ((force > 0) | (not joint.play.normal.clipped)))
+            touching, pressing = joint.play.regime(self.system.pose(joint, now), memory, speed)
+            touches.append(touching)
+            presses.append(pressing)
         return Regime(tuple(touches), tuple(presses), speeds)
 
-    def _differs(self, y: Vector) -> bool:
-        new = self._regime(y, self.regime.speeds)
+    def _differs(self, t: float, y: Vector) -> bool:
+        new = self._regime(t, y, self.regime.speeds)
         return any(
             (a != b).any()
             for olds, news in ((self.regime.touches, new.touches), (self.regime.presses, new.presses))
@@ -84,28 +84,44 @@ class Motion:
     def _run(self, times: Vector) -> Solution:
         t, samples, left = 0.0, [], [s for s in times if s > 0]
         if len(left) < len(times):
-            samples.append(self._observe(self.y))
-        ends = sorted({*(b for b in (*self.system.model.breaks, *times) if 0 < b < self.t1), self.t1})
+            samples.append(self._observe(0.0, self.y))
+        measured = [
+            [effort.period * k for k in range(int(np.ceil(self.t1 / effort.period)))]
+            for _, effort, _, _ in (self.system.efforts[k] for k in self.system.digital)
+        ]
+        breaks = (*self.system.model.breaks, *times, *(b for every in measured for b in every))
+        ends = sorted({*(b for b in breaks if 0 < b < self.t1), self.t1})
+        self._measure(t, measured)
         while ends:
             t, self.y = self._until(t, ends[0])
             if t >= ends[0]:
                 ends.pop(0)
                 if left and left[0] <= t:
                     left.pop(0)
-                    samples.append(self._observe(self.y))
+                    samples.append(self._observe(t, self.y))
+                self._measure(t, measured)
         for i in list(self.open):
             self._finish(i, np.nan)
         keys = samples[0].keys()
         self.episodes.sort(key=lambda episode: episode.begin)
         return Solution(times, {key: np.array([s[key] for s in samples]) for key in keys}, self.episodes, self.steps)
 
+    def _measure(self, t: float, measured: list[list[float]]) -> None:
+        """Digital servos whose time it is hold a new effort."""
+        now = self.system.now(self.y, t)
+        moves = self.system.moves(now, *self.system.jacobian(now))
+        for at, (k, every) in enumerate(zip(self.system.digital, measured, strict=True)):
+            if t in every:
+                self.y[self.system.held_efforts + at] = self.system.asks(k, t, moves)
+
     def _until(self, t: float, end: float) -> tuple[float, Vector]:
         """Integrates to the end or the next change of regime."""
         n, y = len(self.system.names), self.y
         small = np.full(len(y), SPEEDS)
         small[: 7 * n] = PLACES
-        small[13 * n : -3] = 1e-17
         system, regime = self.system, self.regime
+        small[13 * n : system.motors] = 1e-17
+        small[system.motors : system.motors + len(system.turned)] = PLACES
         solver = DOP853(lambda t, y: system.rates(t, y, regime), t, y, end, rtol=RELATIVE, atol=small)
         while solver.status == "running":
             said = solver.step()
@@ -127,19 +143,19 @@ class Motion:
         low = begin
         for share in WITHIN:
             high = begin + share * length
-            if self._differs(dense(high)):
+            if self._differs(high, dense(high)):
                 break
             low = high
         else:
             return None
         while low < (middle := 0.5 * (low + high)) < high:
-            low, high = (low, middle) if self._differs(dense(middle)) else (middle, high)
+            low, high = (low, middle) if self._differs(middle, dense(middle)) else (middle, high)
         return high
 
     def _switch(self, t: float, y: Vector) -> Vector:
         """The state with the regime that begins: touches rewrite impact speeds, and straighten bristles."""
-        old, at = self.regime, self._regime(y, self.regime.speeds)
-        y, now = y.copy(), self.system.now(y)
+        old, at = self.regime, self._regime(t, y, self.regime.speeds)
+        y, now = y.copy(), self.system.now(y, t)
         speeds, memories = [], self.system.memory(y)
         for i, joint in enumerate(self.plays):
             assert joint.play is not None
@@ -154,33 +170,33 @@ class Motion:
                 self.open[i] = [t, float(rate[began].max()), []]
             if old.touches[i].any() and not at.touches[i].any():
                 self._finish(i, t)
-        self.regime = self._regime(y, tuple(speeds))._replace(touches=at.touches)
+        self.regime = self._regime(t, y, tuple(speeds))._replace(touches=at.touches)
         return y
 
     def _finish(self, i: int, end: float) -> None:
         """Closes a contact, with the largest normal force of its steps."""
         begin, speed, pieces = self.open.pop(i)
-        ends = [self._push(i, dense(b), regime).normal for _, b, dense, regime in pieces]
-        peak = self._push(i, pieces[0][2](pieces[0][0]), pieces[0][3]).normal if pieces else 0.0
+        ends = [self._push(i, b, dense(b), regime).normal for _, b, dense, regime in pieces]
+        peak = self._push(i, pieces[0][0], pieces[0][2](pieces[0][0]), pieces[0][3]).normal if pieces else 0.0
         top = int(np.argmax(ends)) if ends else 0
         for a, b, dense, regime in pieces[max(top - 1, 0) : top + 2]:
 
             def weaker(t, dense=dense, regime=regime):
-                return -self._push(i, dense(t), regime).normal
+                return -self._push(i, t, dense(t), regime).normal
 
             found: Any = minimize_scalar(weaker, bounds=(a, b), method="bounded", options={"xatol": 1e-6 * (b - a)})
             peak = max(peak, -weaker(found.x), -weaker(b))
         self.episodes.append(Episode(self.plays[i].name, begin, end, speed, peak))
 
-    def _push(self, i: int, y: Vector, regime: Regime) -> Push:
+    def _push(self, i: int, t: float, y: Vector, regime: Regime) -> Push | Along:
         joint, memory = self.plays[i], self.system.memory(y)[i]
         assert joint.play is not None
-        pose = self.system.pose(joint, self.system.now(y))
+        pose = self.system.pose(joint, self.system.now(y, t))
         return joint.play.act(pose, memory, regime.speeds[i], regime.touches[i], regime.presses[i])
 
-    def _observe(self, y: Vector) -> dict[str, Vector | float]:
+    def _observe(self, t: float, y: Vector) -> dict[str, Vector | float]:
         """Quantities by the library's names."""
-        system, now = self.system, self.system.now(y)
+        system, now = self.system, self.system.now(y, t)
         out: dict[str, Vector | float] = {}
         for name, (body, at) in system.model.points.items():
             place, velocity, _ = system.point(body, at, now)
@@ -188,11 +204,19 @@ class Motion:
         stored = []
         for i, joint in enumerate(self.plays):
             assert joint.play is not None
-            pose, push = system.pose(joint, now), self._push(i, y, self.regime)
+            pose, push = system.pose(joint, now), self._push(i, t, y, self.regime)
+            stored.append(joint.play.stored(pose))
+            if isinstance(push, Along):
+                out[f"{joint.name}.gap"], out[f"{joint.name}.torque"] = push.place, push.effort
+                continue
             out[f"{joint.name}.play"] = pose.place
             out[f"{joint.name}.contact_force"] = push.normal
             out[f"{joint.name}.friction_force"] = float(np.sqrt(push.traction @ push.traction))
-            stored.append(joint.play.stored(pose))
+        moves = system.moves(now, *system.jacobian(now))
+        out |= {f"{motor}.turned": moves.value[i] for motor, i in system.number.items() if i >= len(system.own)}
+        if system.model.couplings:
+            bears = system.accelerations(t, y, now, system.pushes(y, now, self.regime))[-1]
+            out |= {f"{one.name}.torque": b for one, b in zip(system.model.couplings, bears, strict=True)}
         out["kinetic_energy"] = 0.5 * self._twice_kinetic(now)
         springs = 0.0
         for spring in system.model.springs:
@@ -207,7 +231,5 @@ class Motion:
     def _twice_kinetic(self, now: Now) -> float:
         """Of bodies and rotors."""
         system = self.system
-        both = np.concatenate([now.velocity, now.turning], 1).ravel()
-        matrix, _ = kernels.mass_and_weight(now.matrix, now.turning, system.mass, system.inertia, np.zeros(3))
-        rates = system.jacobian(now)[0][len(system.held) :] @ both
-        return float(both[:-6] @ matrix @ both[:-6]) + sum(system.own[i][1].rotor * rates[i] ** 2 for i in system.free)
+        speeds, moves = system.speeds(now), system.moves(now, *system.jacobian(now))
+        return float(speeds @ system.masses(now, moves, np.zeros(3))[0] @ speeds)

@@ -90,6 +90,11 @@ class Play(NamedTuple):
         _, rate, _ = kernels.slips(*at[2:], pose.place, pose.velocity, pose.spin)
         return at.depth, rate, self.normal.force(at.depth, rate, self.split(memory)[0], speed)
 
+    def regime(self, pose: Pose, memory: Vector, speed: Vector) -> tuple[Vector, Vector]:
+        """Which points touch, and which of them press."""
+        depth, _, force = self.depths(pose, memory, speed)
+        return depth > 0, (depth > 0) & ((force > 0) | (not self.normal.clipped))
+
     def stored(self, pose: Pose) -> float:
         """Elastic energy [J]."""
         at = self.points(pose)

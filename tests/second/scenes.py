@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import ingredients, mechanisms, spatial
+from . import ingredients, mechanisms, spatial, trains
 from .ingredients import Draw
 from .quantities import number
 
@@ -18,7 +18,7 @@ BORES = ("round", "worn")
 TIMES = ("even", "uneven", "late")
 SOLVED = ("alone", "jit", "vmap", "batch")
 CONTACTS = ("compared", "not")
-NUMBERS = ("clearance", "stiffness", "mass", "length of a link", "gravity")
+NUMBERS = ("clearance", "stiffness", "mass", "length of a link", "gravity", "gears")
 FEATURES: dict[str, tuple[str, ...]] = {
     "mechanism": (*mechanisms.PLANE, *spatial.SPACE),
     "normal": ingredients.NORMAL,
@@ -31,6 +31,11 @@ FEATURES: dict[str, tuple[str, ...]] = {
     "solved": SOLVED,
     "by": NUMBERS,
     "contacts": CONTACTS,
+    "train": trains.TRAIN,
+    "mesh": trains.MESH,
+    "gives": trains.GIVES,
+    "stops": trains.STOPS,
+    "servo": trains.SERVO,
 }
 """What a scene has one of each. `by`: the number by which its derivative is taken; `contacts`: whether its contact
 episodes are compared, by one more program.
@@ -70,6 +75,8 @@ def possible(case: Case) -> bool:
         return False
     if case["by"] == "stiffness" and wide and case["normal"] != "winkler":
         return False
+    if not trains.possible(case):
+        return False
     return not (case["by"] == "length of a link" and case["mechanism"] in ("pendulum", *spatial.SPACE))
 
 
@@ -90,7 +97,7 @@ def pairs(case: Case) -> set[tuple]:
     return set(itertools.combinations(sorted(case.items()), 2))
 
 
-CHOOSY = ("mechanism", "normal", "motion", "bore", "filling", "by")
+CHOOSY = ("mechanism", "normal", "motion", "bore", "filling", "by", "train", "mesh", "gives", "servo")
 """The features of which some do not go together, see `possible`."""
 
 
@@ -124,6 +131,7 @@ def scene(case: Case, structure: int, numbers: int = 0) -> Scene:
         if draw.one((True, False)) or case["by"] == "gravity":
             tables["gravity"] = ["0 m/s^2", "-9.81 m/s^2"]
         _move(tables, case["motion"], draw, graph.driven, graph.pace, t1)
+    trains.gear_up(tables, case, draw, "joint" if space else graph.driven, space)
     for name in plays:
         _loosen(tables["joint"][name], case, draw, space)
     if case["start"] == "off the centre" and not any("eccentricity" in table for table in tables["joint"].values()):
@@ -226,6 +234,8 @@ def _number(tables, by, play, draw) -> tuple[str, tuple]:
     joint = tables["joint"][play]
     if by == "gravity" and "gravity" in tables:
         return "gravity.y", ("gravity", 1)
+    if by == "gears" and (found := _of_gears(tables, draw)):
+        return found
     if by == "mass":
         body = list(tables["body"])[-1]
         return f"{body}.mass", ("body", body, "mass")
@@ -237,6 +247,19 @@ def _number(tables, by, play, draw) -> tuple[str, tuple]:
         return f"{play}.normal.stiffness", ("joint", play, "normal", "stiffness")
     key = "side_clearance" if joint["type"] == "prismatic" else "radial_clearance"
     return f"{play}.{key}", ("joint", play, key)
+
+
+def _of_gears(tables, draw) -> tuple[str, tuple] | None:
+    """A number of a coupling, of a drive that gives way, or of stops."""
+    found: list[tuple[str, tuple]] = []
+    for name, one in tables.get("coupling", {}).items():
+        found += [(f"{name}.{key}", ("coupling", name, key)) for key in ("backlash", "offset", "ratio") if key in one]
+    for name, one in tables.get("compliance", {}).items():
+        found += [(f"{name}.backlash", ("compliance", name, "backlash"))] if "backlash" in one else []
+    for name, one in tables["joint"].items():
+        keys = [key for key in ("lower", "upper") if key in one.get("stops", {})]
+        found += [(f"{name}.stops.{key}", ("joint", name, "stops", key)) for key in keys]
+    return draw.one(found) if found else None
 
 
 def value(tables: dict, keys: tuple) -> float:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from . import kernels
 from .model import DIRECTIONS, HELD, Joint, Model
 from .quantities import Vector, about, cross, quaternion
 from .system import Now, System
@@ -21,11 +20,12 @@ def initial(system: System) -> Vector:
     places = _tree(model)
     # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity.
     closed = System(model._replace(joints=tuple(_ideal(joint) for joint in model.joints)))
-    y = np.zeros(13 * len(system.names) + 3)
+    y, bodies, motors = np.zeros(closed.size), 13 * len(system.names), [model.motors[k] for k in system.turned]
     _fill(system, y, places)
+    y[closed.motors : closed.held_efforts] = [*(motor.start for motor in motors), *(motor.rate for motor in motors)]
     _close(closed, y)
     out = np.zeros(system.size)
-    out[: 13 * len(system.names)] = y[:-3]
+    out[:bodies], out[system.motors : system.held_efforts] = y[:bodies], y[closed.motors : closed.held_efforts]
     return out
 
 
@@ -81,15 +81,16 @@ def _fill(system: System, y: Vector, places: Places) -> None:
 
 def _close(system: System, y: Vector) -> None:
     """Newton for places, then the nearest velocities that the constraints allow, in place; both by `_nearest`."""
-    n, rows, active, keep = len(system.names), len(system.held), system.active, system.keep
-    if not len(active):
+    n, keep, turned = len(system.names), system.keep, len(system.turned)
+    if not len(system.active) + len(system.follows):
         return
-    step = np.zeros(6 * n)
+    step = np.zeros(6 * n + 6 + turned)
     for _ in range(12):
         now = system.now(y)
         miss = _misses(system, now)
         step[keep] = _nearest(system, now, -miss)
-        for i, change in enumerate(step.reshape(n, 6)):
+        y[system.motors : system.motors + turned] += step[6 * n + 6 :]
+        for i, change in enumerate(step[: 6 * n].reshape(n, 6)):
             y[3 * i : 3 * i + 3] += change[:3]
             moved = Rotation.from_rotvec(change[3:]).as_matrix() @ now.matrix[i]
             y[3 * n + 4 * i : 3 * n + 4 * i + 4] = quaternion(moved)
@@ -98,28 +99,29 @@ def _close(system: System, y: Vector) -> None:
     if np.abs(step).max() > 1e-12:
         raise ValueError(f"The loops do not close: the last step is {np.abs(step).max():.1e}.")
     now = system.now(y)
-    held = system.jacobian(now)[0][np.ix_(active, keep)]
-    rates = np.array([system.own[i][1].drive.at(0.0)[1] for i in system.driven])
-    speeds = np.concatenate([y[7 * n : 10 * n].reshape(n, 3), y[10 * n : 13 * n].reshape(n, 3)], 1).reshape(-1)
-    wrong = held @ speeds[keep] - np.concatenate([np.zeros(rows), rates])
-    speeds[keep] += _nearest(system, now, -wrong)
-    speeds = speeds.reshape(n, 6)
+    rows, rates, _ = _constraints(system, now)
+    speeds = system.speeds(now)
+    speeds[keep] += _nearest(system, now, rates - rows @ speeds)
+    y[system.motors + turned : system.held_efforts] = speeds[6 * n + 6 :]
+    speeds = speeds[: 6 * n].reshape(n, 6)
     y[7 * n : 10 * n], y[10 * n : 13 * n] = speeds[:, :3].ravel(), speeds[:, 3:].ravel()
 
 
 def _nearest(system: System, now: Now, change: Vector) -> Vector:
     """The motion of the kept directions that changes what is held by so much, with the least kinetic energy."""
-    keep, rows = system.keep, system.jacobian(now)[0]
-    matrix, _ = kernels.mass_and_weight(now.matrix, now.turning, system.mass, system.inertia, np.zeros(3))
-    matrix = matrix[np.ix_(keep, keep)]
-    for i in system.free:
-        row = rows[len(system.held) + i, keep]
-        matrix += system.own[i][1].rotor * np.outer(row, row)
+    keep, moves = system.keep, system.moves(now, *system.jacobian(now))
+    matrix = system.masses(now, moves, np.zeros(3))[0][np.ix_(keep, keep)]
+    rows = _constraints(system, now)[0][:, keep]
     # Of z with step = root^-T z half the square is the energy.
     root = np.linalg.cholesky(matrix)
-    least = np.linalg.lstsq(np.linalg.solve(root, rows[np.ix_(system.active, keep)].T).T, change, rcond=1e-10)[0]
+    least = np.linalg.lstsq(np.linalg.solve(root, rows.T).T, change, rcond=1e-10)[0]
     out: Any = np.linalg.solve(root.T, least)
     return out
+
+
+def _constraints(system: System, now: Now):
+    jacobian, bias = system.jacobian(now)
+    return system.constraints(now, system.moves(now, jacobian, bias), jacobian, bias, 0.0)
 
 
 def _misses(system: System, now: Now) -> Vector:
@@ -144,4 +146,5 @@ def _misses(system: System, now: Now) -> Vector:
         if is_turn:
             at = len(system.held) + k
             out[at] = (out[at] + np.pi) % (2 * np.pi) - np.pi
-    return np.array(out)
+    moves = system.moves(now, *system.jacobian(now))
+    return np.array([*out, *(system.place(one.form, moves)[0] for one in system.model.couplings)])

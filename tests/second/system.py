@@ -5,7 +5,8 @@ joints hold or drive are constraints with Lagrange multipliers.
     [J  0 ] [-multipliers] = [ -bias ]
 
 In the plane the same equations keep x, y and the turn about z of every body. The state is [places, quaternions,
-velocities, angular velocities (world axes), memory of the laws, integrals of drive work, absorbed work, friction loss].
+velocities, angular velocities (world axes), memory of the laws, places and rates of motors behind springs, held efforts
+of digital servos, integrals of drive work, absorbed work, friction loss]. Such a motor adds a velocity of its own.
 """
 
 from typing import NamedTuple
@@ -13,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from . import kernels
+from .gears import MOTOR, Form, Gap
 from .kernels import cross
-from .model import DIRECTIONS, GROUND, Joint, Model
+from .model import DIRECTIONS, GROUND, Effort, Joint, Model
 from .play import Pose, Push
 from .quantities import Vector
 
@@ -37,12 +39,27 @@ class Rows(NamedTuple):
 
 
 class Now(NamedTuple):
-    """The bodies at an instant, the ground last: places of the centres of mass, matrices, velocities, turning."""
+    """The bodies at an instant, the ground last: places of the centres of mass, matrices, velocities, turning; of
+    motors behind springs their places, rates, and, if driven, second rates.
+    """
 
     place: Vector
     matrix: Vector
     velocity: Vector
     turning: Vector
+    motors: Vector
+
+
+class Moves(NamedTuple):
+    """Of all own coordinates of joints, and of motors: their values, rates, dependence on the velocities, biases of the
+    second rates, and the rates that drives give to motors.
+    """
+
+    value: Vector
+    rate: Vector
+    rows: Vector
+    bias: Vector
+    given: Vector
 
 
 class Regime(NamedTuple):
@@ -70,14 +87,16 @@ class System:
 
     def __init__(self, model: Model):
         self.model = model
-        self.names, self.plays = list(model.bodies), model.plays
+        self.names, self.plays = list(model.bodies), (*model.plays, *model.gaps)
         n = len(self.names)
         self.index = {name: i for i, name in enumerate([*self.names, GROUND])}
         self.mass = np.array([body.mass for body in model.bodies.values()])
         self.inertia = np.array([body.inertia for body in model.bodies.values()])
         self.centre = np.array([*(body.centre for body in model.bodies.values()), np.zeros(3)])
         self.kept = np.array([0, 1, 5]) if model.plane else np.arange(6)
-        self.size = 13 * n + sum(joint.play.memories for joint in self.plays if joint.play) + len(INTEGRALS)
+        self.motors = 13 * n + sum(joint.play.memories for joint in self.plays if joint.play)
+        self.turned = [k for k, motor in enumerate(model.motors) if motor.drive is None]
+        self.held_efforts = self.motors + 2 * len(self.turned)
         held, own = [], []
         for joint in model.joints:
             held += [(joint, way) for way in joint.held]
@@ -95,7 +114,37 @@ class System:
         self.frames = {joint.name: self._frame(joint, own) for joint, own in zip(model.joints, axes, strict=True)}
         self.own_frames = [self._frame(joint, np.eye(3)) for joint, _ in own]
         self.active = np.array([*range(len(self.held)), *(len(self.held) + i for i in self.driven)], int)
-        self.keep = (6 * np.arange(n)[:, None] + self.kept).ravel()
+        velocities = 6 * n + 6 + np.arange(len(self.turned))
+        self.keep = np.append((6 * np.arange(n)[:, None] + self.kept).ravel(), velocities)
+        self._along()
+
+    def _along(self) -> None:
+        """What acts along coordinates, by the numbers of these: first those of joints, then those of motors."""
+        every = [*(coordinate for _, coordinate in self.own), *self.model.motors]
+        self.number = {coordinate.name: i for i, coordinate in enumerate(every)}
+        self.efforts: list[tuple[int, Effort, Vector, Vector]] = []
+        for i, coordinate in enumerate(every):
+            for effort in coordinate.efforts if coordinate.drive is None else ():
+                places = effort.encoder or (coordinate.name,)
+                rates = effort.rate_encoder or places
+                self.efforts.append((i, effort, self._sum(places), self._sum(rates)))
+        self.digital = [k for k, (_, effort, _, _) in enumerate(self.efforts) if effort.period]
+        self.follows = np.array([self.factors(one.form.terms) for one in self.model.couplings]).reshape(-1, len(every))
+        self.size = self.held_efforts + len(self.digital) + len(INTEGRALS)
+
+    def _sum(self, names: tuple[str, ...]) -> Vector:
+        """What an encoder sees. A joint behind a spring is there by how much the link is ahead of its motor."""
+        motors = {motor.name for motor in self.model.motors}
+        ahead = [{name: 1.0, MOTOR.format(name): -float(MOTOR.format(name) in motors)} for name in names]
+        return np.sum([self.factors(terms) for terms in ahead], 0)
+
+    def factors(self, terms: dict[str, float]) -> Vector:
+        """Factors of all coordinates, by those of some names."""
+        out = np.zeros(len(self.number))
+        for name, factor in terms.items():
+            if factor:
+                out[self.number[name]] = factor
+        return out
 
     def _in_plane(self, joint: Joint, way: str) -> bool:
         axis = joint.on_parent[:, DIRECTIONS[way[-1]]]
@@ -119,23 +168,58 @@ class System:
 
     # Kinematics ------------------------------------------------------------------------------------------------------
 
-    def now(self, y: Vector) -> Now:
-        """The bodies of a state."""
-        return Now(*kernels.bodies(y, len(self.names)))
+    def now(self, y: Vector, t: float = 0.0) -> Now:
+        """The bodies and motors of a state."""
+        motors = np.zeros((3, len(self.model.motors)))
+        motors[:2, self.turned] = y[self.motors : self.held_efforts].reshape(2, -1)
+        for k, motor in enumerate(self.model.motors):
+            if motor.drive is not None:
+                motors[:, k] = motor.drive.at(t)
+        return Now(*kernels.bodies(y, len(self.names)), motors)
+
+    def moves(self, at: Now, jacobian: Vector, bias: Vector) -> Moves:
+        """All coordinates; the jacobian is that of all rows."""
+        n, motors, rows = len(self.own), len(self.model.motors), len(self.held)
+        out = np.zeros((n + motors, jacobian.shape[1] + len(self.turned)))
+        out[:n, : jacobian.shape[1]] = jacobian[rows:]
+        out[[n + k for k in self.turned], jacobian.shape[1] + np.arange(len(self.turned))] = 1.0
+        given = np.zeros(n + motors)
+        given[n:] = at.motors[1]
+        given[[n + k for k in self.turned]] = 0.0
+        value = np.append([self.coordinate(i, at) for i in range(n)], at.motors[0])
+        return Moves(value, out @ self.speeds(at) + given, out, np.append(bias[rows:], at.motors[2]), given)
+
+    def speeds(self, at: Now) -> Vector:
+        """All velocities: those of bodies and the ground, and of motors that no drive moves."""
+        bodies = np.concatenate([at.velocity, at.turning], 1).ravel()
+        return np.append(bodies, at.motors[1][self.turned])
+
+    def place(self, form: Form, moves: Moves) -> tuple[float, float, Vector]:
+        """The place of a form, its rate, and how it depends on the coordinates."""
+        factors, (size, order, phase) = self.factors(form.terms), form.wave
+        place = float(factors @ moves.value) - form.offset
+        if form.motor and size:
+            i = self.number[form.motor]
+            angle = order * moves.value[i] + phase
+            place -= size * np.sin(angle)
+            factors[i] -= size * order * np.cos(angle)
+        return place, float(factors @ moves.rate), factors
 
     def jacobian(self, at: Now) -> tuple[Vector, Vector]:
         """Of every row its dependence on all velocities, shape (rows, 6 (bodies and ground)), and the bias of its
         second rate.
         """
-        return kernels.jacobian(*at, *self.rows)
+        return kernels.jacobian(*at[:4], *self.rows)
 
-    def pose(self, joint: Joint, at: Now) -> Pose:
-        """The relative motion in a joint, in the axes of its play."""
-        return Pose(*kernels.pose(*at, *self.frames[joint.name]))
+    def pose(self, joint: Joint | Gap, at: Now):
+        """The relative motion in a joint, in the axes of its play; of a gap its place and rate."""
+        if isinstance(joint, Gap):
+            return self.place(joint.form, self.moves(at, *self.jacobian(at)))[:2]
+        return Pose(*kernels.pose(*at[:4], *self.frames[joint.name]))
 
     def coordinate(self, i: int, at: Now) -> float:
         """The value of a joint's own coordinate; a turn within half a turn of its start."""
-        coordinate, pose = self.own[i][1], Pose(*kernels.pose(*at, *self.own_frames[i]))
+        coordinate, pose = self.own[i][1], Pose(*kernels.pose(*at[:4], *self.own_frames[i]))
         if not coordinate.direction.startswith("turn"):
             return pose.place[DIRECTIONS[coordinate.direction]]
         turned = pose.rotation
@@ -157,22 +241,27 @@ class System:
 
     def rates(self, t: float, y: Vector, regime: Regime) -> Vector:
         """The rate of the state in a regime."""
-        now = self.now(y)
+        now = self.now(y, t)
         n = len(self.names)
-        pushes = [
+        pushes = self.pushes(y, now, regime)
+        acceleration, motors, work, dampers, dry, _ = self.accelerations(t, y, now, pushes)
+        out = np.zeros_like(y)
+        out[: 3 * n], out[7 * n : 13 * n] = now.velocity[:-1].ravel(), acceleration
+        out[3 * n : 7 * n] = kernels.quaternion_rates(y, n)
+        out[13 * n : self.motors] = self._remembered(pushes)
+        out[self.motors : self.held_efforts] = np.append(now.motors[1, self.turned], motors)
+        out[-3:] = work, sum(p.absorbed for p in pushes) + dampers, sum(p.rubbed for p in pushes) + dry
+        return out
+
+    def pushes(self, y: Vector, now: Now, regime: Regime) -> list:
+        """What every joint with play and every gap does."""
+        return [
             joint.play.act(self.pose(joint, now), memory, speed, touches, presses)
             for joint, memory, touches, presses, speed in zip(
                 self.plays, self.memory(y), *regime._asdict().values(), strict=True
             )
             if joint.play is not None
         ]
-        acceleration, work, dampers, dry = self._accelerations(t, now, pushes)
-        out = np.zeros_like(y)
-        out[: 3 * n], out[7 * n : 13 * n] = now.velocity[:-1].ravel(), acceleration
-        out[3 * n : 7 * n] = kernels.quaternion_rates(y, n)
-        out[13 * n : -3] = self._remembered(pushes)
-        out[-3:] = work, sum(p.absorbed for p in pushes) + dampers, sum(p.rubbed for p in pushes) + dry
-        return out
 
     def _remembered(self, pushes: list[Push]) -> Vector:
         rates = []
@@ -182,38 +271,80 @@ class System:
             rates += [push.bends.ravel()] if joint.play.friction is not None and joint.play.friction.remembers else []
         return np.concatenate(rates) if rates else np.zeros(0)
 
-    def _accelerations(self, t: float, now: Now, pushes: list[Push]) -> tuple[Vector, float, float, float]:
-        """Accelerations [all places, all turns], the power of drives, actuators and loads, and those of dampers and of
-        the friction of actuators.
-        """
-        n, rows = len(self.names), len(self.held)
-        jacobian, bias = self.jacobian(now)
-        matrix, force = kernels.mass_and_weight(now.matrix, now.turning, self.mass, self.inertia, self.model.gravity)
-        power, lost, rubbed = self._loaded(t, now, force), self._sprung(now, force), 0.0
-        for joint, push in zip(self.plays, pushes, strict=True):
-            self._push(force, joint, now, push)
-        force = force.ravel()
-        both = np.concatenate([now.velocity, now.turning], 1).ravel()
+    def masses(self, now: Now, moves: Moves, gravity: Vector) -> tuple[Vector, Vector]:
+        """The mass matrix with rotors, and the weights of the bodies and the ground."""
+        n, size = 6 * len(self.names), moves.rows.shape[1]
+        matrix = np.zeros((size, size))
+        matrix[:n, :n], force = kernels.mass_and_weight(now.matrix, now.turning, self.mass, self.inertia, gravity)
         for i in self.free:
-            coordinate, row = self.own[i][1], jacobian[rows + i]
-            if not (coordinate.efforts or coordinate.rotor):
-                continue
-            rate = float(row @ both)
-            effort = sum(effort.of(t, self.coordinate(i, now), rate) for effort in coordinate.efforts)
-            damped = sum(effort.damped(rate) for effort in coordinate.efforts)
-            dry = sum(effort.rubbed(rate) for effort in coordinate.efforts)
-            power, lost, rubbed = power + effort * rate + damped + dry, lost + damped, rubbed + dry
-            force += (effort - coordinate.rotor * bias[rows + i]) * row
-            matrix += coordinate.rotor * np.outer(row[:-6], row[:-6])
-        drives = [self.own[i][1].drive.at(t) for i in self.driven]
-        wanted = np.array([0.0] * rows + [second for _, _, second in drives]) - bias[self.active]
-        right = kernels.saddle(matrix, jacobian[self.active], force, wanted, self.keep)
+            if self.own[i][1].rotor:
+                matrix += self.own[i][1].rotor * np.outer(moves.rows[i], moves.rows[i])
+        for k, motor in enumerate(self.turned):
+            matrix[n + 6 + k, n + 6 + k] = self.model.motors[motor].rotor
+        return matrix, force
+
+    def constraints(self, now: Now, moves: Moves, jacobian: Vector, bias: Vector, t: float):
+        """Of all that is held, driven or coupled: rows, the velocities that they ask for, and the accelerations."""
+        drives = np.array([self.own[i][1].drive.at(t) for i in self.driven]).reshape(-1, 3)
+        rows = np.zeros((len(self.active) + len(self.follows), moves.rows.shape[1]))
+        rows[: len(self.active), : jacobian.shape[1]] = jacobian[self.active]
+        rows[len(self.active) :] = self.follows @ moves.rows
+        held = np.zeros(len(self.held))
+        rates = np.concatenate([held, drives[:, 1], -self.follows @ moves.given])
+        wanted = np.concatenate([held, drives[:, 2], np.zeros(len(self.follows))])
+        return rows, rates, wanted - np.append(bias[self.active], self.follows @ moves.bias)
+
+    def asks(self, k: int, t: float, moves: Moves) -> float:
+        """The effort that an actuator would have now."""
+        _, effort, places, rates = self.efforts[k]
+        return float(effort.of(t, float(places @ moves.value), float(rates @ moves.rate)))
+
+    def _actuated(self, t, y, moves, force) -> tuple[float, float, float]:
+        """Adds the efforts of actuators; their power, and those of their dampers and their friction."""
+        power = lost = rubbed = 0.0
+        for k, (i, effort, _, _) in enumerate(self.efforts):
+            given = self.asks(k, t, moves)
+            if k in self.digital:
+                given = y[self.held_efforts + self.digital.index(k)]
+            rate = moves.rate[i]
+            damped, dry = effort.damped(rate), effort.rubbed(rate)
+            power, lost, rubbed = power + given * rate + damped + dry, lost + damped, rubbed + dry
+            force += given * moves.rows[i]
+        return power, lost, rubbed
+
+    def accelerations(self, t: float, y: Vector, now: Now, pushes: list):
+        """Accelerations [all places, all turns], those of motors, the power of drives, actuators and loads, those of
+        dampers and of the friction of actuators, and the efforts of couplings on their followers.
+        """
+        n, (jacobian, bias) = len(self.names), self.jacobian(now)
+        moves = self.moves(now, jacobian, bias)
+        matrix, bodies = self.masses(now, moves, self.model.gravity)
+        power, lost = self._loaded(t, now, bodies), self._sprung(now, bodies)
+        for joint, push in zip(self.plays, pushes, strict=True):
+            if not isinstance(joint, Gap):
+                self._push(bodies, joint, now, push)
+        force = np.append(bodies.ravel(), np.zeros(len(self.turned)))
+        along = np.zeros(len(moves.value))  # the efforts of gaps and couplings on all coordinates
+        for gap, push in zip(self.plays, pushes, strict=True):
+            if isinstance(gap, Gap):
+                along += push.effort * self.place(gap.form, moves)[2]
+                power += 0.0 if gap.counts else push.effort * push.rate + push.absorbed
+        force += along @ moves.rows
+        for i in self.free:
+            force -= self.own[i][1].rotor * moves.bias[i] * moves.rows[i]
+        acted, damped, rubbed = self._actuated(t, y, moves, force)
+        rows, rates, wanted = self.constraints(now, moves, jacobian, bias, t)
+        right = kernels.saddle(matrix, rows, force, wanted, self.keep)
         out = kernels.solve(*right) if self.model.plane else self._least(*right)
-        acceleration, multipliers = np.zeros(6 * n), out[len(self.keep) + rows :]
+        acceleration, multipliers = np.zeros(6 * n + 6 + len(self.turned)), out[len(self.keep) :]
         acceleration[self.keep] = out[: len(self.keep)]
-        power += sum(m * rate for m, (_, rate, _) in zip(multipliers, drives, strict=True))
-        acceleration = acceleration.reshape(n, 6)
-        return np.concatenate([acceleration[:, :3].ravel(), acceleration[:, 3:].ravel()]), power, lost, rubbed
+        driven, coupled = multipliers[len(self.held) : len(self.active)], multipliers[len(self.active) :]
+        along += coupled @ self.follows
+        # The drives of motors bear what acts on these.
+        power += acted + driven @ rates[len(self.held) : len(self.active)] - along @ moves.given
+        of = acceleration[: 6 * n].reshape(n, 6)
+        both = np.concatenate([of[:, :3].ravel(), of[:, 3:].ravel()])
+        return both, acceleration[6 * n + 6 :], power, lost + damped, rubbed, coupled
 
     def _least(self, matrix: Vector, right: Vector) -> Vector:
         """In space constraints may repeat each other: then the smallest multipliers."""
