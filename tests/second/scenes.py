@@ -97,22 +97,25 @@ def pairs(case: Case) -> set[tuple]:
     return set(itertools.combinations(sorted(case.items()), 2))
 
 
-CHOOSY = ("mechanism", "normal", "motion", "bore", "filling", "by", "train", "mesh", "gives", "servo")
-"""The features of which some do not go together, see `possible`."""
+CHOOSY = (
+    ("mechanism", "normal", "motion", "bore", "filling", "by"),
+    ("mechanism", "motion", "train", "mesh", "gives", "servo"),
+)
+"""The features of which some do not go together, see `possible`: of those of two groups any do."""
 
 
 def crossable() -> set[tuple]:
     """The pairs of features that go together."""
     out = set()
     for one, two in itertools.combinations(FEATURES, 2):
-        if one in CHOOSY and two in CHOOSY:
-            continue
-        out |= {((one, a), (two, b)) for a in FEATURES[one] for b in FEATURES[two]}
-    out = {tuple(sorted(pair)) for pair in out}
-    for values in itertools.product(*(FEATURES[name] for name in CHOOSY)):
-        case = dict(zip(CHOOSY, values, strict=True))
-        if possible(case):
-            out |= pairs(case)
+        if not any({one, two} <= {*group} for group in CHOOSY):
+            out |= {tuple(sorted(((one, a), (two, b)))) for a in FEATURES[one] for b in FEATURES[two]}
+    usual = {name: values[0] for name, values in FEATURES.items()}
+    for group in CHOOSY:
+        for values in itertools.product(*(FEATURES[name] for name in group)):
+            case = dict(zip(group, values, strict=True))
+            if possible(usual | case):
+                out |= pairs(case)
     return out
 
 

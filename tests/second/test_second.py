@@ -1,4 +1,4 @@
-"""Thirty random scenes by the library and by the second simulator; a thousand are `make nightly`."""
+"""Thirty-six random scenes by the library and by the second simulator; a thousand are `make nightly`."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,13 +20,23 @@ CASES = {
     "worn": "pendulum, tsuji, dahl, step5, off the centre, worn, preloaded-bearing, vmap, stiffness",
     "guide": "guide, hunt-crossley, cubic, actuator servo, centre, round, none, alone, clearance",
     "sleeve": "sleeve, standard-linear-solid, tanh, step5, off the centre, round, none, jit, mass",
+    "geared": "pendulum, hunt-crossley, none, actuator servo, centre, round, none, jit, gears",
+}
+FURTHER = {
+    "geared": {
+        "train": "gear",
+        "mesh": "backlash",
+        "gives": "backlash pieces",
+        "stops": "both",
+        "servo": "link and motor",
+    }
 }
 KEYS = ("mechanism", "normal", "friction", "motion", "start", "bore", "filling", "solved", "by")
 SCENES = 6
 
 
 def case_of(name):
-    return dict(zip(KEYS, CASES[name].split(", "), strict=True)) | {"times": "uneven"}
+    return dict(zip(KEYS, CASES[name].split(", "), strict=True)) | {"times": "uneven"} | FURTHER.get(name, {})
 
 
 @pytest.mark.slow
@@ -34,7 +44,7 @@ def case_of(name):
 def test_both_simulators_agree(name, tmp_path):
     case = case_of(name)
     scenes = [scene(case, 0, k) for k in range(SCENES)]
-    found = compare(scenes, tmp_path, contacts=name == "film", derivatives=1)
+    found = compare(scenes, tmp_path, contacts=name in ("film", "geared"), derivatives=1)
     assert len(found) > 12 * SCENES  # quantities of one joint and one body
     assert found[0].ratio <= 1, found[:5]
 

@@ -41,8 +41,8 @@ def possible(case: dict) -> bool:
         return False
     if gives != "rigid" and (not moved or case["motion"] in ("actuator friction", "actuator spring")):
         return False
-    # The library names the coordinate of a joint behind a spring by how far it gives way.
-    if gives != "rigid" and train != "none" and mesh in ("ideal", "leads"):
+    # A spline begins elsewhere than its joint. Where loops close about it is the start's choice unless all is driven.
+    if case["motion"] == "spline" and (gives != "rigid" or mesh == "leads with backlash"):
         return False
     servo = case.get("servo", "own")
     if servo != "own" and case["motion"] != "actuator servo":
@@ -256,9 +256,9 @@ def _stop(tables, kind, draw, driven) -> None:
     unit, near = ("m", 2e-4) if slides else ("rad", 0.01)
     table = flank(draw.one(FLANKS), draw, *((2e5, 1e-4, 0.2) if slides else (2e4, 1e-3, 20.0)), slides)
     if kind in ("lower", "both"):
-        table["lower"] = f"{start - draw.number(0.2, 1.0) * near!r} {unit}"
+        table["lower"] = f"{float(start - draw.number(0.2, 1.0) * near)!r} {unit}"
     if kind in ("upper", "both"):
-        table["upper"] = f"{start + draw.number(0.2, 1.0) * near!r} {unit}"
+        table["upper"] = f"{float(start + draw.number(0.2, 1.0) * near)!r} {unit}"
     joint["stops"] = table
 
 
