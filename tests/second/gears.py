@@ -7,7 +7,7 @@ it; in a scene it is only by how much the link is ahead of its motor.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,11 +50,11 @@ class Flank(NamedTuple):
     factor: float
     limited: bool
 
-    def piece(self, d: Vector) -> Vector:
+    def piece(self, d: Vector) -> Any:
         """Which piece a depth is in."""
         return np.searchsorted(self.depths[1:], d, side="right")
 
-    def elastic(self, d: Vector, piece: Vector) -> Vector:
+    def elastic(self, d: Vector, piece: Any) -> Vector:
         """T_e."""
         return self.efforts[piece] + self.stiffness[piece] * (d - self.depths[piece]) + self.cubic * d**3
 
@@ -66,7 +66,7 @@ class Flank(NamedTuple):
         inside = self.efforts[p] * beyond + 0.5 * self.stiffness[p] * beyond**2 + self.cubic * d**4 / 4
         return np.where(d > 0, before[p] + inside, 0.0)
 
-    def effort(self, d: Vector, rate: Vector, piece: Vector, held: Vector) -> Vector:
+    def effort(self, d: Vector, rate: Vector, piece: Any, held: Any) -> Vector:
         """Before it is cut off at zero; `held`: where the damper is held within the spring's effort."""
         spring = self.elastic(d, piece)
         return np.where(held, 2 * spring, spring + self.damping * rate + self.factor * rate * spring)
@@ -112,7 +112,10 @@ class Gap(NamedTuple):
     springs: bool = False
     counts: bool = True
 
-    count, memories, friction, normal = 2, 0, None, Normal(lambda *_: np.zeros(2), lambda d: d)
+    count: int = 2
+    memories: int = 0
+    friction: None = None
+    normal: Normal = Normal(lambda *_: np.zeros(2), lambda d: d)
 
     @property
     def play(self) -> "Gap":
@@ -150,10 +153,10 @@ class Gap(NamedTuple):
             damper = self.flank.damping * pose[1]
             effort = -sign * float(self.flank.elastic(np.abs(depth[:1]), piece)[0]) - damper
             absorbed = damper * pose[1] if not self.counts else -effort * pose[1]
-            return Along(effort, abs(effort), absorbed, *pose, abs(pose[0]))
+            return Along(effort, abs(effort), absorbed, pose[0], pose[1], abs(pose[0]))
         code = np.maximum(presses - 1, 0)
         each = np.where(presses > 0, self.flank.effort(depth, rate, code // 2, code % 2 == 1), 0.0)
-        return Along(-float(SIDES @ each), float(each.sum()), float(each @ rate), *pose, depth.max())
+        return Along(-float(SIDES @ each), float(each.sum()), float(each @ rate), pose[0], pose[1], depth.max())
 
 
 def couplings(scene: dict) -> tuple[Coupling, ...]:

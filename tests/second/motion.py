@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import minimize_scalar
 
-from .gears import Along
+from .gears import Along, Gap
 from .model import read
 from .play import Push
 from .quantities import Vector
@@ -163,7 +163,7 @@ class Motion:
             began, ended = at.touches[i] > old.touches[i], at.touches[i] < old.touches[i]
             least = joint.play.normal.least_speed
             speeds.append(np.where(began, np.maximum(rate, least), old.speeds[i]))
-            if joint.play.friction is not None and joint.play.friction.remembers:
+            if not isinstance(joint, Gap) and joint.play.friction is not None and joint.play.friction.remembers:
                 bend = joint.play.split(memories[i])[1]
                 bend[began | ended] = 0.0
             if at.touches[i].any() and not old.touches[i].any():

@@ -6,7 +6,7 @@ All vectors are in the axes of the sleeve (of a guide: z is its direction). The 
 
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,7 +90,7 @@ class Play(NamedTuple):
         _, rate, _ = kernels.slips(*at[2:], pose.place, pose.velocity, pose.spin)
         return at.depth, rate, self.normal.force(at.depth, rate, self.split(memory)[0], speed)
 
-    def regime(self, pose: Pose, memory: Vector, speed: Vector) -> tuple[Vector, Vector]:
+    def regime(self, pose: Pose, memory: Vector, speed: Vector) -> tuple[Any, Any]:
         """Which points touch, and which of them press."""
         depth, _, force = self.depths(pose, memory, speed)
         return depth > 0, (depth > 0) & ((force > 0) | (not self.normal.clipped))

@@ -125,16 +125,16 @@ def scene(case: Case, structure: int, numbers: int = 0) -> Scene:
     t1 = 2.5e-3
     space = case["mechanism"] in spatial.SPACE
     if space:
-        tables, plays = spatial.SPACE[case["mechanism"]](draw), ["joint"]
+        tables, plays, driven = spatial.SPACE[case["mechanism"]](draw), ["joint"], "joint"
         if case["motion"] not in ("load", "spring of points"):
             _move(tables, case["motion"], draw, "joint", 1.0, t1)
     else:
         graph = mechanisms.PLANE[case["mechanism"]](draw)
-        tables, plays = mechanisms.tables(graph, draw), list(graph.playing[: graph.plays])
+        tables, plays, driven = mechanisms.tables(graph, draw), list(graph.playing[: graph.plays]), graph.driven
         if draw.one((True, False)) or case["by"] == "gravity":
             tables["gravity"] = ["0 m/s^2", "-9.81 m/s^2"]
         _move(tables, case["motion"], draw, graph.driven, graph.pace, t1)
-    trains.gear_up(tables, case, draw, "joint" if space else graph.driven, space)
+    trains.gear_up(tables, case, draw, driven, space)
     for name in plays:
         _loosen(tables["joint"][name], case, draw, space)
     if case["start"] == "off the centre" and not any("eccentricity" in table for table in tables["joint"].values()):

@@ -9,7 +9,7 @@ velocities, angular velocities (world axes), memory of the laws, places and rate
 of digital servos, integrals of drive work, absorbed work, friction loss]. Such a motor adds a velocity of its own.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -211,7 +211,7 @@ class System:
         """
         return kernels.jacobian(*at[:4], *self.rows)
 
-    def pose(self, joint: Joint | Gap, at: Now):
+    def pose(self, joint: Joint | Gap, at: Now) -> Any:
         """The relative motion in a joint, in the axes of its play; of a gap its place and rate."""
         if isinstance(joint, Gap):
             return self.place(joint.form, self.moves(at, *self.jacobian(at)))[:2]

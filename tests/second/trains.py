@@ -246,7 +246,8 @@ def _stop(tables, kind, draw, driven) -> None:
     starts = {c.name: c.start for c in every if c.drive is None and c.name not in _closing(tables)}
     if "drive" in str(tables["joint"]):
         for one in tables.get("coupling", {}).values():
-            starts.pop(one.get("follower") if "backlash" not in one else None, None)
+            if "backlash" not in one:
+                starts.pop(one["follower"], None)
     free = [name for name in starts if "drive" not in tables["joint"][name]]
     if not free:
         return
