@@ -78,13 +78,6 @@ def describe(help: str, example: str, absent: str = "", *, least: int = 0, most:
     return eqx.field(metadata=metadata, **field)
 
 
-def like(cls: type, name: str, **changes) -> Any:
-    """A field like that of another class, with changes of its metadata."""
-    given = {field.name: field for field in dataclasses.fields(cls)}[name]
-    default = changes.pop("default", given.default)
-    return dataclasses.field(default=default, metadata={**given.metadata, **changes})
-
-
 def flatten(member: str | None = None, **field):
     """A field whose name dotted names leave out; `member`: of a tuple the word before its members' names."""
     return eqx.field(metadata={"flattened": True, "member": member}, **field)
@@ -162,21 +155,15 @@ def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
 
 
 def leaves(
-    module: eqx.Module,
-    path: tuple[str, ...] = (),
-    prefix: str = "",
-    owners: tuple = (),
-    former: str | None = None,
+    module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", owners: tuple = (), former: str | None = None,
     outer: str = "",
-) -> Iterator[Leaf]:
-    """Every number of `module`, with its dotted name and path; `prefix`, `former`, `outer` (of lifted ones): the
-    beginnings of names.
-    """
+) -> Iterator[Leaf]:  # fmt: skip
+    """Every number of `module` with name and path; `prefix`, `former`, `outer` (of lifted ones): begins of names."""
     # Attribute lookup of a module is slow, its variables are not.
     owners, values = (*owners, module), vars(module)
     for field in _fields(type(module)):
-        begin = outer if field.metadata.get("lifted") else prefix
-        value, here, name = values[field.name], (*path, field.name), _extended(begin, field)
+        name = _extended(outer if field.metadata.get("lifted") else prefix, field)
+        value, here = values[field.name], (*path, field.name)
         before = None if former is None else _extended(former, field)
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
             if value is not None:

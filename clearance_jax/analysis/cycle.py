@@ -184,14 +184,14 @@ def _cycle_jvp(primals, tangents, *, effort: CycleOptions):
     tangent = jax.tree.map(lambda _: None, motion)
     if jax.tree.leaves((rates.mechanism, rates.period)):
         period = None if effort.is_free else rates.period
-        found = search._replace(period=motion.period)
+        closed = search._replace(period=motion.period)
 
         def end(mechanism, period):
-            return advance(found._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
+            return advance(closed._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
 
         at, along = (search.mechanism, motion.period), (rates.mechanism, period)
         reached, moved = eqx.filter_jvp(end, at, along)
-        moved, later = _step(found, effort, motion.y, motion.y, motion.monodromy, moved)
+        moved, later = _step(closed, effort, motion.y, motion.y, motion.monodromy, moved)
         # NaN as a factor: if `where` selected it, the derivative of that would be zero.
         known = jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
         later = later if effort.is_free or period is None else period

@@ -74,16 +74,16 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> Deflected:
         return Deflected(dataclasses.replace(mechanism, couplings=couplings), places)
 
     def once(_, at: Array) -> Array:
-        held = put(at).held().ideal()
-        y = closed(held, time)
-        state = layout(held).split(jnp.concatenate([y, jnp.zeros(layout(held).remembered)]))
-        now = balance(held, time, state)
-        named = [c.name for c in held.coordinates() if not c.motion.is_free and c.name not in _followers(held)]
-        needed = dict(zip(named, (effort for effort, _ in drive_forces(held, now)), strict=True))
-        seen = measure(held, time, state)
+        fixed = put(at).held().ideal()
+        y = closed(fixed, time)
+        state = layout(fixed).split(jnp.concatenate([y, jnp.zeros(layout(fixed).remembered)]))
+        now = balance(fixed, time, state)
+        named = [c.name for c in fixed.coordinates() if not c.motion.is_free and c.name not in _followers(fixed)]
+        needed = dict(zip(named, (effort for effort, _ in drive_forces(fixed, now)), strict=True))
+        seen = measure(fixed, time, state)
         after = [_deflection(spring, needed[name], seen[motor_of(name)]) for name, spring in springs.items()]
         if meshes:
-            exerted = dict(zip((c.name for c in held.couplings), mesh_efforts(held, time, state, now), strict=True))
+            exerted = dict(zip((c.name for c in fixed.couplings), mesh_efforts(fixed, time, state, now), strict=True))
             gaps = {gap.name: gap for gap in mechanism.gaps}
             # Teeth that load their bearings start in the middle of their gap.
             after += [_seat(gaps[name], exerted[name]) if name in gaps else 0.0 for name in meshes]
@@ -108,7 +108,7 @@ def _deflection(spring: DriveSpring, effort: Term, motor: tuple[Term, Term]) -> 
     size, half = jnp.abs(jnp.asarray(effort, float)), 0.5 * (0.0 if spring.backlash is None else spring.backlash)
     depth = spring.flank.depth(size)
     loaded = jnp.where(depth > TOUCHING * half, half + depth, 0.0)
-    place = plus(spring.rest, jnp.where(jnp.asarray(effort) > 0, -loaded, loaded))
+    place = spring.rest + jnp.where(jnp.asarray(effort) > 0, -loaded, loaded)
     return place if spring.wave is None else place + wave_of(spring.wave, *motor, 0.0).value
 
 
@@ -153,16 +153,16 @@ def released(
     """The state of a mechanism from that of the one whose drives are held at `places` (`hold_drives`). `given`: as the
     mechanism's own initial values say, apart from what is held; else at rest, with the flanks as they touch.
     """
-    held, plan, first = layout(hold_drives(mechanism, places)), layout(mechanism), initial_values(mechanism)
+    firm, plan, first = layout(hold_drives(mechanism, places)), layout(mechanism), initial_values(mechanism)
     names = (*plan.positions, *(f"{name}'" for name in plan.velocities))
     known = dict(zip(names, first, strict=True)) if given else {}
     known |= {name: jnp.asarray(place, float) for name, place in places.items()}
-    known |= {name: y[i] for i, name in enumerate((*held.positions, *(f"{name}'" for name in held.velocities)))}
+    known |= {name: y[i] for i, name in enumerate((*firm.positions, *(f"{name}'" for name in firm.velocities)))}
     moved = engage(mechanism, time, as_array([known.get(name, 0.0) for name in names]))
     memory = [jnp.zeros(len(gap.clearance.remembers)) for gap in mechanism.gaps]
     touched = jnp.concatenate([jnp.zeros(0), *memory]) if given else as_array(touching_gaps(mechanism, time, moved))
-    kept = sum(len(names) for joint, names in held.memories if joint in {j.name for j in mechanism.clearance_joints()})
-    return jnp.concatenate([moved, y[held.v.stop : held.v.stop + kept], touched])
+    kept = sum(len(names) for joint, names in firm.memories if joint in {j.name for j in mechanism.clearance_joints()})
+    return jnp.concatenate([moved, y[firm.v.stop : firm.v.stop + kept], touched])
 
 
 def drive_frequency(time: Scalar, deflected: Deflected) -> Array:

@@ -60,8 +60,13 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     mechanism = mechanism.without_sampling()
     if has_drives(mechanism):
         moved = deflect(time, mechanism)
-        y, errors = settle_start(time, moved.held())
+        y, errors = _settle(time, moved.held())
         return released(moved.mechanism, time, y, moved.places), errors
+    return _settle(time, mechanism)
+
+
+def _settle(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, StartErrors]:
+    """`settle_start` of a mechanism whose drives do not give way."""
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin, sizes = tuple(map(middle, joints)), [size_of(joint.joint.play()) for joint in joints]
     tilts = _tilts(joints, sizes)

@@ -1,15 +1,71 @@
 """Coordinates that follow others: what they follow in the end, and their motion where drives prescribe that."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.couplings import Coupling, Following, Follows, Resolved, relations
+from clearance_jax.mechanism.couplings import Coupling
+from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import gives_way, motor_of, with_motions
+from clearance_jax.spatial import Term, plus, times
+
+
+class Resolved(NamedTuple):
+    """A follower's value by coordinates that follow none: the sum of `terms` (a factor by name) and an `offset`."""
+
+    terms: dict[str, Term]
+    offset: Term
+
+
+def relations(couplings: Sequence[Coupling], springs: Mapping[str, str]) -> dict[str, Resolved]:
+    """By follower its relation; a link's angle is the sum of its motor's and its spring's (`springs`: motors of links
+    whose drive gives way).
+    """
+    by_name, out = {c.follower: c for c in couplings}, {}
+
+    def of(name: str) -> Resolved:
+        if name not in by_name:
+            return Resolved({name: 1.0} | ({springs[name]: 1.0} if name in springs else {}), 0.0)
+        if name not in out:
+            terms: dict[str, Term] = {}
+            offset: Term = by_name[name].offset
+            for leader, ratio in by_name[name].terms:
+                inner = of(leader)
+                offset = plus(offset, times(ratio, inner.offset))
+                for root, factor in inner.terms.items():
+                    terms[root] = plus(terms.get(root, 0.0), times(ratio, factor))
+            out[name] = Resolved(terms, offset)
+        return out[name]
+
+    return {name: of(name) for name in by_name}
+
+
+class Following(AbstractMotionLaw):
+    """The motion of a follower whose leaders are all driven, by the couplings' numbers (`relations`)."""
+
+    factors: tuple[Term, ...]
+    laws: tuple[AbstractMotionLaw, ...]
+    offset: Term
+
+    def __call__(self, time):
+        whole: list[Term] = [self.offset, 0.0, 0.0]
+        for factor, law in zip(self.factors, self.laws, strict=True):
+            whole = [plus(term, times(factor, now)) for term, now in zip(whole, law(time), strict=True)]
+        return whole[0], whole[1], whole[2]
+
+
+class Follows(AbstractMotionLaw):
+    """Stands for the motion of a follower whose leaders are all driven: preparing the mechanism puts `Following` in its
+    place.
+    """
+
+    def __call__(self, time):
+        raise ClearanceError("A follower's motion is known where its mechanism is prepared.")
 
 
 def relations_of(mechanism: AbstractMechanism) -> dict[str, Resolved]:

@@ -14,6 +14,7 @@ on `NAME_axis`. The ideal mechanism has no misalignment, so errors of position a
 
 import dataclasses
 from collections.abc import Iterable
+from typing import Any
 
 from jax.core import Tracer
 from jaxtyping import Array, Float
@@ -27,7 +28,13 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Fixed, Misalignment, Prismatic, Revolute
 from clearance_jax.mechanism.variants import motor_of
-from clearance_jax.parameters import Demand, Parametrised, check_demands, like, physical
+from clearance_jax.parameters import Demand, Parametrised, check_demands, physical
+
+
+def like(cls: type, name: str, **changes) -> Any:
+    """A field like that of another class, with changes of its metadata."""
+    given = {field.name: field for field in dataclasses.fields(cls)}[name]
+    return dataclasses.field(default=changes.pop("default", given.default), metadata={**given.metadata, **changes})
 
 
 class Compliance(Parametrised):

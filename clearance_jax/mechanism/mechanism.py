@@ -102,8 +102,8 @@ class Mechanism(AbstractMechanism):
     def with_drives(self, drives: Mapping[str, Any]) -> "Mechanism":
         """The same mechanism with other drives (such as `cj.drives.Trapezoid`) of the named coordinates.
 
-        A coordinate that was free is then no state any more, and loses its actuators and stops, as does one that
-        follows it by a coupling. Its limits are kept.
+        A coordinate that was free is then no state any more, and loses its actuators, as does one that follows it by a
+        coupling. Its limits are kept, and its stops for a drive that is made to give way.
 
         **Arguments:** `drives`: drives by the name of a coordinate of the tree. If a joint has one coordinate only,
         this is the name of the joint.

@@ -11,7 +11,8 @@ from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Motion, Motor, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.couplings import Coupling, Follows, check_couplings, leaders_of
+from clearance_jax.mechanism.couplings import Coupling, check_couplings, leaders_of
+from clearance_jax.mechanism.followers import Follows
 from clearance_jax.mechanism.placement import Inertia, Position
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, Fixed, Prismatic, Revolute
@@ -158,7 +159,8 @@ def _check_coupled(mechanism: AbstractMechanism) -> None:
     check_couplings(mechanism.couplings, known, driven, motors)
     followers = {coupling.follower for coupling in mechanism.firm_couplings}
     for c in every:
-        roots = leaders_of(c.name, mechanism.firm_couplings) if c.name in followers and c.motion.actuators else set()
+        acts = c.name in followers and c.motion.is_free and c.motion.actuators
+        roots = leaders_of(c.name, mechanism.firm_couplings) if acts else set()
         # A link whose drive gives way is moved by its motor too.
         firm = driven.intersection(roots | {motor_of(name) for name in roots})
         if firm:

@@ -74,9 +74,7 @@ def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw | N
     """The joint with drives for its named coordinates (`None`: free), without their actuators; limits, say, stay."""
 
     def change(c: Coordinate) -> Motion:
-        if c.name not in drives:
-            return c.motion
-        return dataclasses.replace(c.motion, drive=drives[c.name], actuators=(), stops=None)
+        return dataclasses.replace(c.motion, drive=drives[c.name], actuators=()) if c.name in drives else c.motion
 
     return with_motions(joint, change)
 
@@ -261,13 +259,13 @@ def rigid(joint: AbstractJoint, at: Mapping[str, Any], moves_friction: bool = Fa
     motor, motion = getattr(joint, "motor", None), getattr(joint, "motion", None)
     if motor is None or motion is None or not gives_way(motion):
         return joint
-    held = Constant(at.get(DRIVE.format(joint.name), 0.0)).prepare()
+    still = Constant(at.get(DRIVE.format(joint.name), 0.0)).prepare()
     rubbing = tuple(actuator for actuator in motion.actuators if isinstance(actuator, JointFriction))
     if moves_friction and motor.is_free and rubbing:
         named = tuple(dataclasses.replace(rub, name=None) for rub in rubbing)
         motor = dataclasses.replace(motor, actuators=(*motor.actuators, *named))
     changed: dict[str, Any] = {"motor": motor}
-    changed["motion"] = dataclasses.replace(motion, drive=held, actuators=(), stops=None)
+    changed["motion"] = dataclasses.replace(motion, drive=still, actuators=(), stops=None)
     return dataclasses.replace(joint, **changed)
 
 
