@@ -59,6 +59,9 @@ def gear_up(tables: dict, case: dict, draw: Draw, driven: str, space: bool) -> N
         _sees(tables["joint"][motor]["actuator"]["motor"], case["servo"], motor, draw)
     if case.get("gives", "rigid") != "rigid":
         _give(tables, case["gives"], draw, motor)
+        if "drive" in tables["joint"][motor] and "backlash" not in case.get("mesh", "ideal"):
+            # The library refuses friction and springs of what follows such a drive.
+            tables["joint"].get("wheel0", {}).pop("actuator", None)
     if case.get("stops", "none") != "none":
         _stop(tables, case["stops"], draw, driven)
 
