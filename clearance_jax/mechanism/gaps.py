@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
@@ -140,8 +141,9 @@ def _of_teeth(
     wheel, pinion = (known.get(name) for name in (coupling.follower, coupling.leader))
     if not (isinstance(wheel, Revolute) and isinstance(pinion, Revolute) and wheel.parent == pinion.parent):
         raise ClearanceError(f"{what}: both wheels must be on pins of one body.").about(coupling.name)
-    if not (wheel.is_plane and pinion.is_plane):
-        raise ClearanceError(f"{what}, which are known in the plane only.").about(coupling.name)
+    if not (wheel.is_plane and pinion.is_plane) or wheel.orientation or pinion.orientation:
+        text = f"{what}, which are known in the plane only, on pins with an `angle` and no `orientation`."
+        raise ClearanceError(text).about(coupling.name)
     assert coupling.base_radius is not None
     assert coupling.backlash is not None
     first, second = (joint.at_parent.vector[:2] for joint in (pinion, wheel))
@@ -151,6 +153,9 @@ def _of_teeth(
     radius, gap = coupling.base_radius, coupling.base_radius * coupling.backlash
     # Both base circles touch the line of action: its angle follows from the distance of the centres.
     across = radius * (1.0 - coupling.ratio) / distance
+    if not isinstance(across, Tracer) and float(across) >= 1:
+        text = f"{what}, but its base circles overlap: the centres are {float(distance):.6g} m apart. Check the radii."
+        raise ClearanceError(text).about(f"{coupling.name}.base_radius")
     along = jnp.sqrt(1.0 - across**2)
     reach = distance * coupling.ratio / (coupling.ratio - 1.0)
     at = first[0] + reach * x, first[1] + reach * y

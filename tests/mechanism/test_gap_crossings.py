@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 import clearance_jax as cj
 from clearance_jax.design.judge.budget import error_budget
-from tests.mechanism.test_gaps import hub, pendulum
+from tests.mechanism.test_gaps import hub, pendulum, toothed
 
 P = cj.Position
 
@@ -219,3 +219,16 @@ def test_a_follower_of_driven_coordinates_takes_no_stops():
     loose = cj.Coupling("mesh", "w", "pin", -0.5, backlash=1e-3, flank=cj.laws.Flank(1e3, 1.0))
     ideal = cj.Mechanism(*parts, couplings=(loose,)).ideal()
     assert [c.name for c in ideal.free_coordinates()] == []
+
+
+def test_a_settled_start_that_is_not_found_is_refused():
+    """A link that its weight turns over against a spring softer than that: no place of rest is near."""
+    arm = pendulum(1e-2, stiffness=500.0)
+    soft = cj.replace(arm, {"hub.actuator.compliance.stiffness": 3.0, "drive.hub_motor.value": 1.2})
+    with pytest.raises(RuntimeError):
+        cj.simulate(soft, 0.01, start="settled")
+
+
+def test_gears_whose_circles_overlap_are_refused():
+    with refused("mesh.base_radius"):
+        toothed(module=3.2e-3)
