@@ -108,17 +108,18 @@ class Design:
 
     def certified(self, cluster: Any = None, **options: Any) -> tuple["Design", Certificate]:
         """The design and its certificate. A design whose limits exceed their bounds in the fresh simulation by no more
-        than two solves differ is first moved inside, until they hold there too; its note then says by how much.
+        than two solves differ is first moved inside, until they hold there too; its note then says by how much. A
+        design that is judged among neighbours is moved whatever they are exceeded by.
 
         Arguments, and what it raises, as of `verify`. A design of chosen classes, or by quasi-static poses, stays.
         """
         asked = self.specification
-        fixed = self.classes is not None or asked.fidelity == QUASI_STATIC or asked.manufacture.among
+        fixed = self.classes is not None or asked.fidelity == QUASI_STATIC
         with place_of(cluster) as place:
             if fixed or not self.feasible:
                 return self, self._certificate(place, **options)
             fresh = judge_of(asked, options.get("solver"), place, options.get("progress"))
-            point, tightened = moved_inside(self.program, self.method, self.evaluation, fresh)
+            point, tightened = moved_inside(self.program, self.method, self.evaluation, fresh, asked.manufacture.among)
             parts = ", ".join(f"{name} by {part:.1e} of its bound" for name, part in tightened.items())
             moved = f"moved inside, as another solver judges: {parts}" * bool(parts)
             # A limit that was tightened still counts as active.

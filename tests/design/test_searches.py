@@ -195,6 +195,10 @@ def test_another_motion_is_no_difference_of_solves():
     design.run(program, "slsqp", np.full(2, 0.1))
     assert program.best is not None
     assert moved_inside(program, SLSQP, program.best, fresh) == (program.best, {})
+    # Among neighbours it is: by another solver they have other chaotic motions.
+    moved, tightened = moved_inside(program, SLSQP, program.best, fresh, ", largest of 8 neighbours")
+    assert fresh.at(moved.x, True).worst <= 0
+    assert_allclose(tightened["sum"], 4 * SOLVES_DIFFER, rtol=1e-3)
 
 
 @pytest.mark.slow

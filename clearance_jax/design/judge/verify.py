@@ -130,8 +130,8 @@ BISECTION = 16
 OTHER = {"tsit5": "dopri8"}
 # The tolerance of the other solver over that of the design.
 FINER = 0.1
-# Two solves differ by at most SOLVES_DIFFER of a bound: designs with larger violations are not moved inside.
-# Otherwise bounds are tightened by MORE times the violation, at most TRIES times.
+# Two solves differ by at most SOLVES_DIFFER of a bound: designs with larger violations are not moved inside, unless
+# motions are chaotic. Otherwise bounds are tightened by MORE times the violation, at most TRIES times.
 SOLVES_DIFFER, MORE, TRIES = 1e-2, 2.0, 4
 
 
@@ -152,17 +152,19 @@ def judge_of(
 
 
 def moved_inside(
-    program: Program, method: Method, point: Evaluation, fresh: Program
+    program: Program, method: Method, point: Evaluation, fresh: Program, among: str = ""
 ) -> tuple[Evaluation, dict[str, float]]:
     """The point of a method, moved inside until its limits also hold by the `fresh` program; and by limit the share of
-    its bound by which it was tightened. A violation above `SOLVES_DIFFER` is left.
+    its bound by which it was tightened. A violation above `SOLVES_DIFFER` is left, but not where a limit is judged
+    among neighbours: another solver then sees other motions of the same design, and what differs is their spread.
     """
+    differ = np.inf if among else SOLVES_DIFFER
     tightened: dict[str, float] = {}
     for _ in range(TRIES):
         judged = fresh.at(point.x, method.gradients)
         # By limit its largest violation, which comes last.
         over = {fresh.groups[k]: float(judged.limits[k]) for k in np.argsort(judged.limits) if judged.limits[k] > HELD}
-        if judged.worst > SOLVES_DIFFER or not over:
+        if judged.worst > differ or not over:
             break
         tightened |= {name: tightened.get(name, 0.0) + MORE * part for name, part in over.items()}
         inner = program
