@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from places import refused
+from scipy.optimize import brentq
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -10,6 +11,7 @@ from clearance_jax import design, metrics
 from clearance_jax.cli.main import app
 from clearance_jax.design.search import infeasible
 from clearance_jax.design.search.infeasible import why_infeasible
+from clearance_jax.units import format_quantity
 from experiments.common import SCENES
 from optimize.allocate_slider_crank import problem
 
@@ -111,6 +113,32 @@ def test_what_the_evaluated_designs_say():
     )
     falling = searched({"force": lambda c: 2.0 / c - 1}, (0.05, 0.2, 0.5))
     assert "A larger `c` helps most" in why_infeasible(asked, falling)
+
+
+@pytest.mark.parametrize("few", [0, 5])
+def test_a_drive_that_gives_way_too_far_is_named(few, monkeypatch):
+    """A held arm: the drive's elasticity alone exceeds the bound; values alone say so, and values with derivatives."""
+    monkeypatch.setattr(infeasible, "FEW", few)
+    hub = cj.Revolute("hub", "ground", "wheel", motion=cj.Motion(cj.drives.Constant(0.4)))
+    arm = cj.Mechanism(
+        bodies=(cj.Body("wheel", 4.0, 0.03, cj.Position(0.3)),),
+        joints=(hub,),
+        gravity=cj.Gravity(0.0, -9.81),
+        points=(cj.Point("tip", "wheel", cj.Position(0.6)),),
+    )
+    arm = cj.with_compliance(arm, "hub", cj.Compliance(500.0, 1.0, backlash=1e-2))
+    limit = design.Limit(metrics.Peak(metrics.PositionError("tip")), 0.01, "tip")
+    asked = design.ToleranceProblem(arm, 0.05, {"hub.backlash": (2e-3, 2e-2)}, [limit], start="settled")
+    found = asked.solve()
+    assert not found.feasible
+    assert "no backlash within its bounds holds tip" in found.stop_reason
+    # k x = m g l cos(0.4 + x) on the flank that bears the load.
+    sag = [brentq(lambda x, b=b: 500 * (x + b / 2) + 4 * 9.81 * 0.3 * np.cos(0.4 + x), -1.0, 0.0) for b in (2e-3, 0.0)]
+    loose, bare = (format_quantity(1.2 * np.sin(-x / 2), "m", 3) for x in sag)
+    assert f"At the least it is {loose} of at most 10 mm; by quasi-static poses {loose}" in found.stop_reason
+    assert f"and {bare} without any backlash, by the elasticity of the drives alone" in found.stop_reason
+    assert "Drive `hub` contributes most" in found.stop_reason
+    assert "a stiffer drive there helps, or a looser bound." in found.stop_reason
 
 
 STUDY = f"""

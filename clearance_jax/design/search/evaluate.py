@@ -118,9 +118,9 @@ class Simulations:
         if self._plain:
             # Numbers of wear do not belong to the mechanism, and do not affect metrics of one motion.
             given = without_wear(self.mechanism, self.metrics, scenario.values)
-            question = self._question(gradient)
             made = dict(zip(self.names, x * scenario.factors, strict=True))
-            answered = answer(question.at(given) if given else question, made)
+            # Numbers inside the question: `together` has the same program.
+            answered = answer(self._question(gradient).at({**given, **made}))
             values, slopes = self._in_order(answered.values), self._in_order(answered.slopes)
         for i in self._aged:
             value, slope = self._worn_values(i, x, scenario, self.names if gradient else ())

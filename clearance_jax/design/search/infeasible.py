@@ -1,7 +1,8 @@
 """Explanations of why no design holds every limit, before and after a search, and what would help."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from clearance_jax.design.asked.formulation import formulate, unposed
 from clearance_jax.design.asked.specification import Limit, Scenario, Specification, scenarios_of
 from clearance_jax.design.judge.budget import CLOSED, RIGID
-from clearance_jax.design.search.evaluate import Simulations, simulations_of
+from clearance_jax.design.search.evaluate import FEW, simulations_of
 from clearance_jax.design.search.program import SLACK, Evaluation, Program
 from clearance_jax.dynamics.closures import mobility
 from clearance_jax.errors import ClearanceError
@@ -20,9 +21,13 @@ from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC
 from clearance_jax.solve.simulate import simulate
 from clearance_jax.units import format_quantity
 
-CLEARANCE = "_clearance"
+CLEARANCE, BACKLASH = "_clearance", ".backlash"
 # Suffixes of the numbers that the stiffness of a contact is proportional to.
 STIFFNESS = (".stiffness", "_modulus")
+# A factor on clearances that shows whether a limit falls as they grow.
+LARGER = 1.1
+# What helps in a bearing.
+BEARING = "longer sleeve, a larger pin, a stiffer contact or a preload"
 
 # Signals that are about as large in the ideal mechanism as with play, or smaller.
 CARRIED = (ContactForce, JointReaction, JointMoment, Acceleration)
@@ -35,11 +40,16 @@ def unreachable(specification: Specification, program: Program, start: np.ndarra
     quasi-static poses first, if the program has them, else by the dynamics if the `start` violates a limit. A limit
     that they violate, and that grows with the clearances, is then compared with the ideal mechanism (`floor_words`).
     """
-    if not all(name.endswith(CLEARANCE) for name in specification.variables):
+    if not _are_gaps(specification):
         return ""
     asked = specification, program
     reason = _by_poses(*asked) if program.cheap is not None else _by_dynamics(*asked, start, gradient)
     return f"stopped before the search: {reason}" if reason else ""
+
+
+def _are_gaps(specification: Specification) -> bool:
+    """Whether all variables are clearances or backlash."""
+    return all(name.endswith((CLEARANCE, BACKLASH)) for name in specification.variables)
 
 
 def _by_poses(specification: Specification, program: Program) -> str:
@@ -47,28 +57,32 @@ def _by_poses(specification: Specification, program: Program) -> str:
     posed = program.cheap.at(program.lower, True)
     if not 0 < posed.worst < np.inf:
         return ""
-    solved = program.at(program.lower, True)
+    solved = program.at(program.lower)  # values alone are compiled sooner
     k = int(np.argmax(solved.limits))
-    if not 0 < solved.worst < np.inf or _falls(program, posed, k):
+    if not 0 < solved.worst < np.inf or _falls(program, program.cheap, posed, k):
         return ""
     return unreachable_words(specification, program, posed, solved, k)
 
 
-def _falls(program: Program, posed: Evaluation, k: int) -> bool:
+def _falls(program: Program, cheap: Program, posed: Evaluation, k: int) -> bool:
     """Whether limit `k` falls as all clearances grow by the same factor, by quasi-static poses."""
-    assert posed.jacobian is not None
-    return bool(posed.jacobian[int(program.leaders[k])] @ posed.x < 0)
-
-
-def _posed(specification: Specification, program: Program) -> Evaluation:
-    """The smallest clearances by quasi-static poses."""
-    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
-    return cheap.at(program.lower, True)
+    leader = int(program.leaders[k])
+    if posed.jacobian is not None:
+        return bool(posed.jacobian[leader] @ posed.x < 0)
+    return bool(cheap.at(LARGER * posed.x).limits[leader] < posed.limits[leader])
 
 
 def _by_dynamics(specification: Specification, program: Program, start: np.ndarray, gradient: bool) -> str:
     if specification.manufacture.title or any(limit.ages for limit in specification.limits):
         return ""
+    if gradient and len(program.names) > FEW:
+        # Values alone are compiled sooner, and a search of so many variables needs them as well.
+        solved = program.at(program.lower)
+        if solved.worst <= 0:
+            return ""
+        why = floor_words(specification, program, solved, int(solved.limits.argmax())) if solved.worst < np.inf else ""
+        if why:
+            return why
     begin = program.at(start, gradient)
     if not 0 < begin.worst < np.inf:
         return ""
@@ -87,8 +101,10 @@ def floor_words(specification: Specification, program: Program, solved: Evaluati
         return carried_words(specification, program, solved, k)
     if not getattr(limit.signal, "needs_ideal", False) or unposed(specification.nominal()):
         return ""
-    posed = _posed(specification, program)
-    if not 0 < posed.limits[int(program.leaders[k])] < np.inf or _falls(program, posed, k):
+    # Where poses do not lead the search, their values alone are compiled sooner.
+    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
+    posed = cheap.at(program.lower, program.cheap is not None)
+    if not 0 < posed.limits[int(program.leaders[k])] < np.inf or _falls(program, cheap, posed, k):
         return ""
     return unreachable_words(specification, program, posed, solved, k)
 
@@ -138,7 +154,10 @@ def unreachable_words(
 ) -> str:
     """Sentences on limit `k` at the smallest clearances, by poses and by the model that judges, and what would help."""
     label, leader = program.limit_names[k], int(program.leaders[k])
-    text = f"no clearances within their bounds hold {label}. At the smallest ones it is "
+    drives = all(name.endswith(BACKLASH) for name in specification.variables)
+    gaps, springs = ("backlash", "drives") if drives else ("clearance", "contacts")
+    text = f"no {gaps} within its bounds holds {label}. At the least it is " if drives else ""
+    text = text or f"no clearances within their bounds hold {label}. At the smallest ones it is "
     if specification.manufacture.title:
         return text + f"{1 + solved.limits[k]:.4g} times its bound (by poses {1 + posed.limits[leader]:.4g} times)."
     limit = limit_of(specification, program, k)
@@ -147,12 +166,14 @@ def unreachable_words(
     simulations = simulations_of(specification.judged_by(QUASI_STATIC))
     scenarios, count = scenarios_of(specification), sum(simulations.sizes())
     scenario, row, x = scenarios[leader // count], leader % count, specification.values(posed.x)
-    bare = float(simulations.limits(CLOSED * x, scenario, True)[0][row])
+    gradient = posed.jacobian is not None
+    bare = float(simulations.limits(CLOSED * x, scenario, gradient)[0][row])
     text += f"{_value(limit, 1 + solved.limits[k])} of at most {_value(limit, 1.0)}; by quasi-static poses "
     text += _value(limit, 1 + posed.limits[leader])
     if np.isfinite(bare):
-        text += f", and {_value(limit, 1 + bare)} without any clearance, by the elasticity of the contacts alone"
-    return text + ". " + _help(specification, limit, simulations, scenario, row, bare)
+        text += f", and {_value(limit, 1 + bare)} without any {gaps}, by the elasticity of the {springs} alone"
+    judge = partial(simulations.limits, gradient=gradient)
+    return text + ". " + _help(specification, limit, judge, scenario, row, bare)
 
 
 def _value(limit: Limit, share: float) -> str:
@@ -161,28 +182,27 @@ def _value(limit: Limit, share: float) -> str:
 
 
 def _help(
-    specification: Specification, limit: Limit, simulations: Simulations, scenario: Scenario, row: int, bare: float
+    specification: Specification, limit: Limit, judge: Callable, scenario: Scenario, row: int, bare: float
 ) -> str:
-    """A sentence on the joint that contributes most, and on what would help."""
+    """A sentence on the joint that contributes most, and on what would help; `judge` poses clearances in a scenario."""
     x = np.array([low for low, _ in specification.variables.values()])
-    values, slopes = simulations.limits(x, scenario, True)
-    assert slopes is not None
-    play: dict[str, float] = {}
-    for name, part in zip(specification.variables, slopes[row] * x, strict=True):
-        joint = name.rpartition(".")[0]
-        play[joint] = play.get(joint, 0.0) + float(part)
-    elastic, known = {}, parameters(specification.mechanism)
-    for joint in play:
-        # What the limit loses where contacts are nearly rigid.
+    joints = np.array([name.rpartition(".")[0] for name in specification.variables])
+    play, elastic, known = {}, {}, parameters(specification.mechanism)
+    value = judge(x, scenario)[0][row]
+    for joint in dict.fromkeys(joints):
+        # What the limit loses without play, and where contacts are nearly rigid.
+        closed = judge(np.where(joints == joint, CLOSED * x, x), scenario)[0][row]
+        play[joint] = float(np.nan_to_num(value - closed))
         names = [n for n in known if n.startswith(f"{joint}.") and n.endswith(STIFFNESS)]
         rigid = {**scenario.values, **{n: RIGID * specification.worth(n) for n in names}}
-        stiffer = simulations.limits(x, scenario._replace(values=rigid), True)[0]
-        elastic[joint] = float(np.nan_to_num(values[row] - stiffer[row]))
+        elastic[joint] = float(np.nan_to_num(value - judge(x, scenario._replace(values=rigid))[0][row]))
     most = max(play, key=lambda joint: play[joint] + elastic[joint])
+    what, helps, gaps = "Joint", BEARING, "clearances"
+    if f"{most}{BACKLASH}" in specification.variables:
+        what, helps, gaps = "Drive", "stiffer drive", "backlash"
     return (
-        f"Joint `{most}` contributes most ({_value(limit, elastic[most])} by elasticity, {_value(limit, play[most])} "
-        "by play): a longer sleeve, a larger pin, a stiffer contact or a preload there helps, or a looser bound"
-        f"{'.' if bare > 0 else ', or smaller least clearances.'}"
+        f"{what} `{most}` contributes most ({_value(limit, elastic[most])} by elasticity, {_value(limit, play[most])} "
+        f"by play): a {helps} there helps, or a looser bound{'.' if bare > 0 else f', or smaller least {gaps}.'}"
     )
 
 
@@ -234,8 +254,8 @@ def _ending(specification: Specification, mechanism: Mechanism) -> str:
 def _at_smallest(specification: Specification, program: Program, title: str) -> str:
     """What the ideal mechanism or quasi-static poses say of a limit at the smallest clearances, in words; or empty."""
     signal = next((limit.signal for limit in specification.limits if limit.title == title), None)
-    manufacture, names = specification.manufacture, specification.variables
-    if manufacture.title or not all(name.endswith(CLEARANCE) for name in names):
+    manufacture = specification.manufacture
+    if manufacture.title or not _are_gaps(specification):
         return ""
     rows = np.flatnonzero(np.array(program.groups) == title)
     if isinstance(signal, CARRIED):
@@ -245,7 +265,8 @@ def _at_smallest(specification: Specification, program: Program, title: str) -> 
         return ""
     if manufacture.among or unposed(specification.nominal()):
         return ""
-    posed, solved = _posed(specification, program), program.at(program.lower, True)
+    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
+    posed, solved = cheap.at(program.lower, program.cheap is not None), program.at(program.lower, True)
     k = int(rows[np.argmax(solved.limits[rows])])
     if not np.isfinite(solved.worst) or solved.limits[k] <= SLACK:
         return ""
