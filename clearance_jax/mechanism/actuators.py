@@ -97,12 +97,20 @@ class AbstractActuator(Module):
         """The coordinates the sum of whose rates it measures; by default those of `measures`."""
         return self.measures()
 
+    def integral_gain(self) -> Scalar | None:
+        """The factor of the integral of its `error` since the start of the solve, in its force; `None`: there is none."""
+        return None
+
+    def error(self, time: Scalar, position: Scalar) -> Scalar:
+        """What it integrates if it has an `integral_gain`, by the position that it measures."""
+        raise NotImplementedError(f"{type(self).__name__} integrates nothing.")
+
     def sampling_period(self) -> float | None:
         """The period [s] at whose multiples it measures, holding its force in between; `None`: it acts continuously."""
         return None
 
     def without_sampling(self) -> "AbstractActuator":
-        """The same without sampling."""
+        """The same without sampling, and without its integral: as it acts where a solve starts."""
         return self
 
 
@@ -116,7 +124,7 @@ class ConstantEffort(AbstractActuator):
 
 
 class Servo(AbstractActuator):
-    """A linear position servo (PD control): k (target - q) + b (target' - q').
+    """A linear position servo (PD or PID control): k (target - q) + b (target' - q') + Ki * integral of (target - q) dt.
 
     **Arguments:**
 
@@ -127,6 +135,8 @@ class Servo(AbstractActuator):
     - `rate_encoder`: names of the coordinates the sum of whose rates is q'; by default those of `encoder`. A servo that
       sees the link's place and the motor's speed is stable behind a spring or a gap where one that sees the link alone
       is not.
+    - `integral` Ki [N m/(rad s)], of a slide [N/(m s)]. The integral is a state of the motion. It is 0 where a solve
+      starts, also in a settled start; it goes on where a solve goes on from the state of another one (`y0`).
     - `period` [s]: of a digital servo. It measures at whole multiples of the period, and holds its force between them
       (zero-order hold). The period is a fixed number of the program: you cannot differentiate by it.
     """
@@ -137,13 +147,26 @@ class Servo(AbstractActuator):
     encoder: tuple[str, ...] = names_key("coordinates whose sum it measures", "its own")
     period: float | None = period_key()
     rate_encoder: tuple[str, ...] = names_key("coordinates the sum of whose rates it measures", "those of `encoder`")
+    integral: Scalar | None = physical(
+        "effort/(coordinate*s)", "gain Ki of the position error's integral", '"500 N*m/(rad*s)"', "no integral action",
+        least=0.0, default=None,
+    )  # fmt: skip
 
     def __check_init__(self):
         check_period(self.period, "A servo")
+        if self.period is not None and self.integral is not None:
+            text = "A digital servo (`period`) has no `integral`: it would be a sum over its samples. Leave one out."
+            raise ClearanceError(text).about("integral")
 
     def __call__(self, time, position, velocity):
         goal, goal_rate, _ = self.target(time)
         return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
+
+    def integral_gain(self):
+        return self.integral
+
+    def error(self, time, position):
+        return self.target(time)[0] - position
 
     def prepare(self):
         return dataclasses.replace(self, target=self.target.prepare())
@@ -161,7 +184,7 @@ class Servo(AbstractActuator):
         return self.period
 
     def without_sampling(self):
-        return dataclasses.replace(self, period=None)
+        return dataclasses.replace(self, period=None, integral=None)
 
 
 class JointSpring(AbstractActuator):

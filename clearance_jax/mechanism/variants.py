@@ -89,7 +89,7 @@ def without_actuators(joint: AbstractJoint, names: Collection[str]) -> AbstractJ
 
 
 def without_sampling(joint: AbstractJoint) -> AbstractJoint:
-    """The joint whose sampled actuators act continuously."""
+    """The joint whose sampled actuators act continuously, and whose servos have no integrals."""
 
     def change(c: Coordinate) -> Motion:
         return dataclasses.replace(c.motion, actuators=tuple(a.without_sampling() for a in c.motion.actuators))
