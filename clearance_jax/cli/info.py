@@ -114,7 +114,8 @@ def _gap_words(gap) -> str:
     size = _angle if gap.turns else lambda width: format_quantity(width, "m")
     ends = {"both": (offset - half, offset + half)}.get(sides, (offset,))
     if gap.what == "elasticity":
-        return f"transmission error of at most {size(float(gap.wave.error))}, {type(gap.clearance.normal).__name__}"
+        wave = "" if gap.wave is None else f"transmission error of at most {size(float(gap.wave.error))}, "
+        return f"{wave}{type(gap.clearance.normal).__name__}"
     words = f"backlash {size(2 * half)}" if gap.is_play else f"stops at {' and '.join(map(size, ends))}"
     law = gap.clearance.normal
     return f"{words}, {type(law).__name__} (class {law.smoothness})"

@@ -17,7 +17,7 @@ from clearance_jax.joints.gap import Pressing, Rub
 from clearance_jax.laws import AbstractFrictionLaw, TanhCoulomb
 from clearance_jax.laws.normal.flank import Flank
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
-from clearance_jax.parameters import describe, flatten, physical
+from clearance_jax.parameters import Demand, Parametrised, describe, flatten, physical
 from clearance_jax.spatial import Term
 
 __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"]
@@ -98,7 +98,7 @@ class AbstractActuator(Module):
         return self.measures()
 
     def integral_gain(self) -> Scalar | None:
-        """The factor of the integral of its `error` since the start of the solve, in its force; `None`: there is none."""
+        """The factor in its force of the integral of its `error` since the solve started; `None`: there is none."""
         return None
 
     def error(self, time: Scalar, position: Scalar) -> Scalar:
@@ -124,7 +124,8 @@ class ConstantEffort(AbstractActuator):
 
 
 class Servo(AbstractActuator):
-    """A linear position servo (PD or PID control): k (target - q) + b (target' - q') + Ki * integral of (target - q) dt.
+    """A linear position servo (PD control): k (target - q) + b (target' - q'), with `integral` (PID control) also Ki
+    times the integral of (target - q) over time.
 
     **Arguments:**
 
@@ -215,13 +216,33 @@ class Wave(Module):
     error_phase: Scalar = physical("rad", "its phase where the motor is at 0", '"90 deg"', default=0.0)
 
 
+class DriveLoss(Parametrised):
+    """Friction of a drive's gear under its load: (1 - eta) |T| tanh(w / w_t) against the motor, of the effort T that it
+    passes on and the motor's speed w.
+
+    **Arguments:** `efficiency` eta; `efficiency_speed` w_t [rad/s], of a slide [m/s]; all as seen from the link.
+    """
+
+    efficiency: Scalar = physical("", "efficiency eta of its gear", "0.85", "no loss", above=0.0)
+    efficiency_speed: Scalar = physical(
+        "coordinate/s", "speed of the motor at which the loss turns round", '"0.01 rad/s"', above=0.0, default=0.01
+    )
+
+    def demands(self):
+        yield Demand("efficiency", self.efficiency <= 1, lambda: "must be at most 1")
+
+    def effort(self, passed: Scalar, speed: Scalar) -> Scalar:
+        """The friction on the motor, against its `speed`, for an effort that is `passed` on."""
+        return (1.0 - self.efficiency) * jnp.abs(passed) * jnp.tanh(speed / self.efficiency_speed)
+
+
 class DriveSpring(AbstractActuator):
     """The spring and damper of a drive: -T_e(q - q0) - c q', with the effort and the damping of its `flank`. A settled
     start is deflected by the load that it bears.
 
     With `backlash`, the width of the whole gap [rad], of a slide [m], it does not act as an actuator: its flanks are a
-    contact (`mechanism.gaps`); so is a spring with a `wave`. Energy balances count that as a contact's, and not as an
-    actuator's work.
+    contact (`mechanism.gaps`); so is a spring with a `wave` or a `loss`. Energy balances count that as a contact's, and
+    not as an actuator's work.
     """
 
     flank: Flank = flatten()
@@ -230,6 +251,7 @@ class DriveSpring(AbstractActuator):
     )
     rest: Scalar = physical("coordinate", "coordinate q0 at which the spring is relaxed", '"10 deg"', default=0.0)
     wave: "Wave | None" = flatten(default=None)
+    loss: DriveLoss | None = flatten(default=None)
 
     def __call__(self, time, position, velocity):
         return -self.flank.curve.effort(position - self.rest) - self.flank.damping * velocity
