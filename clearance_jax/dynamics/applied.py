@@ -17,7 +17,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import Acting, State, effort_sources, layout, parts
 from clearance_jax.mechanism.tree.compounds import Ball
 from clearance_jax.mechanism.unfolded import fold, unfold
-from clearance_jax.spatial import ZERO, Term, dot, minus, plus, scale, times, total
+from clearance_jax.spatial import ZERO, Term, dot, minus, plus, scale, total
 
 Measured = dict[str, tuple[Term, Term]]
 """Position and velocity by coordinate, balls aside."""
@@ -58,8 +58,8 @@ def exert_each(mechanism: PreparedMechanism, time: Scalar, state: State) -> list
     seen = measure(mechanism, time, state)
     for source in every:
         now = command(source, time, seen) if source.period is None else state.memory[source.name]
-        if source.integral_gain is not None:
-            now = [plus(now[0], times(source.integral_gain, state.memory[source.name][0]))]
+        if isinstance(source.part, AbstractActuator) and source.part.integrates:
+            now = [plus(now[0], source.part.from_integral(state.memory[source.name][0]))]
         for name, effort in zip(source.coordinates, now, strict=True):
             efforts[places[name]] = plus(efforts[places[name]], effort)
     return efforts
@@ -67,13 +67,13 @@ def exert_each(mechanism: PreparedMechanism, time: Scalar, state: State) -> list
 
 def integral_rates(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
     """The rates of the integrals of servos: the errors that they see."""
-    every = [source for source in effort_sources(mechanism) if source.integral_gain is not None]
-    seen = measure(mechanism, time, state) if every else {}
-    return [
-        source.part.error(time, jnp.asarray(_read(source.part.measures() or source.coordinates, seen)[0], float))
-        for source in every
-        if isinstance(source.part, AbstractActuator)
-    ]
+    every = [source for source in effort_sources(mechanism) if source.integrates]
+    seen, out = measure(mechanism, time, state) if every else {}, []
+    for source in every:
+        assert isinstance(source.part, AbstractActuator)
+        position, _ = _read(source.part.measures() or source.coordinates, seen)
+        out.append(source.part.error(time, jnp.asarray(position, float)))
+    return out
 
 
 def renew(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:

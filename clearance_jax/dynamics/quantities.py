@@ -308,7 +308,7 @@ def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, QuantityEntry]]
             yield f"{joint}.{name}", QuantityEntry("state", (), "", plan.index(joint, name))
     kinds = {c.name: "N m" if c.slides is None else "N" for c in mechanism.moved_coordinates()}
     for source in effort_sources(mechanism):
-        if source.integral_gain is not None:
+        if source.integrates:
             unit = "rad s" if kinds[source.coordinates[0]] == "N m" else "m s"
             yield f"{source.name}.integral", QuantityEntry("state", (), unit, plan.index(source.name, "integral"))
     for holder, names in plan.efforts:

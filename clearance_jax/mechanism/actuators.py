@@ -62,6 +62,10 @@ def is_instant(period: float, time: Scalar) -> Flag:
     return jnp.abs(time - period * jnp.round(time / period)) <= _HAIR * jnp.abs(time)
 
 
+# The speed [rad/s or m/s] at which friction turns round by default: slow against that of most joints.
+SLOW = 0.01
+
+
 class AbstractActuator(Module):
     """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide."""
 
@@ -97,12 +101,17 @@ class AbstractActuator(Module):
         """The coordinates the sum of whose rates it measures; by default those of `measures`."""
         return self.measures()
 
-    def integral_gain(self) -> Scalar | None:
-        """The factor in its force of the integral of its `error` since the solve started; `None`: there is none."""
-        return None
+    @property
+    def integrates(self) -> bool:
+        """Whether the integral of its `error` over time, since the solve started, adds to its force."""
+        return False
 
     def error(self, time: Scalar, position: Scalar) -> Scalar:
-        """What it integrates if it has an `integral_gain`, by the position that it measures."""
+        """What it integrates, by the position that it measures."""
+        raise NotImplementedError(f"{type(self).__name__} integrates nothing.")
+
+    def from_integral(self, integral: Scalar) -> Scalar:
+        """The part of its force [N] or torque [N m] that comes from the integral."""
         raise NotImplementedError(f"{type(self).__name__} integrates nothing.")
 
     def sampling_period(self) -> float | None:
@@ -163,11 +172,16 @@ class Servo(AbstractActuator):
         goal, goal_rate, _ = self.target(time)
         return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
 
-    def integral_gain(self):
-        return self.integral
+    @property
+    def integrates(self):
+        return self.integral is not None
 
     def error(self, time, position):
         return self.target(time)[0] - position
+
+    def from_integral(self, integral):
+        assert self.integral is not None
+        return self.integral * integral
 
     def prepare(self):
         return dataclasses.replace(self, target=self.target.prepare())
@@ -225,7 +239,7 @@ class DriveLoss(Parametrised):
 
     efficiency: Scalar = physical("", "efficiency eta of its gear", "0.85", "no loss", above=0.0)
     efficiency_speed: Scalar = physical(
-        "coordinate/s", "speed of the motor at which the loss turns round", '"0.01 rad/s"', above=0.0, default=0.01
+        "coordinate/s", "speed of the motor at which the loss turns round", '"0.01 rad/s"', above=0.0, default=SLOW
     )
 
     def demands(self):
@@ -281,7 +295,7 @@ class JointFriction(AbstractActuator):
 
     effort: Scalar = physical("effort", "friction f", '"2 N*m"', least=0.0)
     transition_speed: Scalar = physical(
-        "coordinate/s", "speed v at which it turns round", '"0.01 rad/s"', above=0.0, default=0.01
+        "coordinate/s", "speed v at which it turns round", '"0.01 rad/s"', above=0.0, default=SLOW
     )
     law: AbstractFrictionLaw | None = None
 

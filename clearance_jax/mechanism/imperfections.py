@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws import AbstractNormalLaw, Flank
-from clearance_jax.mechanism.actuators import DriveLoss, DriveSpring, JointFriction, Wave
+from clearance_jax.mechanism.actuators import SLOW, DriveLoss, DriveSpring, JointFriction, Wave
 from clearance_jax.mechanism.body import Body, Motion, Motor, Stops
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
@@ -85,6 +85,10 @@ class Compliance(Parametrised):
             raise ClearanceError("A transmission error needs `error` and `error_order`, or neither.").about("error")
         if self.error is None and not isinstance(self.error_phase, Tracer) and float(self.error_phase) != 0:
             raise ClearanceError("`error_phase` has no effect without `error`. Leave it out.").about("error_phase")
+        speed = self.efficiency_speed
+        if self.efficiency is None and not isinstance(speed, Tracer) and float(speed) != SLOW:
+            text = "`efficiency_speed` has no effect without `efficiency`. Leave it out."
+            raise ClearanceError(text).about("efficiency_speed")
 
     def demands(self):
         yield from self.flank.demands()

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._basis.types import Rows, Scalar
+from clearance_jax._basis.types import Rows
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.body import Motion
@@ -42,9 +42,9 @@ class Acting(NamedTuple):
         return self.part.sampling_period() if isinstance(self.part, AbstractActuator) else self.part.period
 
     @property
-    def integral_gain(self) -> Scalar | None:
-        """The factor of an integral in its effort; `None`: there is none."""
-        return self.part.integral_gain() if isinstance(self.part, AbstractActuator) else None
+    def integrates(self) -> bool:
+        """Whether it is an actuator that integrates its error."""
+        return isinstance(self.part, AbstractActuator) and self.part.integrates
 
 
 def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
@@ -143,7 +143,7 @@ def layout(mechanism: AbstractMechanism) -> Layout:
     positions = tuple(name for c in free for name in c.positions)
     every = effort_sources(mechanism)
     efforts = tuple((s.name, s.coordinates) for s in every if s.period is not None)
-    integrals = tuple((s.name, ("integral",)) for s in every if s.integral_gain is not None)
+    integrals = tuple((s.name, ("integral",)) for s in every if s.integrates)
     return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts, integrals)
 
 

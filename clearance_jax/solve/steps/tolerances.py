@@ -182,7 +182,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
         adapt += [0.0 if c is None else 1.0] * len(coordinate.positions)
     memory = [scale for joint in joints for scale in joint.clearance.memory_scale()]
     turning = {c.name: c.slides is None for c in mechanism.moved_coordinates()}
-    integrating = [s.coordinates[0] for s in effort_sources(mechanism) if s.integral_gain is not None]
+    integrating = [s.coordinates[0] for s in effort_sources(mechanism) if s.integrates]
     memory += [(1.0 if turning[name] else size.length) / size.spin for name in integrating]
     memory += [jnp.asarray(jnp.inf)] * layout(mechanism).held  # which a step does not change
     unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
