@@ -73,13 +73,15 @@ def test_an_integral_is_beside_memory_and_held_efforts():
         "y": (cj.actuators.JointFriction(0.5, law=law), cj.actuators.ConstantEffort(2.0)),
         "z": (cj.actuators.Servo(goal, GAIN, RATE_GAIN, period=PERIOD),),
     }
-    bodies = [cj.Body(name, MOTOR) for name in servos]
-    joints = [cj.Prismatic(name, "ground", name, motion=cj.Motion(actuators=acts)) for name, acts in servos.items()]
+    bodies = [cj.Body(f"{name}_cart", MOTOR) for name in servos]
+    joints = [
+        cj.Prismatic(name, "ground", f"{name}_cart", motion=cj.Motion(actuators=acts)) for name, acts in servos.items()
+    ]
     every = cj.simulate(cj.Mechanism(tuple(bodies), tuple(joints)), 0.1, rtol=1e-10)
     for body, joint in zip(bodies, joints, strict=True):
         alone = cj.simulate(cj.Mechanism((body,), (joint,)), 0.1, rtol=1e-10)
-        more = ["x.actuator0.integral"] if body.name == "x" else []
-        for name in (f"{body.name}.position", f"{body.name}.velocity", *more):
+        more = ["x.actuator0.integral"] if joint.name == "x" else []
+        for name in (f"{joint.name}.position", f"{joint.name}.velocity", *more):
             np.testing.assert_allclose(every[name], alone[name], rtol=1e-9)
 
 
