@@ -237,7 +237,7 @@ class DriveLoss(Parametrised):
     **Arguments:** `efficiency` eta; `efficiency_speed` w_t [rad/s], of a slide [m/s]; all as seen from the link.
     """
 
-    efficiency: Scalar = physical("", "efficiency eta of its gear", "0.85", "no loss", above=0.0)
+    efficiency: Scalar = physical("", "efficiency eta of its gear, at most 1", "0.85", "no loss", above=0.0)
     efficiency_speed: Scalar = physical(
         "coordinate/s", "speed of the motor at which the loss turns round", '"0.01 rad/s"', above=0.0, default=SLOW
     )
