@@ -317,11 +317,11 @@ def test_the_loss_of_a_gear_under_an_actuated_motor(backlash):
 
 
 def test_efficiencies_that_cannot_be():
-    with pytest.raises(cj.ClearanceError, match=r"`hub.efficiency` must be at most 1, but it is 1.2\."):
+    with refused("hub.efficiency"):
         lifted(1.0, efficiency=1.2)
     with refused("hub.actuator.compliance.efficiency", 0.0):
         cj.simulate(lifted(1.0, efficiency=0.0), 0.1)
-    with pytest.raises(cj.ClearanceError, match="`efficiency_speed` has no effect without `efficiency`"):
+    with refused("efficiency_speed"):
         cj.Compliance(5e4, efficiency_speed=0.1)
     made = cj.Reducer(ratio=50, stiffness=5e4, efficiency=0.8).compliance(20.0, friction_speed=0.02)
     assert (float(made.efficiency), float(made.efficiency_speed)) == (0.8, 0.02)  # pyright: ignore[reportArgumentType]
