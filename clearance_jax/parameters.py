@@ -331,7 +331,8 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
             continue
         given = quote(np.asarray(getattr(part, demand.name)).tolist())
         unit = next(field.metadata["unit"] for field in dataclasses.fields(part) if field.name == demand.name)
-        raise ClearanceError(f"`{begin}{demand.name}` {demand.words()}, but it is {given} {unit}.")
+        text = f"`{begin}{demand.name}` {demand.words()}, but it is {f'{given} {unit}'.rstrip()}."
+        raise ClearanceError(text).about(f"{begin}{demand.name}")
 
 
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str, given: Any = None) -> None:

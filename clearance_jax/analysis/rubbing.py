@@ -144,7 +144,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
     def of_step(t0: Scalar, t1: Scalar, y0: Array, y1: Array):
         h = t1 - t0
         begin = slope(t0, y0, ready)
-        if plan.remembered:
+        if plan.is_latched:
             y0 = latch(t0, y0, begin, ready)
             begin = slope(t0, y0, ready)
         # At the end itself a drive may have jumped already.

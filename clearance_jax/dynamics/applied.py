@@ -58,9 +58,22 @@ def exert_each(mechanism: PreparedMechanism, time: Scalar, state: State) -> list
     seen = measure(mechanism, time, state)
     for source in every:
         now = command(source, time, seen) if source.period is None else state.memory[source.name]
+        if isinstance(source.part, AbstractActuator) and source.part.integrates:
+            now = [plus(now[0], source.part.from_integral(state.memory[source.name][0]))]
         for name, effort in zip(source.coordinates, now, strict=True):
             efforts[places[name]] = plus(efforts[places[name]], effort)
     return efforts
+
+
+def integral_rates(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
+    """The rates of the integrals of servos: the errors that they see."""
+    every = [source for source in effort_sources(mechanism) if source.integrates]
+    seen, out = measure(mechanism, time, state) if every else {}, []
+    for source in every:
+        assert isinstance(source.part, AbstractActuator)
+        position, _ = _read(source.part.measures() or source.coordinates, seen)
+        out.append(source.part.error(time, jnp.asarray(position, float)))
+    return out
 
 
 def renew(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Rows, Scalar
 from clearance_jax._compile.solo import whole
-from clearance_jax.dynamics.applied import exert_each, load_power
+from clearance_jax.dynamics.applied import exert_each, integral_rates, load_power
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.forms.coupled import CoupledFrames
 from clearance_jax.dynamics.forms.frames import Frames, rotors
@@ -248,7 +248,7 @@ def rate(
     state = layout(mechanism).split(y)
     now = balance(mechanism, time, state)
     memory = [rate for action in now.actions.values() for rate in action.memory_rate]
-    memory += [jnp.zeros(())] * layout(mechanism).held
+    memory += [*integral_rates(mechanism, time, state), *[jnp.zeros(())] * layout(mechanism).held]
     rates = (*position_rates(mechanism, state.q, state.v), *(jnp.asarray(a, float) for a in now.acceleration), *memory)
     if not energy_balance:
         return rates

@@ -90,21 +90,44 @@ def gap_actions(mechanism: PreparedMechanism, time: Scalar, state: State) -> dic
     acting = [
         (gap.clearance, at.now, state.memory.get(gap.name, ())) for gap, at in zip(mechanism.gaps, seen, strict=True)
     ]
-    return dict(zip((gap.name for gap in mechanism.gaps), each_joint(PreparedClearance.act, acting), strict=True))
+    out = dict(zip((gap.name for gap in mechanism.gaps), each_joint(PreparedClearance.act, acting), strict=True))
+    lossy = [gap for gap in mechanism.gaps if gap.loss is not None]
+    motors = _motors(mechanism, time, state, lossy)
+    for gap in lossy:
+        effort, speed = _loss(gap, out, motors)
+        before = out[gap.name].friction_power
+        out[gap.name] = out[gap.name]._replace(friction_power=before + effort * speed)
+    return out
+
+
+def _motors(
+    mechanism: PreparedMechanism, time: Scalar, state: State, gaps: Sequence[CoordinateGap]
+) -> dict[str, Moved]:
+    """The motions of the motors of gaps, by name."""
+    values = coordinate_values(mechanism, time, state) if gaps else {}
+    coordinates = {c.name: c for c in mechanism.coordinates()}
+    return {gap.motor: motion_of(coordinates[gap.motor], time, values) for gap in gaps}
+
+
+def _loss(gap: CoordinateGap, actions: Mapping[str, Action], motors: Mapping[str, Moved]) -> tuple[Array, Array]:
+    """The friction on a gap's motor, and the motor's speed, which it is against."""
+    assert gap.loss is not None
+    passed, speed = (jnp.asarray(x, float) for x in (actions[gap.name].force[0], motors[gap.motor].v[0]))
+    return gap.loss.effort(passed, speed), speed
 
 
 def gap_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, actions: Mapping[str, Action]) -> GapEfforts:
     """The efforts of the gaps' contacts."""
     by_name: dict[str, Term] = {}
-    values = coordinate_values(mechanism, time, state) if any(gap.wave is not None for gap in mechanism.gaps) else {}
-    coordinates = {c.name: c for c in mechanism.coordinates()}
+    motors = _motors(mechanism, time, state, [gap for gap in mechanism.gaps if gap.wave or gap.loss])
     for gap in mechanism.gaps:
         if gap.teeth is not None:
             continue
         terms = terms_of(gap)
         if gap.wave is not None:
-            motor = motion_of(coordinates[gap.motor], time, values)
-            terms.append((gap.motor, minus(0.0, _error(gap.wave, motor).slope)))
+            terms.append((gap.motor, minus(0.0, _error(gap.wave, motors[gap.motor]).slope)))
+        if gap.loss is not None:
+            by_name[gap.motor] = minus(by_name.get(gap.motor, 0.0), _loss(gap, actions, motors)[0])
         for name, factor in terms:
             by_name[name] = plus(by_name.get(name, 0.0), times(factor, actions[gap.name].force[0]))
     if not by_name:

@@ -77,6 +77,9 @@ def check_driven(mechanism: AbstractMechanism) -> None:
                     f"`{type(part).__name__}` in the joint `{joint.name}` depend on what was before, or on how the pin "
                     'moves in its play. Use another one, or `fidelity = "dynamics"`.'
                 ).about(joint.name, type(part).__name__)
+    for name, _ in layout(mechanism).integrals:
+        text = f"A quasi-static pose has no past, but `{name}` is a servo with `integral`. Leave it out, or use "
+        raise ClearanceError(text + '`fidelity = "dynamics"`.').about(name)
     ideal = mechanism.intended()
     free, loops = ideal.free_coordinates(), ideal.closures()
     if mechanism.loops and has_drives(mechanism):

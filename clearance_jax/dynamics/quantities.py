@@ -24,7 +24,7 @@ from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.laws._friction import speed_of
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import State, actuated_coordinates, layout, parts
+from clearance_jax.mechanism.state import State, actuated_coordinates, effort_sources, layout, parts
 from clearance_jax.mechanism.unfolded import unfold
 from clearance_jax.spatial import Vector, add, as_array, length_of, rotation_vector, scale
 
@@ -307,6 +307,10 @@ def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, QuantityEntry]]
         for name in names:
             yield f"{joint}.{name}", QuantityEntry("state", (), "", plan.index(joint, name))
     kinds = {c.name: "N m" if c.slides is None else "N" for c in mechanism.moved_coordinates()}
+    for source in effort_sources(mechanism):
+        if source.integrates:
+            unit = "rad s" if kinds[source.coordinates[0]] == "N m" else "m s"
+            yield f"{source.name}.integral", QuantityEntry("state", (), unit, plan.index(source.name, "integral"))
     for holder, names in plan.efforts:
         for name in names:
             yield f"{holder}.{name}", QuantityEntry("state", (), kinds[name], plan.index(holder, name))

@@ -17,7 +17,7 @@ from clearance_jax.joints.gap import Pressing, Rub
 from clearance_jax.laws import AbstractFrictionLaw, TanhCoulomb
 from clearance_jax.laws.normal.flank import Flank
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Values
-from clearance_jax.parameters import describe, flatten, physical
+from clearance_jax.parameters import Demand, Parametrised, describe, flatten, physical
 from clearance_jax.spatial import Term
 
 __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"]
@@ -62,6 +62,10 @@ def is_instant(period: float, time: Scalar) -> Flag:
     return jnp.abs(time - period * jnp.round(time / period)) <= _HAIR * jnp.abs(time)
 
 
+# The speed [rad/s or m/s] at which friction turns round by default: slow against that of most joints.
+SLOW = 0.01
+
+
 class AbstractActuator(Module):
     """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide."""
 
@@ -97,12 +101,25 @@ class AbstractActuator(Module):
         """The coordinates the sum of whose rates it measures; by default those of `measures`."""
         return self.measures()
 
+    @property
+    def integrates(self) -> bool:
+        """Whether the integral of its `error` over time, since the solve started, adds to its force."""
+        return False
+
+    def error(self, time: Scalar, position: Scalar) -> Scalar:
+        """What it integrates, by the position that it measures."""
+        raise NotImplementedError(f"{type(self).__name__} integrates nothing.")
+
+    def from_integral(self, integral: Scalar) -> Scalar:
+        """The part of its force [N] or torque [N m] that comes from the integral."""
+        raise NotImplementedError(f"{type(self).__name__} integrates nothing.")
+
     def sampling_period(self) -> float | None:
         """The period [s] at whose multiples it measures, holding its force in between; `None`: it acts continuously."""
         return None
 
     def without_sampling(self) -> "AbstractActuator":
-        """The same without sampling."""
+        """The same without sampling, and without its integral: as it acts where a solve starts."""
         return self
 
 
@@ -116,7 +133,8 @@ class ConstantEffort(AbstractActuator):
 
 
 class Servo(AbstractActuator):
-    """A linear position servo (PD control): k (target - q) + b (target' - q').
+    """A linear position servo (PD control): k (target - q) + b (target' - q'), with `integral` (PID control) also Ki
+    times the integral of (target - q) over time.
 
     **Arguments:**
 
@@ -127,6 +145,8 @@ class Servo(AbstractActuator):
     - `rate_encoder`: names of the coordinates the sum of whose rates is q'; by default those of `encoder`. A servo that
       sees the link's place and the motor's speed is stable behind a spring or a gap where one that sees the link alone
       is not.
+    - `integral` Ki [N m/(rad s)], of a slide [N/(m s)]. The integral is a state of the motion. It is 0 where a solve
+      starts, also in a settled start; it goes on where a solve goes on from the state of another one (`y0`).
     - `period` [s]: of a digital servo. It measures at whole multiples of the period, and holds its force between them
       (zero-order hold). The period is a fixed number of the program: you cannot differentiate by it.
     """
@@ -137,13 +157,31 @@ class Servo(AbstractActuator):
     encoder: tuple[str, ...] = names_key("coordinates whose sum it measures", "its own")
     period: float | None = period_key()
     rate_encoder: tuple[str, ...] = names_key("coordinates the sum of whose rates it measures", "those of `encoder`")
+    integral: Scalar | None = physical(
+        "effort/(coordinate*s)", "gain Ki of the position error's integral", '"500 N*m/(rad*s)"', "no integral action",
+        least=0.0, default=None,
+    )  # fmt: skip
 
     def __check_init__(self):
         check_period(self.period, "A servo")
+        if self.period is not None and self.integral is not None:
+            text = "A digital servo (`period`) has no `integral`: it would be a sum over its samples. Leave one out."
+            raise ClearanceError(text).about("integral")
 
     def __call__(self, time, position, velocity):
         goal, goal_rate, _ = self.target(time)
         return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
+
+    @property
+    def integrates(self):
+        return self.integral is not None
+
+    def error(self, time, position):
+        return self.target(time)[0] - position
+
+    def from_integral(self, integral):
+        assert self.integral is not None
+        return self.integral * integral
 
     def prepare(self):
         return dataclasses.replace(self, target=self.target.prepare())
@@ -161,7 +199,7 @@ class Servo(AbstractActuator):
         return self.period
 
     def without_sampling(self):
-        return dataclasses.replace(self, period=None)
+        return dataclasses.replace(self, period=None, integral=None)
 
 
 class JointSpring(AbstractActuator):
@@ -192,13 +230,33 @@ class Wave(Module):
     error_phase: Scalar = physical("rad", "its phase where the motor is at 0", '"90 deg"', default=0.0)
 
 
+class DriveLoss(Parametrised):
+    """Friction of a drive's gear under its load: (1 - eta) |T| tanh(w / w_t) against the motor, of the effort T that it
+    passes on and the motor's speed w.
+
+    **Arguments:** `efficiency` eta; `efficiency_speed` w_t [rad/s], of a slide [m/s]; all as seen from the link.
+    """
+
+    efficiency: Scalar = physical("", "efficiency eta of its gear, at most 1", "0.85", "no loss", above=0.0)
+    efficiency_speed: Scalar = physical(
+        "coordinate/s", "speed of the motor at which the loss turns round", '"0.01 rad/s"', above=0.0, default=SLOW
+    )
+
+    def demands(self):
+        yield Demand("efficiency", self.efficiency <= 1, lambda: "must be at most 1")
+
+    def effort(self, passed: Scalar, speed: Scalar) -> Scalar:
+        """The friction on the motor, against its `speed`, for an effort that is `passed` on."""
+        return (1.0 - self.efficiency) * jnp.abs(passed) * jnp.tanh(speed / self.efficiency_speed)
+
+
 class DriveSpring(AbstractActuator):
     """The spring and damper of a drive: -T_e(q - q0) - c q', with the effort and the damping of its `flank`. A settled
     start is deflected by the load that it bears.
 
     With `backlash`, the width of the whole gap [rad], of a slide [m], it does not act as an actuator: its flanks are a
-    contact (`mechanism.gaps`); so is a spring with a `wave`. Energy balances count that as a contact's, and not as an
-    actuator's work.
+    contact (`mechanism.gaps`); so is a spring with a `wave` or a `loss`. Energy balances count that as a contact's, and
+    not as an actuator's work.
     """
 
     flank: Flank = flatten()
@@ -207,6 +265,7 @@ class DriveSpring(AbstractActuator):
     )
     rest: Scalar = physical("coordinate", "coordinate q0 at which the spring is relaxed", '"10 deg"', default=0.0)
     wave: "Wave | None" = flatten(default=None)
+    loss: DriveLoss | None = flatten(default=None)
 
     def __call__(self, time, position, velocity):
         return -self.flank.curve.effort(position - self.rest) - self.flank.damping * velocity
@@ -236,7 +295,7 @@ class JointFriction(AbstractActuator):
 
     effort: Scalar = physical("effort", "friction f", '"2 N*m"', least=0.0)
     transition_speed: Scalar = physical(
-        "coordinate/s", "speed v at which it turns round", '"0.01 rad/s"', above=0.0, default=0.01
+        "coordinate/s", "speed v at which it turns round", '"0.01 rad/s"', above=0.0, default=SLOW
     )
     law: AbstractFrictionLaw | None = None
 

@@ -19,7 +19,7 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.gap import Gap, Rub
 from clearance_jax.laws.normal.flank import FlankSpring
-from clearance_jax.mechanism.actuators import DriveSpring, JointFriction, Wave
+from clearance_jax.mechanism.actuators import DriveLoss, DriveSpring, JointFriction, Wave
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.tree.coordinate import Coordinate
@@ -39,6 +39,7 @@ class CoordinateGap(Module):
     - `what` it is.
     - `teeth`: of a pair of gears, where its force acts: between two bodies, and not on coordinates.
     - `wave`: a transmission error A sin(n q + p) by the coordinate q of the `motor`, by which x is less.
+    - `loss`: friction of the `motor`, which grows with the effort.
     """
 
     name: str = eqx.field(static=True)
@@ -52,6 +53,7 @@ class CoordinateGap(Module):
     wave: Wave | None = None
     motor: str = eqx.field(static=True, default="")
     teeth: "Teeth | None" = None
+    loss: DriveLoss | None = None
 
     @property
     def is_play(self) -> bool:
@@ -200,7 +202,11 @@ def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[Co
             )
             driven = actuator.wave is not None and not by_name[motor_of(c.name)].motion.is_free
             yield dataclasses.replace(
-                made, wave=actuator.wave, motor=motor_of(c.name), in_tree=made.in_tree and not driven
+                made,
+                wave=actuator.wave,
+                loss=actuator.loss,
+                motor=motor_of(c.name),
+                in_tree=made.in_tree and not driven,
             )
         elif isinstance(actuator, JointFriction) and rubs(actuator, c.motion):
             name = FRICTION.format(c.name) + f"_{frictions}" * bool(frictions)

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws import AbstractNormalLaw, Flank
-from clearance_jax.mechanism.actuators import DriveSpring, JointFriction, Wave
+from clearance_jax.mechanism.actuators import SLOW, DriveLoss, DriveSpring, JointFriction, Wave
 from clearance_jax.mechanism.body import Body, Motion, Motor, Stops
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN, Orientation, Position
@@ -52,6 +52,9 @@ class Compliance(Parametrised):
     - `cubic` [N m/rad^3]: a further effort, with the third power of the deflection; beside one stiffness only.
     - `error` A [rad or m], `error_order` n [1/rad or 1/m], `error_phase` p: a transmission error A sin(n q_motor + p),
       by which the link is ahead of its motor. Of one error in a turn of the motor n is the ratio of the gear.
+    - `efficiency` eta, above 0 and at most 1: a loss (1 - eta) |T| tanh(w / w_t) against the motor, of the effort T of
+      the spring or its flanks, the motor's speed w, and `efficiency_speed` w_t [rad/s or m/s]. It acts whichever way
+      power flows: a motor that moves a load bears 2 - eta times T, one that a load moves eta times T.
     - `friction`: on the link's side of the spring. (Friction among the joint's own actuators is on the motor's side.)
     """
 
@@ -74,15 +77,23 @@ class Compliance(Parametrised):
     error_order: Scalar | None = like(Wave, "error_order", absent="there is no `error`", default=None)
     error_phase: Scalar = like(Wave, "error_phase")
     friction: JointFriction | None = None
+    efficiency: Scalar | None = like(DriveLoss, "efficiency", default=None)
+    efficiency_speed: Scalar = like(DriveLoss, "efficiency_speed")
 
     def __check_init__(self):
         if (self.error is None) != (self.error_order is None):
             raise ClearanceError("A transmission error needs `error` and `error_order`, or neither.").about("error")
         if self.error is None and not isinstance(self.error_phase, Tracer) and float(self.error_phase) != 0:
             raise ClearanceError("`error_phase` has no effect without `error`. Leave it out.").about("error_phase")
+        speed = self.efficiency_speed
+        if self.efficiency is None and not isinstance(speed, Tracer) and float(speed) != SLOW:
+            text = "`efficiency_speed` has no effect without `efficiency`. Leave it out."
+            raise ClearanceError(text).about("efficiency_speed")
 
     def demands(self):
         yield from self.flank.demands()
+        if self.loss is not None:
+            yield from self.loss.demands()
         if self.damping_factor is not None:
             words = "belongs to a `backlash`: leave it out, or give that too"
             yield Demand("damping_factor", self.backlash is not None, lambda: words)
@@ -98,6 +109,11 @@ class Compliance(Parametrised):
         if self.error is None or self.error_order is None:
             return None
         return Wave(self.error, self.error_order, self.error_phase)
+
+    @property
+    def loss(self) -> DriveLoss | None:
+        """The friction of its gear under load."""
+        return None if self.efficiency is None else DriveLoss(self.efficiency, self.efficiency_speed)
 
 
 def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> Mechanism:
@@ -124,7 +140,9 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
         raise ClearanceError(text)
     inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
     check_demands(compliance, f"{name}.")
-    drive = DriveSpring(compliance.flank, compliance.backlash, wave=compliance.wave, name="compliance")
+    drive = DriveSpring(
+        compliance.flank, compliance.backlash, wave=compliance.wave, loss=compliance.loss, name="compliance"
+    )
     spring = Motion(actuators=(drive,))
     if compliance.friction is not None:
         rub = (

@@ -15,6 +15,7 @@ from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.followers import mark_followers, with_followed_drives
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Gravity, Inertia
+from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree.links import ONCE, Links, links_of
 from clearance_jax.mechanism.tree.tree import AbstractJoint
 from clearance_jax.mechanism.variants import without_sampling
@@ -69,8 +70,8 @@ class PreparedMechanism(AbstractMechanism):
         return dataclasses.replace(self, bodies=tuple(body.at(time) for body in self.bodies), links=links)
 
     def without_sampling(self) -> "PreparedMechanism":
-        """The same mechanism, with everything digital acting continuously."""
-        if not sampling_periods(self):
+        """The same mechanism as it acts where a solve starts: everything digital continuously, integrals still 0."""
+        if not (sampling_periods(self) or layout(self).integrals):
             return self
         controllers = tuple(dataclasses.replace(controller, period=None) for controller in self.controllers)
         return dataclasses.replace(super()._with_joints(without_sampling), controllers=controllers)

@@ -144,11 +144,11 @@ class Reducer:
 
     def compliance(self, damping: Plain, *, driven: bool = True, friction_speed: Plain = 0.01) -> Compliance:
         """The drive of a joint with this reducer, for `with_compliance`: stiffness, backlash, friction at the link, and
-        an error once in a turn of the motor. (Its efficiency is left out.)
+        an error once in a turn of the motor, and its efficiency (see `Compliance` for what that is here).
 
         **Arguments:** `damping` [N m s/rad] at the link, which no data sheet has; `driven`: whether a drive prescribes
         the motor, else the rotor's inertia is that of an actuated one; `friction_speed` [rad/s]: at which friction
-        turns round.
+        and the loss in the gear turn round.
 
         **Raises:** `ClearanceError` for a rigid reducer, one whose stiffness is not known under large torques, and an
         actuated motor without a rotor.
@@ -168,6 +168,8 @@ class Reducer:
             numbers["friction"] = JointFriction(self.friction_torque, friction_speed)
         if self.transmission_error:
             numbers |= {"error": self.transmission_error, "error_order": abs(self.ratio)}
+        if self.efficiency is not None and self.efficiency < 1:
+            numbers |= {"efficiency": self.efficiency, "efficiency_speed": friction_speed}
         if not driven and self.rotor_inertia is not None:
             numbers["rotor_inertia"] = self.ratio**2 * self.rotor_inertia
         return Compliance(damping=damping, backlash=self.backlash or None, **numbers)

@@ -21,7 +21,7 @@ from clearance_jax.spatial import Term, add, as_array, dot, plus, quaternion_rat
 
 class State(NamedTuple):
     """A state by its parts: positions, velocities, and `memory`: by the name of a clearance joint the memory of its
-    laws, by the name of a sampled actuator or controller the efforts that it holds.
+    laws, by the name of a sampled actuator or controller the efforts that it holds, of a servo its integral.
     """
 
     q: Rows
@@ -40,6 +40,11 @@ class Acting(NamedTuple):
     def period(self) -> float | None:
         """The period at which it is sampled [s]; `None`: it acts all the time."""
         return self.part.sampling_period() if isinstance(self.part, AbstractActuator) else self.part.period
+
+    @property
+    def integrates(self) -> bool:
+        """Whether it is an actuator that integrates its error."""
+        return isinstance(self.part, AbstractActuator) and self.part.integrates
 
 
 def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
@@ -60,16 +65,19 @@ def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ..
 
 
 class Layout(NamedTuple):
-    """Places in a state (static): names of positions, velocities, memory of each joint, and held efforts.
+    """Places in a state (static): names of positions, velocities, memory of each joint, integrals of servos, and held
+    efforts, in this order.
 
-    `q`, `v` and `memory` are the slices of the positions, of the velocities, and of the rest; `free`, `remembered` and
-    `held` the numbers of velocities, of memory variables (held efforts among them), and of held efforts.
+    `q`, `v` and `memory` are the slices of the positions, of the velocities, and of the rest; `free`, `remembered`,
+    `held` and `integrated` the numbers of velocities, of memory variables (all of them), of held efforts, and of
+    integrals. Laws and sampled sources renew their memory where a step starts (`is_latched`); integrals are only rates.
     """
 
     positions: tuple[str, ...]
     velocities: tuple[str, ...]
     memories: tuple[tuple[str, tuple[str, ...]], ...]
     efforts: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    integrals: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     @property
     def free(self) -> int:
@@ -89,7 +97,20 @@ class Layout(NamedTuple):
 
     @property
     def remembered(self) -> int:
-        return sum(len(names) for _, names in (*self.memories, *self.efforts))
+        return sum(len(names) for _, names in self.every_memory)
+
+    @property
+    def every_memory(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """All memory variables with their holders, in their order."""
+        return (*self.memories, *self.integrals, *self.efforts)
+
+    @property
+    def integrated(self) -> int:
+        return len(self.integrals)
+
+    @property
+    def is_latched(self) -> bool:
+        return self.remembered > self.integrated
 
     @property
     def held(self) -> int:
@@ -104,14 +125,14 @@ class Layout(NamedTuple):
         """A state, as a vector or as rows, by its parts."""
         rows = tuple(y[i] for i in range(self.size))
         memory, start = {}, self.v.stop
-        for name, names in (*self.memories, *self.efforts):
+        for name, names in self.every_memory:
             memory[name] = rows[start : start + len(names)]
             start += len(names)
         return State(rows[self.q], rows[self.v], memory)
 
     def index(self, joint: str, memory: str) -> int:
         """The place of a named memory variable of a joint."""
-        names = [(name, variable) for name, variables in (*self.memories, *self.efforts) for variable in variables]
+        names = [(name, variable) for name, variables in self.every_memory for variable in variables]
         return self.v.stop + names.index((joint, memory))
 
 
@@ -120,8 +141,10 @@ def layout(mechanism: AbstractMechanism) -> Layout:
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.contacts())
     free = mechanism.free_coordinates()
     positions = tuple(name for c in free for name in c.positions)
-    efforts = tuple((s.name, s.coordinates) for s in effort_sources(mechanism) if s.period is not None)
-    return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts)
+    every = effort_sources(mechanism)
+    efforts = tuple((s.name, s.coordinates) for s in every if s.period is not None)
+    integrals = tuple((s.name, ("integral",)) for s in every if s.integrates)
+    return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts, integrals)
 
 
 def initial_values(mechanism: AbstractMechanism) -> Array:

@@ -51,10 +51,10 @@ def acting(motion: Motion) -> tuple[tuple[int, AbstractActuator], ...]:
 
 
 def has_gap(actuator: AbstractActuator) -> bool:
-    """Whether it is the spring of a drive that is a contact: with backlash, a transmission error, or corners."""
+    """Whether it is the spring of a drive that is a contact: with backlash, an error, a loss, or corners."""
     if not isinstance(actuator, DriveSpring):
         return False
-    return not (actuator.backlash is None and actuator.wave is None and actuator.flank.efforts is None)
+    return any(part is not None for part in (actuator.backlash, actuator.wave, actuator.loss, actuator.flank.efforts))
 
 
 def rubs(actuator: AbstractActuator, motion: Motion) -> bool:
@@ -89,7 +89,7 @@ def without_actuators(joint: AbstractJoint, names: Collection[str]) -> AbstractJ
 
 
 def without_sampling(joint: AbstractJoint) -> AbstractJoint:
-    """The joint whose sampled actuators act continuously."""
+    """The joint whose sampled actuators act continuously, and whose servos have no integrals."""
 
     def change(c: Coordinate) -> Motion:
         return dataclasses.replace(c.motion, actuators=tuple(a.without_sampling() for a in c.motion.actuators))
@@ -240,7 +240,7 @@ def without_gaps(joint: AbstractJoint) -> AbstractJoint:
     """The joint without backlash in its drive, and without stops."""
 
     def firm(actuator: Any) -> Any:
-        return dataclasses.replace(actuator, backlash=None, wave=None) if has_gap(actuator) else actuator
+        return dataclasses.replace(actuator, backlash=None, wave=None, loss=None) if has_gap(actuator) else actuator
 
     def change(c: Coordinate) -> Motion:
         actuators = tuple(firm(actuator) for actuator in c.motion.actuators)

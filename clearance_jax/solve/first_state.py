@@ -43,11 +43,12 @@ def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) 
     `settle_start`).
     """
     y, errors = _without_commands(mechanism, t0, start)
-    return measure_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
+    plan = layout(mechanism)
+    return measure_first(t0, jnp.concatenate([y, jnp.zeros(plan.integrated + plan.held)]), mechanism), errors
 
 
 def _without_commands(mechanism: PreparedMechanism, t0: Scalar, start: str) -> tuple[Array, StartErrors]:
-    """`closed_start`, without the efforts that sampled sources hold."""
+    """`closed_start`, without integrals and the efforts that sampled sources hold."""
     if start == SETTLED and mechanism.clearance_joints():
         return settle_start(t0, mechanism)
     if has_drives(mechanism):
@@ -60,7 +61,7 @@ def _without_commands(mechanism: PreparedMechanism, t0: Scalar, start: str) -> t
         y, errors = _without_commands(hold_drives(mechanism, places), t0, start)
         return released(mechanism, t0, y, places, given=True), errors
     plan, errors = layout(mechanism), StartErrors.nothing()
-    y = jnp.concatenate([initial_values(mechanism), jnp.zeros(plan.remembered - plan.held)])
+    y = jnp.concatenate([initial_values(mechanism), jnp.zeros(plan.remembered - plan.integrated - plan.held)])
     if mechanism.loops and mechanism.assemble:
         y, opened = assemble(t0, y, mechanism.as_small_program())
         errors = errors._replace(loops=opened)

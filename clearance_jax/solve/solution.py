@@ -198,7 +198,8 @@ def summary(solution: Solution) -> str:
 
     rows = [("at the end", "position", "velocity")] if plan.free else []
     rows += [(name, last(name), last(f"{name}.velocity")) for name in plan.velocities]
-    rows += [(f"{joint}.{name}", last(f"{joint}.{name}"), "") for joint, names in plan.memories for name in names]
+    remembered = (*plan.memories, *plan.integrals)
+    rows += [(f"{holder}.{name}", last(f"{holder}.{name}"), "") for holder, names in remembered for name in names]
     widths = [max((len(row[k]) for row in rows), default=0) for k in range(3)]
     lines = ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
     rests = [f"  {solution.rests}"] if solution.rests else []

@@ -115,7 +115,7 @@ def validity_of(
     else:
         names, unit = tuple(joint.name for joint in joints), ""
         sizes = [size_of(joint.joint.play()) for joint in joints]
-        parts = [play / size for play, size in zip(poses.play, sizes, strict=True)]
+        parts = [play / size[None] for play, size in zip(poses.play, sizes, strict=True)]
         widest = max(part.shape[1] for part in parts)
         error = jnp.stack([jnp.pad(part, ((0, 0), (0, widest - part.shape[1]))) for part in parts], axis=1)
     bend = bends(times, error, poses.frequency)

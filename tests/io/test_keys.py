@@ -292,14 +292,15 @@ OTHERS = {"trapezoid": (("speed", "acceleration"), ("duration", "cruise"))}
 def test_examples_of_drives_are_read(word, skip, tmp_path):
     values = inline(example(scene_keys.DRIVE_TABLES[word], *skip))
     driven = load(tmp_path, scene(main=f"drive = {values}"))
-    servo = example(scene_keys.ACTUATOR_TABLES["servo"], "target", "encoder", "rate_encoder")
+    servo = example(scene_keys.ACTUATOR_TABLES["servo"], "target", "encoder", "rate_encoder", "period")
     steered = load(tmp_path, scene(main=f"actuator.s = {inline({**servo, 'target': values})}"))
     assert type(driven.mechanism.joints[0].motion.drive) is type(steered.mechanism.joints[0].motion.actuators[0].target)
 
 
 @pytest.mark.parametrize("word", scene_keys.ACTUATOR_TABLES)
 def test_examples_of_actuators_and_motions_are_read(word, tmp_path):
-    values = example(scene_keys.ACTUATOR_TABLES[word])
+    # A digital servo has no integral.
+    values = example(scene_keys.ACTUATOR_TABLES[word], *(["integral"] if word == "servo" else []))
     values |= {"encoder": '["main", "pin"]', "rate_encoder": '["main"]'} if word == "servo" else {}
     main = example(scene_keys.MOTION, "drive", "actuator", "stops") | {"angle": '"90 deg"'}
     read = load(tmp_path, scene(main=lines(main) + f"actuator.a = {inline(values)}"))

@@ -21,13 +21,68 @@ MOTOR, LINK, SPRING, DAMPING = 2.0, 1.0, 400.0, 3.0
 GAIN, RATE_GAIN, GOAL, PERIOD, END = 150.0, 25.0, 0.1, 0.013, 0.5
 
 
-def carts(encoder=(), period=None, stiffness=GAIN):
+def carts(encoder=(), period=None, stiffness=GAIN, integral=None):
     """The motor's cart under a servo, the link's cart on it."""
-    servo = cj.actuators.Servo(cj.drives.Constant(GOAL), stiffness, RATE_GAIN, encoder=encoder, period=period)
+    goal = cj.drives.Constant(GOAL)
+    servo = cj.actuators.Servo(goal, stiffness, RATE_GAIN, encoder=encoder, period=period, integral=integral)
     motor = cj.Prismatic("motor", "ground", "rotor", motion=cj.Motion(actuators=(servo,)))
     spring = cj.actuators.JointSpring(SPRING, DAMPING)
     link = cj.Prismatic("link", "rotor", "arm", motion=cj.Motion(velocity=0.2, actuators=(spring,)))
     return cj.Mechanism((cj.Body("rotor", MOTOR), cj.Body("arm", LINK)), (motor, link))
+
+
+def integrated(integral, encoder) -> Any:
+    """The carts under a servo with an integral, solved exactly: motor, link, their rates, integral of the error."""
+    inverse = np.linalg.inv(np.array([[MOTOR + LINK, LINK], [LINK, LINK]]))
+    seen, whole = np.array([1.0, 1.0 if encoder else 0.0]), np.zeros((6, 6), complex)
+    whole[0, 2] = whole[1, 3] = 1
+    # Forces on the motor and on the link by the state, of which the last component is 1.
+    forces = np.zeros((2, 6), complex)
+    forces[0] = [*(-GAIN * seen), *(-RATE_GAIN * seen), integral, GAIN * GOAL]
+    forces[1, 1], forces[1, 3] = -SPRING, -DAMPING
+    whole[2:4], whole[4, :2], whole[4, 5] = inverse @ forces, -seen, GOAL
+    return (expm(whole * END) @ np.array([0, 0, 0, 0.2, 0, 1], complex))[:5]
+
+
+@pytest.mark.parametrize("encoder", [(), ("motor", "link")])
+def test_a_servo_integrates_its_error(encoder):
+    """Against matrix exponentials, with the derivative by the gain; alone, in lanes, and in two parts."""
+    m, gain, name = carts(encoder, integral=900.0), 900.0, "motor.0.integral"
+
+    def end(gain):
+        return cj.simulate(cj.replace(m, {name: gain}), END, rtol=1e-11).final[:5]
+
+    exact = integrated(gain + 1e-20j, encoder)
+    np.testing.assert_allclose(end(gain), exact.real, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(jax.jacfwd(end)(gain), exact.imag / 1e-20, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(jax.vmap(end)(jnp.array([300.0, gain]))[1], exact.real, rtol=0, atol=1e-11)
+    begun = cj.simulate(m, 0.3 * END, rtol=1e-11)
+    ended = cj.simulate(m, END, t0=0.3 * END, y0=begun.final, rtol=1e-11)
+    np.testing.assert_allclose(ended.final[:5], exact.real, rtol=0, atol=1e-11)
+    assert float(ended["motor.actuator0.integral"]) == pytest.approx(exact[4].real, abs=1e-11)
+    assert float(ended.energy_residual) < 1e-10
+    assert cj.parameters(m)[name].unit == "N/(m*s)"
+
+
+def test_an_integral_is_beside_memory_and_held_efforts():
+    """The layout has memory, then integrals, then held efforts: each cart moves as it does alone."""
+    law = cj.laws.LuGre(1.0, 0.8, 0.01, 1e4, 10.0)
+    goal = cj.drives.Constant(GOAL)
+    servos = {
+        "x": (cj.actuators.Servo(goal, GAIN, RATE_GAIN, integral=900.0),),
+        "y": (cj.actuators.JointFriction(0.5, law=law), cj.actuators.ConstantEffort(2.0)),
+        "z": (cj.actuators.Servo(goal, GAIN, RATE_GAIN, period=PERIOD),),
+    }
+    bodies = [cj.Body(f"{name}_cart", MOTOR) for name in servos]
+    joints = [
+        cj.Prismatic(name, "ground", f"{name}_cart", motion=cj.Motion(actuators=acts)) for name, acts in servos.items()
+    ]
+    every = cj.simulate(cj.Mechanism(tuple(bodies), tuple(joints)), 0.1, rtol=1e-10)
+    for body, joint in zip(bodies, joints, strict=True):
+        alone = cj.simulate(cj.Mechanism((body,), (joint,)), 0.1, rtol=1e-10)
+        more = ["x.actuator0.integral"] if joint.name == "x" else []
+        for name in (f"{joint.name}.position", f"{joint.name}.velocity", *more):
+            np.testing.assert_allclose(every[name], alone[name], rtol=1e-9)
 
 
 def linear(stiffness, encoder, period) -> Any:
@@ -317,6 +372,7 @@ WRONG = {
     "A servo must have a `period` greater than zero": lambda: cj.actuators.Servo(
         cj.drives.Constant(0.0), 1.0, 1.0, period=0.0
     ),
+    "A digital servo (`period`) has no `integral`": lambda: carts(period=PERIOD, integral=1.0),
     "measures `lnk`, but there is no such coordinate. Did you mean `link`": lambda: carts(("motor", "lnk")),
     "commands `moto`, which is no free coordinate. Did you mean `motor`": lambda: steered(carts(), "moto"),
     "commands `motor`, which controller `b` commands already": lambda: twice(carts()),

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import clearance_jax as cj
 from clearance_jax.design.judge.budget import error_budget
+from clearance_jax.mechanism.state import layout
 from tests.mechanism.test_gaps import hub, pendulum, toothed
 
 P = cj.Position
@@ -68,6 +69,45 @@ def test_play_in_a_loop_beside_a_drive_with_backlash():
     begun = cj.simulate(still, 0.05, start="settled", rtol=1e-8)
     assert float(begun["A.position"]) == pytest.approx(float(begun.initial[0]), abs=1e-6)
     assert float(begun.initial[0]) == pytest.approx(-0.00228, abs=3e-5)
+
+
+def balanced(integral, drive=None, bristles=True):
+    """A four-bar with play in its loop whose rocker has a servo; its crank is free behind a gap, or driven."""
+    friction = cj.laws.LuGre(0.2, 0.15, 0.01, 1e5, 10.0) if bristles else None
+    play = cj.joints.RevoluteClearance(5e-5, 0.01, cj.laws.HuntCrossley(1e8, 0.5), friction)
+    whole = four_bar(drive, compliance="rigid")
+    servo = cj.actuators.Servo(cj.drives.Constant(1.73), 400.0, 4.0, integral=integral)
+    if drive is None:
+        whole = whole.with_joint(
+            cj.Revolute("A", "ground", "crank", motion=cj.Motion(position=0.7, actuators=(servo,)))
+        )
+        law = cj.Compliance(2e3, 2.0, backlash=4e-3, rotor_inertia=1e-2, efficiency=0.8)
+        whole = cj.with_compliance(whole, "A", law)
+    else:
+        rocker: Any = whole.joint("D")
+        motion = dataclasses.replace(rocker.motion, actuators=(servo,))
+        whole = whole.with_joint(dataclasses.replace(rocker, motion=motion))
+    loop: Any = whole.loops[0]
+    return dataclasses.replace(whole, loops=(dataclasses.replace(loop, clearance=play),))
+
+
+@pytest.mark.parametrize("start", ["centre", "settled"])
+def test_an_integral_begins_at_zero_beside_bristles_and_backlash(start):
+    """All else begins as without it."""
+    one, two = (cj.simulate(balanced(ki), 4e-3, start=start, rtol=1e-8) for ki in (900.0, None))
+    assert layout(balanced(900.0)).index("A_motor.actuator0", "integral") == one.initial.size - 5  # and four of energy
+    np.testing.assert_allclose(np.delete(one.initial, -5), two.initial, rtol=1e-12, atol=1e-14)
+    assert float(one.initial[-5]) == 0.0
+    assert abs(float(one["A_motor.actuator0.integral"])) > 1e-3
+    assert float(one.energy_residual) < 1e-9
+    assert "A_motor.actuator0.integral" in str(one)
+
+
+def test_poses_know_no_integral():
+    driven = cj.drives.Harmonic(0.5, 12.0, 0.0, 0.7)
+    cj.simulate(balanced(None, driven, bristles=False), 0.02, fidelity="quasi-static")
+    with refused("D.actuator0"):
+        cj.simulate(balanced(900.0, driven, bristles=False), 0.02, fidelity="quasi-static")
 
 
 def test_a_cubic_drive_settles_where_its_load_is_borne():

@@ -152,29 +152,69 @@ def test_a_transmission_error_shakes_the_link():
 
 # Servo on the link's place and the motor's speed: motor and link, stiffness, half of the gap.
 MOTOR, LINK, TEETH, GAP = 2.0, 5.0, 5e4, 5e-4
-# Gains, damping of the teeth, exact period, state at touch (motor, link, their speeds).
+# Gains, damping of the teeth, exact period, state at touch (motor, link, their speeds, integral of the error).
+# fmt: off
+INTEGRAL = 3e4
 CYCLES = [
-    (1e4, 200.0, 0.0, 0.168021626822516, (-1.01781502096e-4, -6.01781502096e-4, 0.0204070525212, -0.0195485579962)),
-    (1e4, 200.0, 20.0, 0.172860264760407, (-1.16734162897e-4, -6.16734162897e-4, 0.0213573414917, -0.0190971243762)),
-    (3e4, 400.0, 0.0, 0.0828182608281348, (-1.30265436006e-4, -6.30265436006e-4, 0.0152835299717, -0.10085424040521)),
+    ((1e4, 200.0), 0.0, 0.168021626822516, (-1.01781502096e-4, -6.01781502096e-4, 0.0204070525212, -0.0195485579962)),
+    ((1e4, 200.0), 20.0, 0.172860264760407, (-1.16734162897e-4, -6.16734162897e-4, 0.0213573414917, -0.0190971243762)),
+    ((3e4, 400.0), 0.0, 0.0828182608281348, (-1.30265436006e-4, -6.30265436006e-4, 0.0152835299717, -0.10085424040521)),
+    ((1e4, 200.0, INTEGRAL), 0.0, 0.171032389035013,
+     (-1.91983960545e-4, -6.91983960545e-4, 0.0215956597366, -0.0220681331338, -9.02501964517e-6)),
 ]
+# fmt: on
 
 
-def steered(gain, damping, teeth=0.0, **numbers):
-    target = cj.drives.Constant(0.0)
-    servo = cj.actuators.Servo(target, gain, damping, ("hub_motor", "hub"), rate_encoder=("hub_motor",))
+def steered(gain, damping, integral=None, teeth=0.0, **numbers):
+    target, both = cj.drives.Constant(0.0), ("hub_motor", "hub")
+    servo = cj.actuators.Servo(target, gain, damping, both, rate_encoder=("hub_motor",), integral=integral)
     numbers = {"stiffness": TEETH, "backlash": 2 * GAP, "limited": False} | numbers
     compliance = cj.Compliance(damping=teeth, rotor_inertia=MOTOR, **numbers)
     return cj.with_compliance(hub(servo, inertia=LINK), "hub", compliance)
 
 
-@pytest.mark.parametrize(("gain", "damping", "teeth", "period", "touch"), CYCLES)
-def test_limit_cycles_of_a_servo(gain, damping, teeth, period, touch):
+@pytest.mark.parametrize(("gains", "teeth", "period", "touch"), CYCLES)
+def test_limit_cycles_of_a_servo(gains, teeth, period, touch):
     """From the exact state at touch it is back there after the exact period."""
-    motor, link, motor_speed, link_speed = touch
-    y0 = jnp.array([motor, link - motor, motor_speed, link_speed - motor_speed])
-    solution = cj.simulate(steered(gain, damping, teeth), period, y0=y0, **TIGHT)
-    np.testing.assert_allclose(solution.final[:4], y0, rtol=0, atol=2e-13)
+    motor, link, motor_speed, link_speed, *integral = touch
+    y0 = jnp.array([motor, link - motor, motor_speed, link_speed - motor_speed, *integral])
+    solution = cj.simulate(steered(*gains, teeth=teeth), period, y0=y0, **TIGHT)
+    np.testing.assert_allclose(solution.final[: y0.size], y0, rtol=0, atol=2e-13)
+    assert float(solution.energy_residual) < 1e-12
+
+
+def test_the_search_finds_the_limit_cycle_of_a_servo_with_an_integral():
+    """From the describing function; the state at touch is that of the exact cycle; and what the integral changes."""
+    (gain, damping, integral), _, period, touch = CYCLES[3]
+    # k N(A) = c J w^4 / (c w^2 - Ki) and w^2 = Kp / J - Jm Ki / (c J): link J, motor Jm, gain c of the rate.
+    square = gain / LINK - MOTOR * integral / (damping * LINK)
+    assert 2 * np.pi / np.sqrt(square) == pytest.approx(0.1426523740, rel=1e-9)
+    share = damping * LINK * square**2 / (damping * square - integral) / TEETH
+    r = brentq(lambda r: 1 - (np.arcsin(r) + r * np.sqrt(1 - r * r)) * 2 / np.pi - share, 1e-3, 1.0)
+    place = GAP / float(np.asarray(r))
+    assert place == pytest.approx(7.39601e-4, rel=1e-5)
+
+    def cycle(gains):
+        drive = cj.replace(steered(gain, damping, integral, limited=True), {"hub_motor.0.integral": gains})
+        guess = jnp.array([0.0, place, 0.0, 0.0, 0.0])
+        return cj.periodic_motion(drive, 0.98 * period, guess=guess, free_period=True, rtol=1e-10, solver="dopri8")
+
+    found = cycle(integral)
+    assert bool(found.converged)
+    assert bool(found.stable)
+    assert float(found.period) == pytest.approx(period, rel=1e-11)
+    drive = steered(gain, damping, integral, limited=True)
+    on = cj.trace(drive, 2 * period, y0=found.y, save_at=jnp.linspace(0, 2 * period, 2), **TIGHT)
+    # Both flanks are touched in turn, with opposite states.
+    contacts = cj.to_dataset(drive, on)
+    at = float(contacts["gap_episode_start"].values[-1])
+    at_touch = cj.simulate(drive, at, y0=found.y, **TIGHT).final[:5]
+    motor, link, motor_speed, link_speed, error = touch
+    exact = np.array([motor, link - motor, motor_speed, link_speed - motor_speed, error])
+    np.testing.assert_allclose(at_touch, exact * np.sign(exact[1] * at_touch[1]), rtol=0, atol=1e-11)
+    slope, step = jax.jacfwd(lambda gains: cycle(gains).period)(integral), 10.0
+    difference = (cycle(integral + step).period - cycle(integral - step).period) / (2 * step)
+    assert float(slope) == pytest.approx(float(difference), rel=1e-5)
 
 
 # Gain, damping, exact period, amplitude and period by the describing function.
@@ -214,6 +254,80 @@ def test_the_search_finds_limit_cycles_with_periods_of_their_own():
     assert float(by_damping) == pytest.approx(
         float(own_period(gain, damping + 0.1) - own_period(gain, damping - 0.1)) / 0.2, rel=1e-4
     )
+
+
+def lifted(speed, backlash=None, efficiency=0.8):
+    """A wheel under a load of 40 N m, on a motor of constant speed."""
+    driven = hub(drive=cj.drives.ConstantSpeed(speed))
+    loaded = dataclasses.replace(driven, wrenches=(cj.Wrench("load", "wheel", torque=cj.Torque(z=-40.0)),))
+    return cj.with_compliance(loaded, "hub", cj.Compliance(5e4, 20.0, backlash=backlash, efficiency=efficiency))
+
+
+@pytest.mark.parametrize("backlash", [None, 1e-3])
+@pytest.mark.parametrize("speed", [2.0, -2.0, 0.005])
+def test_the_loss_of_a_gear_that_lifts_and_lowers_a_load(backlash, speed):
+    solution = cj.simulate(lifted(speed, backlash), 0.1, start="settled")
+    share = np.tanh(speed / 0.01)
+    # Lifting takes (2 - eta) T of the motor, lowering leaves eta T to be held.
+    assert float(solution["hub_motor.drive_force"]) == pytest.approx(40 * (1 + 0.2 * share), rel=1e-12)
+    assert float(solution["friction_loss"]) == pytest.approx(0.2 * 40 * share * speed * 0.1, rel=1e-12)
+    assert float(solution["damping_loss"]) == pytest.approx(0.0, abs=1e-12)
+    assert float(solution.energy_residual) < 1e-12
+
+
+@pytest.mark.parametrize("backlash", [None, 4e-3])
+def test_the_loss_of_a_gear_under_an_actuated_motor(backlash):
+    """Against a program of its own, with the derivative by the efficiency."""
+    efficiency, stiffness, damping, push, load = 0.7, 2e3, 6.0, 30.0, -12.0
+    moved = dataclasses.replace(
+        hub(cj.actuators.ConstantEffort(push), inertia=0.4),
+        wrenches=(cj.Wrench("load", "wheel", torque=cj.Torque(z=load)),),
+    )
+    numbers = {"rotor_inertia": 0.9, "backlash": backlash, "efficiency": efficiency, "efficiency_speed": 0.05}
+    drive = cj.with_compliance(moved, "hub", cj.Compliance(stiffness, damping, **numbers))
+    half = 0.0 if backlash is None else backlash / 2
+
+    def rate(t, y, efficiency):
+        motor, link, motor_speed, link_speed = y
+        place, speed = link - motor, link_speed - motor_speed
+        side = 1.0 if place >= 0 else -1.0
+        elastic, damper = stiffness * (side * place - half), damping * side * speed
+        if backlash is not None:
+            pressed = max(elastic + min(elastic, damper), 0.0) if elastic > 0 else 0.0
+        else:
+            pressed = elastic + damper
+        passed = side * pressed
+        lost = (1 - efficiency) * abs(passed) * np.tanh(motor_speed / 0.05)
+        return motor_speed, link_speed, (push + passed - lost) / 0.9, (load - passed) / 0.4
+
+    def own(efficiency):
+        begin = (0.0, 0.0, 0.0, 0.0)
+        limits: Any = {"rtol": 1e-11, "atol": 1e-13, "max_step": 2e-5}
+        motor, link, *speeds = solve_ivp(rate, (0, 0.15), begin, "DOP853", args=(efficiency,), **limits).y[:, -1]
+        return np.array([motor, link - motor, speeds[0], speeds[1] - speeds[0]])
+
+    def end(efficiency):
+        loss = cj.replace(drive, {"hub.actuator.compliance.efficiency": efficiency})
+        return cj.simulate(loss, 0.15, rtol=1e-10, solver="dopri8").final[:4]
+
+    np.testing.assert_allclose(end(efficiency), own(efficiency), rtol=0, atol=3e-8)
+    slope = (end(efficiency + 1e-5) - end(efficiency - 1e-5)) / 2e-5
+    np.testing.assert_allclose(jax.jacfwd(end)(efficiency), slope, rtol=2e-6, atol=1e-8)
+    assert float(cj.simulate(drive, 0.15, rtol=1e-10, solver="dopri8").energy_residual) < 1e-9
+
+
+def test_efficiencies_that_cannot_be():
+    with refused("hub.efficiency"):
+        lifted(1.0, efficiency=1.2)
+    with refused("hub.actuator.compliance.efficiency", 0.0):
+        cj.simulate(lifted(1.0, efficiency=0.0), 0.1)
+    with refused("efficiency_speed"):
+        cj.Compliance(5e4, efficiency_speed=0.1)
+    made = cj.Reducer(ratio=50, stiffness=5e4, efficiency=0.8).compliance(20.0, friction_speed=0.02)
+    assert (float(made.efficiency), float(made.efficiency_speed)) == (0.8, 0.02)  # pyright: ignore[reportArgumentType]
+    # What is meant, and the ideal mechanism, have no losses.
+    ideal = cj.simulate(lifted(2.0).ideal(), 0.1, start="settled")
+    assert float(ideal["hub_motor.drive_force"]) == pytest.approx(40.0)
 
 
 def test_a_driven_motion_has_no_period_of_its_own():

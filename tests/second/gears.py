@@ -99,6 +99,17 @@ class Along(NamedTuple):
 SIDES = np.array([1.0, -1.0])
 
 
+class Loss(NamedTuple):
+    """What the teeth of a gear take of the motor: a share of the effort that they pass on, against its speed."""
+
+    share: float
+    speed: float
+
+    def effort(self, passed: float, rate: float) -> float:
+        """The effort against a motor of that rate."""
+        return self.share * abs(passed) * float(np.tanh(rate / self.speed))
+
+
 class Gap(NamedTuple):
     """A contact of a place between two flanks, the upper one first; `springs`: or a spring about zero, without touch;
     `counts`: whether its energy is elastic energy, and not an actuator's work. Its regime is a number for each flank,
@@ -111,6 +122,7 @@ class Gap(NamedTuple):
     flank: Flank
     springs: bool = False
     counts: bool = True
+    loss: Loss | None = None
 
     count: int = 2
     memories: int = 0
@@ -225,7 +237,11 @@ def gaps(scene: dict, every: tuple[Coupling, ...]) -> tuple[Gap, ...]:
         wave = tuple(number(table.get(key, 0.0)) for key in ("error", "error_order", "error_phase"))
         form = Form({name: 1.0, motor: -1.0}, 0.0, wave, motor)
         ends = _wide(table) if slack else np.zeros(2)
-        out.append(Gap(f"{name}_drive", form, ends, flank(table), not slack, slack or waves))
+        loss = None
+        if "efficiency" in table:
+            loss = Loss(1 - number(table["efficiency"]), number(table.get("efficiency_speed", 0.01)))
+        counts = slack or waves or loss is not None
+        out.append(Gap(f"{name}_drive", form, ends, flank(table), not slack, counts, loss))
     for name, joint in scene["joint"].items():
         if "stops" in joint:
             table = joint["stops"]

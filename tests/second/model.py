@@ -45,7 +45,8 @@ def _nothing(rate: float) -> float:
 
 class Effort(NamedTuple):
     """An actuator: its effort at a time, coordinate and rate, and of this rate the power that its damper and its
-    friction take, which is no work of the drives; what a servo measures if not its own coordinate; its period.
+    friction take, which is no work of the drives; what a servo measures if not its own coordinate; its period; the gain
+    of the integral of its error, and this error at a time and coordinate (none: it has no integral).
     """
 
     of: Callable[[float, float, float], float]
@@ -55,6 +56,8 @@ class Effort(NamedTuple):
     encoder: tuple[str, ...] = ()
     rate_encoder: tuple[str, ...] = ()
     period: float = 0.0
+    gain: float = 0.0
+    error: Callable[[float, float], float] | None = None
 
 
 class Coordinate(NamedTuple):
@@ -272,7 +275,7 @@ def _coordinate(name, direction, table) -> Coordinate:
 
 
 def _servo(table) -> Effort:
-    """K (target - q) + b (target' - q')."""
+    """K (target - q) + b (target' - q'), and with an integral its gain times that of target - q."""
     target, (k, b) = drive(table["target"]), _gains(table)
 
     def of(t, q, rate):
@@ -280,7 +283,10 @@ def _servo(table) -> Effort:
         return k * (value - q) + b * (speed - rate)
 
     places, rates = (tuple(table.get(key, ())) for key in ("encoder", "rate_encoder"))
-    return Effort(of, breaks=target.breaks, encoder=places, rate_encoder=rates, period=number(table.get("period", 0.0)))
+    seen = Effort(of, breaks=target.breaks, encoder=places, rate_encoder=rates, period=number(table.get("period", 0.0)))
+    if "integral" not in table:
+        return seen
+    return seen._replace(gain=number(table["integral"]), error=lambda t, q: target.at(t)[0] - q)
 
 
 def _gains(table):

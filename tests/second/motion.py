@@ -122,6 +122,7 @@ class Motion:
         system, regime = self.system, self.regime
         small[13 * n : system.motors] = 1e-17
         small[system.motors : system.motors + len(system.turned)] = PLACES
+        small[system.integrals : system.integrals + len(system.integrating)] = PLACES
         solver = DOP853(lambda t, y: system.rates(t, y, regime), t, y, end, rtol=RELATIVE, atol=small)
         while solver.status == "running":
             said = solver.step()

@@ -10,6 +10,7 @@ FACTORS |= {"ms": 1e-3, "us": 1e-6, "g": 1e-3, "GPa": 1e9}
 """Units that are not those of the SI."""
 SI = ("m", "s", "kg", "N", "rad", "Pa", "N*m", "kg*m^2", "m/s", "rad/s", "m/s^2", "N*s/m", "N*m*s/rad", "N/m")
 SI += ("N*m/rad", "Pa*s", "Pa/m", "1/m", "s/m", "N/m^1.5", "N/m^1.4", "s/rad", "1/rad", "N*m/rad^3", "N/m^3")
+SI += ("N/(m*s)", "N*m/(rad*s)")
 
 
 def number(value) -> float:

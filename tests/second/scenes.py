@@ -259,9 +259,14 @@ def _of_gears(tables, draw) -> tuple[str, tuple] | None:
         found += [(f"{name}.{key}", ("coupling", name, key)) for key in ("backlash", "offset", "ratio") if key in one]
     for name, one in tables.get("compliance", {}).items():
         found += [(f"{name}.backlash", ("compliance", name, "backlash"))] if "backlash" in one else []
+        if "efficiency" in one:
+            found.append((f"{name}.actuator.compliance.efficiency", ("compliance", name, "efficiency")))
     for name, one in tables["joint"].items():
         keys = [key for key in ("lower", "upper") if key in one.get("stops", {})]
         found += [(f"{name}.stops.{key}", ("joint", name, "stops", key)) for key in keys]
+        if "integral" in one.get("actuator", {}).get("motor", {}):
+            moved = f"{name}_motor" if name in tables.get("compliance", {}) else name
+            found.append((f"{moved}.actuator.motor.integral", ("joint", name, "actuator", "motor", "integral")))
     return draw.one(found) if found else None
 
 

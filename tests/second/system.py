@@ -6,7 +6,8 @@ joints hold or drive are constraints with Lagrange multipliers.
 
 In the plane the same equations keep x, y and the turn about z of every body. The state is [places, quaternions,
 velocities, angular velocities (world axes), memory of the laws, places and rates of motors behind springs, held efforts
-of digital servos, integrals of drive work, absorbed work, friction loss]. Such a motor adds a velocity of its own.
+of digital servos, integrals of servos' errors, and of drive work, absorbed work, friction loss]. Such a motor adds a
+velocity of its own.
 """
 
 from typing import Any, NamedTuple
@@ -129,8 +130,10 @@ class System:
                 rates = effort.rate_encoder or places
                 self.efforts.append((i, effort, self._sum(places), self._sum(rates)))
         self.digital = [k for k, (_, effort, _, _) in enumerate(self.efforts) if effort.period]
+        self.integrating = [k for k, (_, effort, _, _) in enumerate(self.efforts) if effort.error]
+        self.integrals = self.held_efforts + len(self.digital)
         self.follows = np.array([self.factors(one.form.terms) for one in self.model.couplings]).reshape(-1, len(every))
-        self.size = self.held_efforts + len(self.digital) + len(INTEGRALS)
+        self.size = self.integrals + len(self.integrating) + len(INTEGRALS)
 
     def _sum(self, names: tuple[str, ...]) -> Vector:
         """What an encoder sees. A joint behind a spring is there by how much the link is ahead of its motor."""
@@ -250,6 +253,11 @@ class System:
         out[3 * n : 7 * n] = kernels.quaternion_rates(y, n)
         out[13 * n : self.motors] = self._remembered(pushes)
         out[self.motors : self.held_efforts] = np.append(now.motors[1, self.turned], motors)
+        if self.integrating:
+            places = self.moves(now, *self.jacobian(now)).value
+            every = [self.efforts[k] for k in self.integrating]
+            errors = [effort.error(t, float(seen @ places)) for _, effort, seen, _ in every if effort.error]
+            out[self.integrals : self.integrals + len(errors)] = errors
         out[-3:] = work, sum(p.absorbed for p in pushes) + dampers, sum(p.rubbed for p in pushes) + dry
         return out
 
@@ -306,6 +314,8 @@ class System:
             given = self.asks(k, t, moves)
             if k in self.digital:
                 given = y[self.held_efforts + self.digital.index(k)]
+            if k in self.integrating:
+                given += effort.gain * y[self.integrals + self.integrating.index(k)]
             rate = moves.rate[i]
             damped, dry = effort.damped(rate), effort.rubbed(rate)
             power, lost, rubbed = power + given * rate + damped + dry, lost + damped, rubbed + dry
@@ -324,11 +334,16 @@ class System:
             if not isinstance(joint, Gap):
                 self._push(bodies, joint, now, push)
         force = np.append(bodies.ravel(), np.zeros(len(self.turned)))
-        along = np.zeros(len(moves.value))  # the efforts of gaps and couplings on all coordinates
+        along, worn = np.zeros(len(moves.value)), 0.0  # efforts of gaps and couplings on coordinates, lost in gears
         for gap, push in zip(self.plays, pushes, strict=True):
             if isinstance(gap, Gap):
                 along += push.effort * self.place(gap.form, moves)[2]
                 power += 0.0 if gap.counts else push.effort * push.rate + push.absorbed
+                if gap.loss is not None:
+                    motor = self.number[gap.form.motor]
+                    against = gap.loss.effort(push.effort, moves.rate[motor])
+                    along[motor] -= against
+                    worn += against * moves.rate[motor]
         force += along @ moves.rows
         for i in self.free:
             force -= self.own[i][1].rotor * moves.bias[i] * moves.rows[i]
@@ -344,7 +359,7 @@ class System:
         power += acted + driven @ rates[len(self.held) : len(self.active)] - along @ moves.given
         of = acceleration[: 6 * n].reshape(n, 6)
         both = np.concatenate([of[:, :3].ravel(), of[:, 3:].ravel()])
-        return both, acceleration[6 * n + 6 :], power, lost + damped, rubbed, coupled
+        return both, acceleration[6 * n + 6 :], power, lost + damped, rubbed + worn, coupled
 
     def _least(self, matrix: Vector, right: Vector) -> Vector:
         """In space constraints may repeat each other: then the smallest multipliers."""

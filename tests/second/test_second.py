@@ -21,6 +21,7 @@ CASES = {
     "guide": "guide, hunt-crossley, cubic, actuator servo, centre, round, none, alone, clearance",
     "sleeve": "sleeve, standard-linear-solid, tanh, step5, off the centre, round, none, jit, mass",
     "geared": "pendulum, hunt-crossley, none, actuator servo, centre, round, none, jit, gears",
+    "lossy": "pendulum, hunt-crossley, none, actuator servo, centre, round, none, vmap, gears",
 }
 FURTHER = {
     "geared": {
@@ -29,7 +30,8 @@ FURTHER = {
         "gives": "backlash pieces",
         "stops": "both",
         "servo": "link and motor",
-    }
+    },
+    "lossy": {"gives": "backlash efficiency", "servo": "link and motor integral"},
 }
 KEYS = ("mechanism", "normal", "friction", "motion", "start", "bore", "filling", "solved", "by")
 SCENES = 6

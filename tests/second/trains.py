@@ -18,10 +18,12 @@ GIVES = (
     "elastic cubic",
     "error",
     "error and backlash",
+    "elastic efficiency",
+    "backlash efficiency",
     *(f"backlash {flank}" for flank in FLANKS),
 )
 STOPS = ("none", "lower", "upper", "both")
-SERVO = ("own", "link", "link and motor", "motor and link", "digital")
+SERVO = ("own", "link", "link and motor", "motor and link", "digital", "own integral", "link and motor integral")
 WHEELS = {"linear": 1, "gear": 1, "belt": 1, "rack": 1, "screw": 1, "differential": 2, "planetary": 2}
 
 
@@ -217,6 +219,9 @@ def _give(tables, gives, draw, motor) -> None:
             "error_order": f"{draw.number(50.0, 200.0)} 1/{unit}",
         }
         table["error_phase"] = draw.quantity(-1.0, 1.0, "rad")
+    if "efficiency" in gives:
+        speed = sizes[2] * draw.number(0.02, 0.1)
+        table |= {"efficiency": draw.number(0.5, 0.95), "efficiency_speed": f"{speed:.4g} {unit}/s"}
     if "actuator" in joint:
         joint.pop("rotor_inertia", None)
         table["rotor_inertia"] = draw.quantity(1.0, 3.0, "kg") if slides else draw.quantity(5e-4, 3e-3, "kg*m^2")
@@ -225,7 +230,13 @@ def _give(tables, gives, draw, motor) -> None:
 
 def _sees(servo, kind, motor, draw) -> None:
     """What a servo measures."""
-    moved = f"{motor}_motor"
+    moved, slides = f"{motor}_motor", "N/m" in servo["stiffness"]
+    if kind.endswith("integral"):
+        gain = draw.number(100.0, 800.0) * number(servo["stiffness"])
+        servo["integral"] = f"{gain:.5g} {'N/(m*s)' if slides else 'N*m/(rad*s)'}"
+        kind = kind.removesuffix("integral").strip()
+    if kind == "own":
+        return
     if kind == "digital":
         servo["period"] = f"{draw.one((0.3, 0.4, 0.7))} ms"
     else:

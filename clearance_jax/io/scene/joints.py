@@ -100,7 +100,8 @@ def motion_of(table: TomlTable, path: Path, limits: Limits | None = None) -> Mot
         word, inner = variant(values, where, keys.ACTUATOR_TABLES, table.words)
         cls, given = keys.ACTUATORS[word], inner.arguments("type")
         given |= {"target": drive_of(inner, "target", path)} if cls is Servo else {}
-        actuators.append(cls(**given, name=name))
+        with naming(inner.where):
+            actuators.append(cls(**given, name=name))
     rotor, stops = table.get("rotor_inertia"), None
     if table.has("stops"):
         inner = TomlTable(table.get("stops"), table.key("stops"), keys.STOPS, table.words)

@@ -137,7 +137,7 @@ def _start(
 ) -> tuple[Array, Array, EachFlag | bool]:
     """The state with its laws latched and its payloads handed over, the slope before, and whether it is fresh now."""
     mechanism, plan = problem.mechanism, layout(problem.mechanism)
-    if plan.remembered:
+    if plan.is_latched:
         slope = _known_slope(problem, t0, y0, slope, fresh)
         now = each_lane(lambda t, y, f, p: lift(lambda m, y, f: latch(t, y, f, m[0]), p, y, f), t0)
         latched = _with_state(y0, now(t0, y0, slope, problem), t0)
@@ -195,6 +195,7 @@ def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
     for joint, (at, rate) in zip(mechanism.contacts(), seen, strict=True):
         if joint.clearance.remembers:
             parts += joint.clearance.latch(memory[joint.name], at, rate)
+    parts += [integral for name, _ in plan.integrals for integral in memory[name]]
     if plan.held:
         parts += renew(mechanism, time, plan.split(y))
     return jnp.concatenate([y[: plan.v.stop], jnp.stack(parts)])

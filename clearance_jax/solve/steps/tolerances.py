@@ -15,7 +15,7 @@ from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, parts
+from clearance_jax.mechanism.state import effort_sources, layout, parts
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.steps.problem import Problem, widths
 from clearance_jax.spatial import Vector, is_zero
@@ -181,6 +181,9 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
             velocity += [size.spin if turns else size.spin * size.length] * len(coordinate.velocities)
         adapt += [0.0 if c is None else 1.0] * len(coordinate.positions)
     memory = [scale for joint in joints for scale in joint.clearance.memory_scale()]
+    turning = {c.name: c.slides is None for c in mechanism.moved_coordinates()}
+    integrating = [s.coordinates[0] for s in effort_sources(mechanism) if s.integrates]
+    memory += [(1.0 if turning[name] else size.length) / size.spin for name in integrating]
     memory += [jnp.asarray(jnp.inf)] * layout(mechanism).held  # which a step does not change
     unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
     local = LOCAL * rtol
