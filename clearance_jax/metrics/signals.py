@@ -1,6 +1,7 @@
 """Signals: scalar functions of time along a motion."""
 
 import abc
+import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -47,6 +48,11 @@ class AbstractSignal(Module):
     def label(self) -> str:
         """What it is, in words: "position error"; by default after its class."""
         return in_words(type(self).__name__)
+
+    def known(self, mechanism: AbstractMechanism) -> "AbstractSignal":
+        """The signal with the unit that it has in a mechanism, for files and reports; by default it has one unit."""
+        del mechanism
+        return self
 
     @abc.abstractmethod
     def value(self, time: Scalar, y: Array, mechanism: PreparedMechanism, reference: Array | None) -> Scalar:
@@ -172,7 +178,37 @@ def index_of(kind: str, name: str, names: list[str]) -> int:
 
 def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
     """The index of a joint among those with clearance."""
+    refuse_gap(mechanism, name)
     return index_of("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
+
+
+def contact_index(mechanism: AbstractMechanism, name: str) -> int:
+    """The index of a joint with clearance, or of a gap of a coordinate, among all contacts."""
+    refuse_closed(mechanism, name)
+    index_of("joint with clearance or gap", name, contact_names(mechanism))
+    return [contact.name for contact in mechanism.contacts()].index(name)
+
+
+def contact_names(mechanism: AbstractMechanism) -> list[str]:
+    """The names of all that touches and comes off: joints with clearance, backlash, stops."""
+    return [contact.name for contact in (*mechanism.clearance_joints(), *mechanism.open_gaps())]
+
+
+def refuse_closed(mechanism: AbstractMechanism, name: str) -> None:
+    """Raise `ClearanceError` for the name of a spring without backlash or of friction: no contact to ask for."""
+    if name in (gap.name for gap in mechanism.gaps) and name not in contact_names(mechanism):
+        raise ClearanceError(f"`{name}` has no gap, so nothing touches in it. Ask for an effort, or for energy.").about(
+            name
+        )
+
+
+def refuse_gap(mechanism: AbstractMechanism, name: str) -> None:
+    """Raise `ClearanceError` for the name of a gap, where a joint is asked for."""
+    if name in (gap.name for gap in mechanism.gaps):
+        text = (
+            f"`{name}` is the gap of a coordinate, and not a joint: it has no pin, and bears no force between bodies."
+        )
+        raise ClearanceError(f"{text} Ask for its contact force or its impacts.").about(name)
 
 
 def named_point(mechanism: AbstractMechanism, name: str):
@@ -243,16 +279,33 @@ class OrientationError(AbstractSignal):
 
 
 class ContactForce(AbstractSignal):
-    """The normal contact force in a clearance `joint` [N]: the sum over all its contact points."""
+    """The normal contact force in a clearance `joint` [N]: the sum over all its contact points. Of the gap of a
+    coordinate (`axis_drive`, `axis_stop`, the name of a coupling) it is the size of the effort of its flanks [N m], of
+    a slide or of teeth [N].
+
+    **Arguments:** `joint`: its name; `called`: the unit of the effort, which files and reports find out.
+    """
 
     word: ClassVar[str] = "contact-force"
-    unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
+    called: str = eqx.field(static=True, default="")
+
+    @property
+    def unit(self):  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.called or "N"
+
+    @property
+    def label(self):
+        return "effort of the flanks" if self.called else "contact force"
+
+    def known(self, mechanism):
+        turns = next((gap.turns for gap in mechanism.gaps if gap.name == self.joint), None)
+        return self if turns is None else dataclasses.replace(self, called="N m" if turns else "N")
 
     def value(self, time, y, mechanism, reference):
-        index = clearance_index(mechanism, self.joint)
-        joint, at = mechanism.clearance_joints()[index], relative_motions(time, y, mechanism)[index]
-        return joint.clearance.act(at, layout(mechanism).split(y).memory[joint.name]).normal_force
+        index = contact_index(mechanism, self.joint)
+        joint, at = mechanism.contacts()[index], relative_motions(time, y, mechanism)[index]
+        return joint.clearance.act(at, layout(mechanism).split(y).memory.get(joint.name, ())).normal_force
 
 
 class Acceleration(AbstractSignal):
@@ -272,6 +325,7 @@ class Acceleration(AbstractSignal):
 
 def _reaction(mechanism: PreparedMechanism, name: str, time, y):
     """Force and moment on the child in a joint of any kind."""
+    refuse_gap(mechanism, name)
     index_of("joint", name, [joint.name for joint in mechanism.all_joints()])  # raises for another name
     mechanism = mechanism.at(time)
     return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)), [name])[name]
@@ -321,6 +375,14 @@ class Quantity(AbstractSignal):
     @property
     def unit(self):  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.called
+
+    def known(self, mechanism):
+        names = quantities(mechanism, energy_balance=False)
+        return (
+            self
+            if self.called or self.quantity not in names
+            else dataclasses.replace(self, called=names[self.quantity].unit)
+        )
 
     def prepare(self, mechanism, t1, options):
         index_of("quantity", self.quantity, numbers_of(mechanism))
