@@ -17,8 +17,8 @@ from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
+from clearance_jax.metrics.functions import clearance_index, contact_index
 from clearance_jax.metrics.measure import AbstractMetric, Request
-from clearance_jax.metrics.signals import clearance_index, contact_index
 from clearance_jax.solve.steps.observers import AbstractObserver
 from clearance_jax.solve.steps.problem import Problem, motion
 from clearance_jax.spatial import as_array

@@ -21,8 +21,9 @@ from clearance_jax.dynamics.field import BALANCE_TERMS, energies, read_balance
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.functions import contact_index
 from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
-from clearance_jax.metrics.signals import AbstractSignal, contact_index
+from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.steps.observers import PeakFinder, Picked, TouchCounter

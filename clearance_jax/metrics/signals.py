@@ -18,13 +18,13 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames, relative_motions
 from clearance_jax.dynamics.quantities import evaluate, quantities
 from clearance_jax.dynamics.reactions import reactions
-from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree.frame import Frame
-from clearance_jax.metrics.functions import in_words
+from clearance_jax.metrics.functions import contact_index, in_words, index_of, named_point, numbers_of, refuse_gap
 from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
@@ -167,53 +167,6 @@ def play_size(mechanism: AbstractMechanism) -> Scalar:
     gaps = [gap for gap in mechanism.gaps if gap.what in ("backlash", "teeth")]
     sizes += [gap.size * (largest_length(mechanism) if gap.turns else 1.0) for gap in gaps]
     return jnp.max(jnp.stack(sizes)) if sizes else jnp.asarray(jnp.inf)
-
-
-def index_of(kind: str, name: str, names: list[str]) -> int:
-    """The index of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
-    if name not in names:
-        raise unknown_name(f"There is no {kind} `{name}`.", name, names)
-    return names.index(name)
-
-
-def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
-    """The index of a joint among those with clearance."""
-    refuse_gap(mechanism, name)
-    return index_of("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
-
-
-def contact_index(mechanism: AbstractMechanism, name: str) -> int:
-    """The index of a joint with clearance, or of a gap of a coordinate, among all contacts."""
-    refuse_closed(mechanism, name)
-    index_of("joint with clearance or gap", name, contact_names(mechanism))
-    return [contact.name for contact in mechanism.contacts()].index(name)
-
-
-def contact_names(mechanism: AbstractMechanism) -> list[str]:
-    """The names of all that touches and comes off: joints with clearance, backlash, stops."""
-    return [contact.name for contact in (*mechanism.clearance_joints(), *mechanism.open_gaps())]
-
-
-def refuse_closed(mechanism: AbstractMechanism, name: str) -> None:
-    """Raise `ClearanceError` for the name of a spring without backlash or of friction: no contact to ask for."""
-    if name in (gap.name for gap in mechanism.gaps) and name not in contact_names(mechanism):
-        raise ClearanceError(f"`{name}` has no gap, so nothing touches in it. Ask for an effort, or for energy.").about(
-            name
-        )
-
-
-def refuse_gap(mechanism: AbstractMechanism, name: str) -> None:
-    """Raise `ClearanceError` for the name of a gap, where a joint is asked for."""
-    if name in (gap.name for gap in mechanism.gaps):
-        text = (
-            f"`{name}` is the gap of a coordinate, and not a joint: it has no pin, and bears no force between bodies."
-        )
-        raise ClearanceError(f"{text} Ask for its contact force or its impacts.").about(name)
-
-
-def named_point(mechanism: AbstractMechanism, name: str):
-    """The point of a name. **Raises** `ClearanceError` for an unknown one."""
-    return mechanism.points[index_of("point", name, [point.name for point in mechanism.points])]
 
 
 def frame_of(body: str, mechanism: PreparedMechanism, time, y) -> Frame:
@@ -394,10 +347,3 @@ class Quantity(AbstractSignal):
             return jnp.asarray(y[quantity.place], float)
         # Without what is integrated along, which would be read as work and losses.
         return evaluate(quantity.variable, time, y[: layout(mechanism).size], mechanism)[quantity.index]
-
-
-def numbers_of(mechanism: AbstractMechanism) -> list[str]:
-    """Names of the scalar quantities of a state."""
-    known = quantities(mechanism, energy_balance=False)
-    vectors = {name.rpartition(".")[0] for name in known if name.endswith((".x", ".y", ".z"))}
-    return [name for name in known if name not in vectors]

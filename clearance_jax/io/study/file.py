@@ -20,9 +20,10 @@ from clearance_jax.io.scene.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.table import Chosen, TomlTable, variant
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.functions import contact_names, numbers_of, refuse_closed, refuse_gap
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
-from clearance_jax.metrics.signals import AbstractSignal, contact_names, numbers_of, refuse_closed, refuse_gap
+from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
 from clearance_jax.sweep.axes import arguments_of, scatter
 from clearance_jax.units import to_si
