@@ -21,6 +21,8 @@ SECTORS, POLAR, PANEL = 36, 2.9, 2.4
 # Of a spectrum: least and most even samples, windows in the time (they overlap by half), and how far below its largest
 # value it is shown.
 LEAST, GREATEST, WINDOWS, DEPTH = 64, 2**18, 8, 1e-10
+# Ratios of the ends of a logarithmic axis: below the first one it has even numbers, above the other powers of ten only.
+FEW, MANY = 5.0, 3e3
 
 
 @STYLED
@@ -29,11 +31,10 @@ def draw_polar_load(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     joints = bearing_most(dataset) if names_of(dataset, "joint") else []
     joints = [joint for joint in joints if pins.is_pin(pins.outline_of(dataset, joint))]
     if not joints:
+        why = "There is nothing to draw: no joint of this result is a pin in a sleeve with clearance"
         gaps = names_of(dataset, "gap")
-        why = f", and the gap of `{gaps[0]}` has no directions: see the figures play and episodes" if gaps else ""
-        raise ClearanceError(
-            f"There is nothing to draw: no joint of this result is a pin in a sleeve with clearance{why}."
-        )
+        more = f", and the gap of `{gaps[0]}` has no directions: see the figures play and episodes" if gaps else ""
+        raise ClearanceError(f"{why}{more}.").about(gaps[0] if gaps else None)
     over, beside = falls_over(dataset), 1 if narrow or len(joints) == 1 else 2
     rows = -(-len(joints) // beside)
     wide = NARROW if narrow else 2 * POLAR * beside
@@ -87,14 +88,18 @@ def draw_spectrum(dataset: xr.Dataset, narrow: bool = False, modes: tuple[float,
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance, and no drive backlash.")
     parts, units = {}, {"error": "length"}
     for kind in kinds:
-        title = "force" if kind.what == "joints" else f"effort of flanks, {kind.what}"
+        title = {"joints": "force", "angles": "torque of flanks", "slides": "force of flanks"}[kind.what]
         name, units[title] = ("contact_force" if kind.what == "joints" else "gap_effort"), kind.effort
         series = ((k, each, *pins.at_steps(dataset, each, name)) for k, each in enumerate(kind.names))
-        parts[title] = [_even(k, each, time, np.abs(values), over) for k, each, time, values in series]
+        rows = [_even(k, each, time, np.abs(values), over) for k, each, time, values in series]
+        if moving := [row for row in rows if np.any(row.values)]:
+            parts[title] = moving
     if "position_error" in dataset:
         columns = (dataset["position_error"].sel(point=name).values for name in names_of(dataset, "point"))
         time, named = dataset["time"].values, zip(names_of(dataset, "point"), columns, strict=True)
         parts = {"error": [_even(-1 - k, name, time, values, over) for k, (name, values) in enumerate(named)]} | parts
+    if not parts:
+        raise ClearanceError("There is nothing to draw: nothing touches in this result, so no force has a spectrum.")
     figure = Figure(figsize=(NARROW if narrow else 7, (PANEL + 0.6) * len(parts) + 0.5), layout="constrained")
     axes = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (kind, rows) in zip(axes, parts.items(), strict=True):
@@ -138,8 +143,8 @@ def _densities(axis: Any, of: str, rows: list[EvenSeries]) -> float:
     return resolution
 
 
-class Contacts(NamedTuple):
-    """Contacts of one kind: `what` they are, their `names`, the beginning of their variables' names, the place of each
+class ContactKind(NamedTuple):
+    """ContactKind of one kind: `what` they are, their `names`, the beginning of their variables' names, the place of each
     episode among them, and the units of speeds and efforts.
     """
 
@@ -150,12 +155,12 @@ class Contacts(NamedTuple):
     effort: str
 
 
-def _kinds(dataset: xr.Dataset) -> list[Contacts]:
+def _kinds(dataset: xr.Dataset) -> list[ContactKind]:
     """The contacts of a motion: those of joints, of gaps of angles and of slides."""
-    every = [Contacts("joints", bearing_most(dataset), "", "m/s", "N")] if names_of(dataset, "joint") else []
+    every = [ContactKind("joints", bearing_most(dataset), "", "m/s", "N")] if names_of(dataset, "joint") else []
     every += [
-        Contacts("angles", pressed_most(dataset, "rad"), "gap_", "rad/s", "N m"),
-        Contacts("slides", pressed_most(dataset, "m"), "gap_", "m/s", "N"),
+        ContactKind("angles", pressed_most(dataset, "rad"), "gap_", "rad/s", "N m"),
+        ContactKind("slides", pressed_most(dataset, "m"), "gap_", "m/s", "N"),
     ]
     return [kind for kind in every if kind.names]
 
@@ -185,7 +190,7 @@ def draw_episodes(dataset: xr.Dataset, narrow: bool = False) -> Figure:
     return figure
 
 
-def _episodes(axes: Any, dataset: xr.Dataset, kind: Contacts, over: float) -> None:
+def _episodes(axes: Any, dataset: xr.Dataset, kind: ContactKind, over: float) -> None:
     """Draw impact speed, largest force and restitution of the episodes of one kind of contacts."""
     begin, dim = kind.begin, "gap" if kind.begin else "joint"
     start, of = dataset[f"{begin}episode_start"].values, dataset[f"{begin or ''}episode_{dim}"].values
@@ -206,10 +211,14 @@ def _episodes(axes: Any, dataset: xr.Dataset, kind: Contacts, over: float) -> No
         axis.set_ylabel(label)
         if name != "restitution":
             axis.set_yscale("log")
-            axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            low, high = axis.get_ylim()
+            # Else a short axis would have one number, and a long one none.
+            short, long = high < FEW * low, high > MANY * low
+            axis.yaxis.set_major_locator(MaxNLocator(4) if short else LogLocator(subs=(1,) if long else (1, 2, 5)))
             axis.yaxis.set_major_formatter("{x:g}")
             axis.yaxis.set_minor_formatter(NullFormatter())
         if axis is not axes[-1]:
             axis.set_xlabel("")
     axes[-1].set(ylim=(0, 1.05))
+    axes[-1].tick_params(labelbottom=True)
     legend_below(axes[-1], 3, fontsize=8)

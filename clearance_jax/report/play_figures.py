@@ -56,7 +56,8 @@ def draw_play(dataset: xr.Dataset, narrow: bool = False, edges: bool = False) ->
         draw(part.subplots(), dataset)
     for part, group in zip(parts[len(bars) :], orbits_of, strict=True):
         _draw_orbits(part, group, row)
-    title = f"{heading(dataset)}: {'where pins bear' if joints else 'which flanks bear'}"
+    bear = ("where pins and flanks bear" if gaps else "where pins bear") if joints else "which flanks bear"
+    title = f"{heading(dataset)}: {bear}"
     if len(joints) > MOST:
         title += f"\npaths of the {MOST} of {len(joints)} that bear most"
     figure.suptitle(fit(title, figure.get_figwidth(), 11.0))
