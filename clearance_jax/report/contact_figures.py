@@ -144,8 +144,8 @@ def _densities(axis: Any, of: str, rows: list[EvenSeries]) -> float:
 
 
 class ContactKind(NamedTuple):
-    """ContactKind of one kind: `what` they are, their `names`, the beginning of their variables' names, the place of each
-    episode among them, and the units of speeds and efforts.
+    """Contacts of one kind: `what` they are, their `names`, the beginning of their variables' names, and the units of
+    speeds and efforts.
     """
 
     what: str

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.patches import Circle
 from places import SCENES, refused
 
 import clearance_jax as cj
@@ -56,3 +57,19 @@ def test_play_shows_which_flank_bears(dataset):
     assert "which flanks bear" in cj.figures.play(only)._suptitle.get_text()
     with refused("rail_stop"):
         cj.figures.polar_load(only)
+
+
+def test_films_show_gears_as_circles_and_the_place_in_a_gap(dataset):
+    film = cj.animate(dataset, "mesh")
+    circles = [patch for patch in film.figure.axes[0].patches if isinstance(patch, Circle)]
+    radii = sorted(float(circle.get_radius()) for circle in circles)
+    np.testing.assert_allclose(radii, [0.02, 0.04], rtol=1e-12)
+    assert film.figure.axes[1].get_title() == "mesh: place in the gap (dashed: its ends)"
+    cursor = film.show(len(film) - 1).axes[1].lines[-1]
+    assert [*np.asarray(cursor.get_xdata())] == pytest.approx([50.0, 50.0])
+    left, right = film.figure.axes[0].get_xlim()
+    assert left <= -0.02
+    assert right >= 0.1
+    assert cj.animate(dataset).joint == "wheel_axis"
+    with refused("mash", allowed="wheel_axis"):
+        cj.animate(dataset, "mash")
