@@ -32,8 +32,7 @@ class Skeleton:
     def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):
         self.axis, self.places, self.size, self.whole = axis, places, places.size, whole
         self._lines, self._plates, self._sliders = [], [], []
-        wheels = [places.at[:, mark] + side * radius for mark, radius, side in self._wheels_and_sides()]
-        floor = same_scale(axis, np.stack([*places.at.swapaxes(0, 1), *wheels], axis=1))[-1]
+        floor = same_scale(axis, np.concatenate([places.at, places.rims], axis=1))[-1]
         if self.in_space:
             axis.view_init(ELEVATION, AZIMUTH)
         for mark in places.ground:
@@ -107,11 +106,6 @@ class Skeleton:
             self._plates.append((self.axis.add_patch(plate), marks))
         else:
             self._line([mark for other in marks[1:] for mark in (marks[0], other)], color=colour, **LINK)
-
-    def _wheels_and_sides(self) -> list[tuple[int, float, int]]:
-        """By gear the mark of its centre and its radius [m], for both sides of it."""
-        marks, wheels = self.places.joints, self.places.wheels.items()
-        return [(marks[name], radius, side) for name, (radius, _) in wheels for side in (-1, 1)]
 
     def _wheel(self, mark: int, radius: float, turn: np.ndarray) -> tuple[Any, int, float, np.ndarray]:
         """Draw the pitch circle of a gear; returns the line across it that turns."""

@@ -52,6 +52,14 @@ class Places(NamedTuple):
     wheels: Mapping[str, tuple[float, np.ndarray]] = MappingProxyType({})
 
     @property
+    def rims(self) -> np.ndarray:
+        """Corners of the squares around gears [m], (times, corners, axes)."""
+        every = [
+            self.at[:, self.joints[n]] + side * radius for n, (radius, _) in self.wheels.items() for side in (-1, 1)
+        ]
+        return np.stack(every, axis=1) if every else self.at[:, :0]
+
+    @property
     def size(self) -> float:
         """The largest extent along an axis [m]."""
         low, high = bounds(self.at)
@@ -74,9 +82,11 @@ class Outline(NamedTuple):
 
     @property
     def visible(self) -> np.ndarray:
-        """The positions in the picture [m], (n, 2): all marks at the sample, and points at all times."""
-        at = self.places.at
-        return np.concatenate([at[self.sample], *(at[:, mark] for mark in self.places.points.values())])
+        """The positions in the picture [m], (n, 2): all marks and gears at the sample, and points at all times."""
+        at, rims = self.places.at, self.places.rims
+        return np.concatenate(
+            [at[self.sample], rims[self.sample], *(at[:, mark] for mark in self.places.points.values())]
+        )
 
 
 def names_of(dataset: xr.Dataset, label: str) -> list[str]:

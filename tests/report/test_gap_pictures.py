@@ -6,6 +6,7 @@ from matplotlib.patches import Circle
 from places import SCENES, refused
 
 import clearance_jax as cj
+from clearance_jax.results.places import bounds, outline
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +71,8 @@ def test_films_show_gears_as_circles_and_the_place_in_a_gap(dataset):
     left, right = film.figure.axes[0].get_xlim()
     assert left <= -0.02
     assert right >= 0.1
+    low, high = bounds(outline(dataset).visible)
+    np.testing.assert_allclose([low[0], high[0]], [-0.02, 0.1], atol=1e-3)
     assert cj.animate(dataset).joint == "wheel_axis"
     with refused("mash", allowed="wheel_axis"):
         cj.animate(dataset, "mash")
