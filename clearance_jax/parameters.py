@@ -23,6 +23,7 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Flag
 from clearance_jax.errors import ClearanceError, quote, require_float64, unknown_name, wrong_value
+from clearance_jax.units import resolve_unit, unit_in_words
 
 PARAMETER = "the parameter's"
 """Stands for a unit in the declarations of a study's keys: that of the parameter which the file names."""
@@ -136,22 +137,19 @@ class Leaf:
     @property
     def unit(self) -> str:
         """The SI unit, with its owners' words replaced."""
+        return resolve_unit(self.metadata["unit"], self.words)
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The units by the words that its owners' fields use for them."""
         words: dict[str, str] = {}
         for i, owner in enumerate(self.owners):
             if not isinstance(owner, Parametrised):
                 continue
-            # By its class: equinox flattens the whole module when it binds a method.
-            words |= type(owner).units(owner)
+            words |= type(owner).units(owner)  # by its class: equinox flattens a module when it binds a method
             for member in self.owners[i + 1 :]:
                 words |= type(owner).units_within(owner, member)
-        return resolve_unit(self.metadata["unit"], words)
-
-
-def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
-    """A unit with words replaced by the units for which they stand."""
-    for word, meant in words.items():
-        unit = unit.replace(word, meant)
-    return unit
+        return words
 
 
 def leaves(
@@ -289,18 +287,18 @@ def bounds_hold(module: eqx.Module) -> Flag:
     for key, holds, _ in BOUNDS:
         limit = np.concatenate([np.full(v.shape, np.nan if m.get(key) is None else m[key]) for v, m in every])
         good &= holds(numbers, jnp.asarray(limit)) | jnp.asarray(np.isnan(limit))
-    together = [demand.holds for _, part in _parts(leaves(module)) for demand in part.demands()]
+    together = [demand.holds for _, part, _ in _parts(leaves(module)) for demand in part.demands()]
     return jnp.all(jnp.stack([jnp.all(good), *(jnp.all(jnp.asarray(holds)) for holds in together)]))
 
 
-def _parts(every: Iterable[Leaf]) -> Iterator[tuple[str, Parametrised]]:
-    """Every part that directly owns some of these numbers, with the beginning of their names."""
-    seen: set[int] = set()
+def _parts(every: Iterable[Leaf]) -> Iterator[tuple[str, Parametrised, Leaf]]:
+    """Every part that directly owns some of these numbers, with the beginning of their names, and one of them."""
+    seen = set()
     for leaf in every:
         part = leaf.owners[-1]
         if isinstance(part, Parametrised) and id(part) not in seen:
             seen.add(id(part))
-            yield leaf.name.rpartition(leaf.path[-1])[0], part
+            yield leaf.name.rpartition(leaf.path[-1])[0], part, leaf
 
 
 def check_values(module: eqx.Module) -> None:
@@ -318,12 +316,12 @@ def check_values(module: eqx.Module) -> None:
         # A unit is looked up for a message only: for all numbers that takes longer than a solve.
         if not all(np.all(holds) for *_, holds in violations(value, leaf.metadata)):
             check_bounds(value, leaf.metadata, f"`{name}`", leaf.unit)
-    for begin, part in _parts(known.values()):
-        check_demands(part, begin)
+    for begin, part, leaf in _parts(known.values()):
+        check_demands(part, begin, lambda leaf=leaf: leaf.words)
 
 
-def check_demands(part: Parametrised, begin: str = "") -> None:
-    """Raise if numbers of a part contradict each other. Tracers pass. `begin`: begin of its names ("wrist.")."""
+def check_demands(part: Parametrised, begin: str = "", words: Callable[[], Mapping[str, str]] = dict) -> None:
+    """Raise if numbers of a part contradict each other. Tracers pass. `begin` ("wrist.") of names; `words` of units."""
     with np.errstate(all="ignore"):  # of numbers near the largest ones
         demands = list(outside(part).demands())
     for demand in demands:
@@ -331,6 +329,7 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
             continue
         given = quote(np.asarray(getattr(part, demand.name)).tolist())
         unit = next(field.metadata["unit"] for field in dataclasses.fields(part) if field.name == demand.name)
+        unit = unit_in_words(resolve_unit(unit, words()))
         text = f"`{begin}{demand.name}` {demand.words()}, but it is {f'{given} {unit}'.rstrip()}."
         raise ClearanceError(text).about(f"{begin}{demand.name}")
 
@@ -341,6 +340,7 @@ def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str,
     checks = list(violations(value, metadata))
     if all(np.all(holds) for *_, holds in checks):
         return
+    unit = unit_in_words(unit)
     demanded = [f"{words} {limit:g} {unit}".rstrip() for words, limit, _ in checks]
     if metadata.get("above") is not None and metadata.get("below") is not None:
         demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]

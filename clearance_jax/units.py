@@ -3,6 +3,7 @@
 import functools
 import math
 import re
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -24,6 +25,9 @@ _COMMA = re.compile(r"\s*([+-]?\d+,\d+(?:[eE][+-]?\d+)?)")
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT}|/\s*{_UNIT}|/\s*\(\s*{_NUMBER}\s*{_UNIT}\s*\))?\s*")
 
 ANGLES = ("radian", "degree", "turn", "revolution", "arc", "grade", "cycle")
+# What a coordinate's numbers are in: an angle's, and a slide's.
+TURNING = {"coordinate": "rad", "effort": "N*m"}
+SLIDING = {"coordinate": "m", "effort": "N"}
 
 
 @functools.cache
@@ -76,6 +80,19 @@ def _convert(value: str, text: tuple[float, str], unit: str, where: str) -> floa
     if unit in ("rad", "rad/s", "rad/s^2") and not any(word in str(quantity.units) for word in ANGLES):
         raise _needs(where, value, f'a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}"')
     return magnitude
+
+
+def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
+    """A unit with words replaced by the units for which they stand."""
+    for word, meant in words.items():
+        unit = unit.replace(word, meant)
+    return unit
+
+
+def unit_in_words(unit: str) -> str:
+    """A unit as messages show it. Of a coordinate whose kind is not known it is the angle's, and the slide's."""
+    turning, sliding = (resolve_unit(unit, words) for words in (TURNING, SLIDING))
+    return turning if turning == sliding else f"{turning} ({sliding} of a slide)"
 
 
 @functools.cache

@@ -30,7 +30,7 @@ LARGEST_RESIDUAL = 1e-4
 
 
 class Machine(NamedTuple):
-    """An entry: the example, what is shown of it, and a sentence with the numbers of its run.
+    """An entry: the example, what is shown of it, and a sentence with the numbers of its run. Its `joint` may be a gap.
 
     `since`: what comes before [s] counts neither in the force nor in the error: the fall of pins from the middle of
     their sleeves. `at`: the share of the motion at which the picture is taken.
@@ -69,8 +69,12 @@ def run(machine: Machine) -> xr.Dataset:
 
 
 def shown(value: float, unit: str) -> str:
-    """A length [m], a force [N] or a frequency [Hz] with three digits, in a unit that suits it."""
-    scales = {"m": ((1e-3, "mm"), (1e-6, "um")), "N": ((1e3, "kN"), (1.0, "N")), "Hz": ((1.0, "Hz"),)}[unit]
+    """A length [m], a force [N], a torque [N m], an angle [rad] or a frequency [Hz] with three digits, in a unit that
+    suits it.
+    """
+    scales = {"m": ((1e-3, "mm"), (1e-6, "um")), "N": ((1e3, "kN"), (1.0, "N")), "Hz": ((1.0, "Hz"),)}
+    scales |= {"N m": ((1e3, "kN m"), (1.0, "N m")), "rad": ((np.pi / 10800, "arcmin"),)}
+    scales = scales[unit]
     scale, name = next((one for one in scales if abs(value) >= one[0]), scales[-1])
     return f"{float(f'{value / scale:.3g}'):g} {name}"
 
@@ -84,11 +88,22 @@ def frequency(time: np.ndarray, signal: np.ndarray) -> float:
 def numbers(machine: Machine, dataset: xr.Dataset) -> dict[str, str]:
     """What its sentence may name."""
     late = dataset["time"].values >= machine.since
+    known = cj.parameters(cj.load(cj.examples.path(machine.example)))
+    if "gap" in dataset.coords and machine.joint in dataset["gap"].values:
+        gap = dataset.sel(gap=machine.joint)
+        mine = dataset["gap_episode_gap"].values == list(dataset["gap"].values).index(machine.joint)
+        peak = float(dataset["gap_peak_force"].values[mine].max())
+        effort = shown(peak, str(gap["gap_effort_unit"].values))
+        width = known[f"{machine.joint.removesuffix('_drive')}.backlash"].value
+        return {
+            "force": effort,
+            "touches": str(mine.sum()),
+            "clearance": shown(float(width), str(gap["gap_unit"].values)),
+        }
     force = dataset["contact_force"].sel(joint=machine.joint).values[late].max()
     index = list(dataset["joint"].values).index(machine.joint)
     found = {"force": shown(float(force), "N"), "touches": str(int((dataset["episode_joint"].values == index).sum()))}
     name = f"{machine.joint}.radial_clearance"
-    known = cj.parameters(cj.load(cj.examples.path(machine.example)))
     if name in known:
         found["clearance"] = shown(float(known[name].value), "m")
     if "{frequency}" in machine.sentence:
@@ -103,7 +118,12 @@ def sentence(machine: Machine, dataset: xr.Dataset) -> str:
     if "position_error" in dataset:
         late = dataset["time"].values >= machine.since
         error = float(dataset["position_error"].sel(point=machine.point).values[late].max())
-        said += f" Its point `{machine.point}` is up to {shown(error, 'm')} from its place on the machine without play."
+        ideal = (
+            "without play"
+            if machine.joint in dataset.coords.get("joint", [])
+            else "with rigid drives, without backlash"
+        )
+        said += f" Its point `{machine.point}` is up to {shown(error, 'm')} from its place on the machine {ideal}."
     return said
 
 
@@ -170,9 +190,9 @@ def front(path: Path = IMAGES / "front.gif") -> None:
 HEAD = """# Gallery: machines with play
 
 Each machine is an [example](scenes.md) of the package. A picture is one instant of the motion: the machine, and beside
-it the pin in its sleeve, with the play magnified. The commands below a picture repeat the run, and
-`clearance animate NAME.nc -o NAME.gif` makes a film of it. The fall of pins from the middle of their sleeves is left
-out of the numbers, where a machine does not start settled.
+it the pin in its sleeve, with the play magnified, or below it the place in the gap of a drive. The commands below a
+picture repeat the run, and `clearance animate NAME.nc -o NAME.gif` makes a film of it. The fall of pins from the middle
+of their sleeves is left out of the numbers, where a machine does not start settled.
 
 *This page is written by `make gallery`, with the numbers of its runs.*
 """

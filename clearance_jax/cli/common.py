@@ -29,7 +29,7 @@ _PLAY = (
 )
 CLEARANCES = Option(None, "--clearance", metavar="JOINT:NUMBERS", help=f"Give a joint play, e.g. {_PLAY}")
 IDEAL = Option(False, "--ideal", help="Take every clearance away.")
-MAGNIFIED = Option(None, "--magnify", metavar="JOINT", help="The joint magnified (default: the one that bears most).")
+MAGNIFIED = Option(None, "--magnify", metavar="JOINT", help="The joint magnified, or a gap (default: what bears most).")
 
 KIND = Option(None, "--plot-kind", metavar="NAME", help=f"Kind of figure (default: overview). {LISTED}")
 NARROW = Option(False, "--narrow", help="Panels below each other, to be read on a phone.")

@@ -21,10 +21,11 @@ from clearance_jax.mechanism.form import Columns, EquationForm, columns_of, is_l
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.tree.coordinate import Coordinate
-from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
+from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, without_misalignment
 from clearance_jax.mechanism.variants import gives_way, rigid, without_gaps, without_play
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
+from clearance_jax.units import SLIDING, TURNING
 
 Kind = TypeVar("Kind", bound="AbstractMechanism")
 

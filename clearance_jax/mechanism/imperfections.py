@@ -139,7 +139,7 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
         text = f"`rotor_inertia` has no effect in joint `{name}`: its drive is followed exactly, whatever its motor is."
         raise ClearanceError(text)
     inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
-    check_demands(compliance, f"{name}.")
+    check_demands(compliance, f"{name}.", joint.units)
     drive = DriveSpring(
         compliance.flank, compliance.backlash, wave=compliance.wave, loss=compliance.loss, name="compliance"
     )

@@ -144,14 +144,15 @@ class Reducer:
 
     def compliance(self, damping: Plain, *, driven: bool = True, friction_speed: Plain = 0.01) -> Compliance:
         """The drive of a joint with this reducer, for `with_compliance`: stiffness, backlash, friction at the link, and
-        an error once in a turn of the motor, and its efficiency (see `Compliance` for what that is here).
+        an error once in a turn of the motor, and its loss: a motor that drives its load delivers the share `efficiency`
+        of its power.
 
         **Arguments:** `damping` [N m s/rad] at the link, which no data sheet has; `driven`: whether a drive prescribes
         the motor, else the rotor's inertia is that of an actuated one; `friction_speed` [rad/s]: at which friction
         and the loss in the gear turn round.
 
-        **Raises:** `ClearanceError` for a rigid reducer, one whose stiffness is not known under large torques, and an
-        actuated motor without a rotor.
+        **Raises:** `ClearanceError` for a rigid reducer, one whose stiffness is not known under large torques, an
+        actuated motor without a rotor, and an efficiency of at most 0.5.
         """
         torques, stiffnesses = self.pieces
         if math.isinf(stiffnesses[0]):
@@ -169,7 +170,12 @@ class Reducer:
         if self.transmission_error:
             numbers |= {"error": self.transmission_error, "error_order": abs(self.ratio)}
         if self.efficiency is not None and self.efficiency < 1:
-            numbers |= {"efficiency": self.efficiency, "efficiency_speed": friction_speed}
+            # The loss of a drive is a share of the effort that it passes on, that of a sheet a share of what goes in.
+            efficiency = 2 - 1 / self.efficiency
+            if efficiency <= 0:
+                fix = "A gear with more loss locks itself, which drives do not do here. Leave its `efficiency` out."
+                raise wrong_value("`efficiency`", "above 0.5 for a drive", self.efficiency, fix=fix)
+            numbers |= {"efficiency": efficiency, "efficiency_speed": friction_speed}
         if not driven and self.rotor_inertia is not None:
             numbers["rotor_inertia"] = self.ratio**2 * self.rotor_inertia
         return Compliance(damping=damping, backlash=self.backlash or None, **numbers)

@@ -156,8 +156,13 @@ class AbstractMetric(AbstractMeasure):
 
     def form(self, mechanism: Mechanism) -> MetricForm:
         """Unit and axes of its values for a mechanism's motion; by default axes have no names."""
-        del mechanism
-        return MetricForm(self.unit)
+        return MetricForm(self.known(mechanism).unit)
+
+    def known(self, mechanism: Mechanism) -> "AbstractMetric":
+        """The metric with the unit that its signal has in a mechanism."""
+        signal: Any = getattr(self, "signal", None)
+        known = signal.known(mechanism) if hasattr(signal, "known") else signal
+        return self if known is signal else dataclasses.replace(self, signal=known)  # pyright: ignore[reportCallIssue]
 
     def static_bound(self) -> "AbstractMetric":
         """The metric of the largest errors that play alone allows. **Raises** `ClearanceError` if it has no error."""

@@ -14,10 +14,11 @@ from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
+from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
+from clearance_jax.metrics.functions import clearance_index, contact_index
 from clearance_jax.metrics.measure import AbstractMetric, Request
-from clearance_jax.metrics.signals import clearance_index
 from clearance_jax.solve.steps.observers import AbstractObserver
 from clearance_jax.solve.steps.problem import Problem, motion
 from clearance_jax.spatial import as_array
@@ -52,7 +53,9 @@ class PeakInstants(AbstractMetric):
 
 
 class Work(NamedTuple):
-    """The mean normal force of a joint [N], and the energy lost in its friction and in its contact damping [J]."""
+    """The mean normal force of a joint [N], or effort of a gap's flanks [N m, N of a slide], and the energy lost in its
+    friction and in its contact damping [J].
+    """
 
     mean_force: Scalar
     friction_loss: Scalar
@@ -60,12 +63,16 @@ class Work(NamedTuple):
 
 
 class JointWork(AbstractMetric):
-    """`Work` of a joint with clearance, integrated along. All joints' and dampers' losses add up to `EnergyLost`."""
+    """`Work` of a joint with clearance or of a gap, integrated along. All joints', gaps' and dampers' losses add up to
+    `EnergyLost`.
+
+    **Arguments:** `joint`: its name, or that of a gap (`axis_drive`).
+    """
 
     joint: str = eqx.field(static=True)
 
     def request(self, mechanism, t1, options):
-        clearance_index(mechanism, self.joint)  # an unknown name raises here
+        contact_index(mechanism, self.joint)  # an unknown name raises here
         return Request(integrands=(JointPowers(self.joint),))
 
     def value(self, reply):
@@ -84,7 +91,7 @@ class JointPowers(Module):
     def __call__(self, time, y, mechanism):
         """The three powers at a state."""
         joint, at, state = _play(mechanism, self.joint, time, y)
-        action = joint.clearance.act(at, state.memory[joint.name])
+        action = joint.clearance.act(at, state.memory.get(joint.name, ()))
         return jnp.stack([action.normal_force, action.friction_power, action.absorbed_power])
 
     def scale(self, mechanism):
@@ -92,10 +99,10 @@ class JointPowers(Module):
         return jnp.asarray(jnp.inf)
 
 
-def _play(mechanism: PreparedMechanism, name: str, time, y) -> tuple[ClearanceJoint, Relative, State]:
-    index = clearance_index(mechanism, name)
+def _play(mechanism: PreparedMechanism, name: str, time, y) -> tuple[ClearanceJoint | CoordinateGap, Relative, State]:
+    index = contact_index(mechanism, name)
     at = relative_motions(time, y, mechanism)[index]
-    return mechanism.clearance_joints()[index], at, layout(mechanism).split(y)
+    return mechanism.contacts()[index], at, layout(mechanism).split(y)
 
 
 def _elastic_energy(mechanism: PreparedMechanism, name: str, time, y) -> Scalar:

@@ -14,7 +14,8 @@ from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.metrics.signals import TABLE, AbstractSignal, motion_of, named_point, play_size, point_at
+from clearance_jax.metrics.functions import named_point
+from clearance_jax.metrics.signals import TABLE, AbstractSignal, motion_of, play_size, point_at
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.steps.interpolate import hermite

@@ -21,8 +21,9 @@ from clearance_jax.dynamics.field import BALANCE_TERMS, energies, read_balance
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.functions import contact_index
 from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
-from clearance_jax.metrics.signals import AbstractSignal, clearance_index
+from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.steps.observers import PeakFinder, Picked, TouchCounter
@@ -260,10 +261,10 @@ class EnergyLost(AbstractMetric):
 
 
 class Impacts(AbstractMetric):
-    """The number of times that the surfaces of a joint meet (NaN for a failed motion of a batch). It has no derivative:
-    to ask for one is an error.
+    """The number of times that the surfaces of a joint, or the flanks of a gap, meet (NaN for a failed motion of a
+    batch). It has no derivative: to ask for one is an error.
 
-    **Arguments:** `joint`: its name; `since`: only times after it count [s], `None`: all.
+    **Arguments:** `joint`: its name, or a gap's (`axis_drive`); `since`: only times after it count [s], `None`: all.
     """
 
     word: ClassVar[str] = "impacts"
@@ -271,7 +272,7 @@ class Impacts(AbstractMetric):
     since: Scalar | None = since_field()
 
     def request(self, mechanism, t1, options):
-        counter = TouchCounter(clearance_index(mechanism, self.joint), without_derivatives(self.since))
+        counter = TouchCounter(contact_index(mechanism, self.joint), without_derivatives(self.since))
         return Request((counter,), since=self.since)
 
     def value(self, reply):

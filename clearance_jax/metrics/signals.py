@@ -1,6 +1,7 @@
 """Signals: scalar functions of time along a motion."""
 
 import abc
+import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -17,13 +18,13 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames, relative_motions
 from clearance_jax.dynamics.quantities import evaluate, quantities
 from clearance_jax.dynamics.reactions import reactions
-from clearance_jax.errors import ClearanceError, unknown_name
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree.frame import Frame
-from clearance_jax.metrics.functions import in_words
+from clearance_jax.metrics.functions import contact_index, in_words, index_of, named_point, numbers_of, refuse_gap
 from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
@@ -47,6 +48,11 @@ class AbstractSignal(Module):
     def label(self) -> str:
         """What it is, in words: "position error"; by default after its class."""
         return in_words(type(self).__name__)
+
+    def known(self, mechanism: AbstractMechanism) -> "AbstractSignal":
+        """The signal with the unit that it has in a mechanism, for files and reports; by default it has one unit."""
+        del mechanism
+        return self
 
     @abc.abstractmethod
     def value(self, time: Scalar, y: Array, mechanism: PreparedMechanism, reference: Array | None) -> Scalar:
@@ -163,23 +169,6 @@ def play_size(mechanism: AbstractMechanism) -> Scalar:
     return jnp.max(jnp.stack(sizes)) if sizes else jnp.asarray(jnp.inf)
 
 
-def index_of(kind: str, name: str, names: list[str]) -> int:
-    """The index of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
-    if name not in names:
-        raise unknown_name(f"There is no {kind} `{name}`.", name, names)
-    return names.index(name)
-
-
-def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
-    """The index of a joint among those with clearance."""
-    return index_of("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
-
-
-def named_point(mechanism: AbstractMechanism, name: str):
-    """The point of a name. **Raises** `ClearanceError` for an unknown one."""
-    return mechanism.points[index_of("point", name, [point.name for point in mechanism.points])]
-
-
 def frame_of(body: str, mechanism: PreparedMechanism, time, y) -> Frame:
     """The frame of a body in a state."""
     return frames(mechanism, time, layout(mechanism).split(y))[body]
@@ -243,16 +232,33 @@ class OrientationError(AbstractSignal):
 
 
 class ContactForce(AbstractSignal):
-    """The normal contact force in a clearance `joint` [N]: the sum over all its contact points."""
+    """The normal contact force in a clearance `joint` [N]: the sum over all its contact points. Of the gap of a
+    coordinate (`axis_drive`, `axis_stop`, the name of a coupling) it is the size of the effort of its flanks [N m], of
+    a slide or of teeth [N].
+
+    **Arguments:** `joint`: its name; `called`: the unit of the effort, which files and reports find out.
+    """
 
     word: ClassVar[str] = "contact-force"
-    unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
+    called: str = eqx.field(static=True, default="")
+
+    @property
+    def unit(self):  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.called or "N"
+
+    @property
+    def label(self):
+        return "effort of the flanks" if self.called else "contact force"
+
+    def known(self, mechanism):
+        turns = next((gap.turns for gap in mechanism.gaps if gap.name == self.joint), None)
+        return self if turns is None else dataclasses.replace(self, called="N m" if turns else "N")
 
     def value(self, time, y, mechanism, reference):
-        index = clearance_index(mechanism, self.joint)
-        joint, at = mechanism.clearance_joints()[index], relative_motions(time, y, mechanism)[index]
-        return joint.clearance.act(at, layout(mechanism).split(y).memory[joint.name]).normal_force
+        index = contact_index(mechanism, self.joint)
+        joint, at = mechanism.contacts()[index], relative_motions(time, y, mechanism)[index]
+        return joint.clearance.act(at, layout(mechanism).split(y).memory.get(joint.name, ())).normal_force
 
 
 class Acceleration(AbstractSignal):
@@ -272,6 +278,7 @@ class Acceleration(AbstractSignal):
 
 def _reaction(mechanism: PreparedMechanism, name: str, time, y):
     """Force and moment on the child in a joint of any kind."""
+    refuse_gap(mechanism, name)
     index_of("joint", name, [joint.name for joint in mechanism.all_joints()])  # raises for another name
     mechanism = mechanism.at(time)
     return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)), [name])[name]
@@ -322,6 +329,14 @@ class Quantity(AbstractSignal):
     def unit(self):  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.called
 
+    def known(self, mechanism):
+        names = quantities(mechanism, energy_balance=False)
+        return (
+            self
+            if self.called or self.quantity not in names
+            else dataclasses.replace(self, called=names[self.quantity].unit)
+        )
+
     def prepare(self, mechanism, t1, options):
         index_of("quantity", self.quantity, numbers_of(mechanism))
         return self
@@ -332,10 +347,3 @@ class Quantity(AbstractSignal):
             return jnp.asarray(y[quantity.place], float)
         # Without what is integrated along, which would be read as work and losses.
         return evaluate(quantity.variable, time, y[: layout(mechanism).size], mechanism)[quantity.index]
-
-
-def numbers_of(mechanism: AbstractMechanism) -> list[str]:
-    """Names of the scalar quantities of a state."""
-    known = quantities(mechanism, energy_balance=False)
-    vectors = {name.rpartition(".")[0] for name in known if name.endswith((".x", ".y", ".z"))}
-    return [name for name in known if name not in vectors]

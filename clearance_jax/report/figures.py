@@ -57,7 +57,7 @@ class MotionFigure(AbstractFigure):
 
 
 class Play(AbstractFigure):
-    """When and where pins bear, and their orbits at every station of their sleeves.
+    """When and where pins bear, their orbits at every station of their sleeves, and when flanks of gaps bear.
 
     **Arguments:** `dataset`, `narrow`: as `AbstractFigure.draw`; `edges`: the orbits at the sleeve's edges only.
     """
@@ -87,7 +87,7 @@ class PolarLoad(AbstractFigure):
 
 
 class SpectrumFigure(AbstractFigure):
-    """Power spectral densities of errors and contact forces after the first fall.
+    """Power spectral densities of errors, contact forces and efforts of flanks after the first fall.
 
     They are Welch's, with Hann windows that overlap by half, at even times by linear interpolation.
 
@@ -105,6 +105,8 @@ class SpectrumFigure(AbstractFigure):
 
 class EpisodesFigure(AbstractFigure):
     """Impact speed, largest force and restitution of every contact episode over the time of its first touch.
+
+    Gaps of drives, couplings and stops have columns of their own, with speeds and efforts in their units.
 
     **Arguments:** `dataset`, `narrow`: as `AbstractFigure.draw`.
     """

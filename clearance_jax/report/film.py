@@ -1,5 +1,6 @@
 """Films: frames drawn on a figure one after another, and written to a file; and those of a motion from a dataset: the
-mechanism, beside it a magnified clearance joint, below it the joint's contact force and state over time.
+mechanism, beside it a magnified clearance joint, below it the joint's contact force and state over time. Without play
+in joints the place in the gap of a drive is below it.
 """
 
 import abc
@@ -21,12 +22,12 @@ from scipy.spatial import KDTree
 
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.report.magnified import CrossSection, Side, magnify
-from clearance_jax.report.panels import SHORT, curve, time_axis
+from clearance_jax.report.panels import SHORT, curve, gap_places, time_axis
 from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import RED, round_down
 from clearance_jax.report.style import STYLE as LOOK
-from clearance_jax.results.places import places
+from clearance_jax.results.places import names_of, places
 from clearance_jax.results.play import JointPlay, require_joint
 from clearance_jax.results.store import whole_file
 
@@ -166,6 +167,9 @@ class Film(AbstractFilm):
     def __init__(
         self, dataset: xr.Dataset, joint: str | None, frames: np.ndarray, fps: float, slowdown: float, factor: Any
     ):
+        gaps = _loose_gaps(dataset)
+        self._gap = joint if joint in gaps else next(iter(gaps), None)
+        joint = None if joint in gaps else joint
         self.frames, self.fps, self.slowdown, self.joint = frames, fps, slowdown, joint
         self.time, self.name = dataset["time"].values, str(dataset.attrs.get("mechanism", ""))
         enlarged = None if joint is None else magnify(dataset, joint, factor)
@@ -202,8 +206,12 @@ class Film(AbstractFilm):
         """Draw what does not move; returns the views that follow the motion, and the cursors on time axes."""
         projection = "3d" if dataset.sizes["axis"] == 3 else None
         if enlarged is None:
-            return [Skeleton(self.figure.add_subplot(projection=projection), places(dataset))], []
-        parts: Any = self.figure.subfigures(2, 1, height_ratios=(4.6, 1.6))
+            gap = self._gap
+            heights = (4.6,) if gap is None else (4.6, 1.6)
+            parts: Any = self.figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)
+            view = Skeleton(parts[0, 0].add_subplot(projection=projection), places(dataset))
+            return [view], [] if gap is None else [_in_gap(parts[1, 0].subplots(), dataset, gap)]
+        parts = self.figure.subfigures(2, 1, height_ratios=(4.6, 1.6))
         upper, lower = parts
         left, right = upper.subfigures(1, 2, width_ratios=(1.1, 1.0))
         skeleton = Skeleton(left.add_subplot(projection=projection), places(dataset), self.joint)
@@ -219,6 +227,22 @@ class Film(AbstractFilm):
         force.grid(alpha=0.3)
         timeline(bar, dataset, [str(self.joint)])
         return views, [axis.axvline(0.0, color="k", lw=1.2, zorder=9) for axis in (force, bar)]
+
+
+def _loose_gaps(dataset: xr.Dataset) -> list[str]:
+    """The gaps of backlash, first that whose place changes most against its width."""
+    loose = [gap for gap in names_of(dataset, "gap") if f"gap.{gap}" in dataset.attrs]
+    sizes = {
+        gap: float(np.ptp(dataset["gap_position"].sel(gap=gap).values) / dataset.attrs[f"gap.{gap}"]) for gap in loose
+    }
+    return sorted(loose, key=lambda gap: -sizes[gap])
+
+
+def _in_gap(axis: Any, dataset: xr.Dataset, gap: str) -> Any:
+    """Draw the place in a gap over time; returns its cursor."""
+    gap_places([gap], str(dataset["gap_unit"].sel(gap=gap).values), axis, dataset)
+    axis.set_title(f"{gap}: place in the gap (dashed: its ends)", color=RED, fontsize=10)
+    return axis.axvline(0.0, color="k", lw=1.2, zorder=9)
 
 
 def _views(figure: Any, joint: JointPlay) -> list:
@@ -261,7 +285,8 @@ def animate(
     **Arguments:**
 
     - `dataset`: of `to_dataset`. A film shows its samples, and nothing between them.
-    - `joint`: the joint to magnify; by default the one with the largest force; without play none.
+    - `joint`: the joint to magnify; by default the one with the largest force. Or the gap of a drive or of gears whose
+      place is drawn over time; without play in joints by default the one that is crossed most.
     - `slowdown`: seconds of film per second of motion, > 0; by default so large that the film lasts ten seconds at
       most.
     - `exaggeration`: how many times as large the play is drawn, >= 1, beside a pin of its own size; by default so large
@@ -277,7 +302,7 @@ def animate(
             raise wrong_value(f"`{name}`", bound, value, shown=f"{value:g}")
     if "time" not in dataset.coords:
         raise ClearanceError("There is nothing to film: this is no result of a simulation.")
-    name = None if joint is None else require_joint(dataset, joint)
+    name = joint if joint is None or joint in _loose_gaps(dataset) else require_joint(dataset, joint)
     if joint is None and "contact_force" in dataset:
         name = str(dataset["joint"].values[int(dataset["contact_force"].values.mean(axis=0).argmax())])
     chosen = _within(dataset["time"].values, span)

@@ -128,7 +128,7 @@ def of_gaps(dataset: xr.Dataset) -> list[Panel]:
         some = [str(name) for name in names[units == unit]]
         loose = [name for name in some if f"gap.{name}" in dataset.attrs]
         if loose:
-            out.append(Panel("place in the gap", partial(_gap_places, loose, unit)))
+            out.append(Panel("place in the gap", partial(gap_places, loose, unit)))
         if some:
             out.append(Panel("effort of flanks", partial(_curves, "gap_effort", "gap", some, f"effort, {effort}")))
         if loose:
@@ -148,7 +148,7 @@ def _fine(dataset: xr.Dataset, names: list[str], unit: str) -> tuple[float, str]
     return (length_unit(largest) if unit == "m" else (1e3, "mrad")) if largest < 0.1 else (1.0, unit)
 
 
-def _gap_places(names: list[str], unit: str, axis: Any, dataset: xr.Dataset) -> None:
+def gap_places(names: list[str], unit: str, axis: Any, dataset: xr.Dataset) -> None:
     """Draw places in gaps over time, and the ends of the gaps dashed."""
     factor, word = _fine(dataset, names, unit)
     shown = dataset.assign(gap_position=factor * dataset["gap_position"])

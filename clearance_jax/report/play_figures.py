@@ -1,6 +1,6 @@
 """Figures of play: contact patterns over time, paths of pins in their sleeves."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,9 @@ TALL = 0.6
 PATTERNS += (("at two opposite edges", style.RED, TALL),)
 TOUCHING = ("in contact", style.BLUE, TALL)
 FACES = ("on a face", style.PURPLE, 0.16)
+# Words, colours, side and height (from, to) of the bars of gaps: the flank above is that at the positive end.
+FLANKS = (("on the flank at the positive end", style.RED, 1, 0.06, TALL / 2), ("apart", "0.8", 0, -0.06, 0.06))
+FLANKS += (("on the flank at the negative end", style.BLUE, -1, -TALL / 2, -0.06),)
 # Most orbits in a row, on a narrow screen; the least share of the time that is shown as a number.
 ROW, FEW, TOLD = 4, 2, 0.005
 # Most joints whose paths are shown: those with the largest forces.
@@ -34,9 +37,9 @@ MOST = 6
 @STYLED
 def draw_play(dataset: xr.Dataset, narrow: bool = False, edges: bool = False) -> Figure:
     """The figure `play`."""
-    joints = names_of(dataset, "joint")
-    if not joints:
-        raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
+    joints, gaps = names_of(dataset, "joint"), names_of(dataset, "gap")
+    if not (joints or gaps):
+        raise ClearanceError("There is nothing to draw: no joint of this result has clearance, and no drive backlash.")
     most = bearing_most(dataset)
     drawn = [pins.station_paths(dataset, joint) for joint in most if pins.is_pin(pins.outline_of(dataset, joint))]
     drawn = [[paths[0], paths[-1]] if edges and len(paths) > 1 else paths for paths in drawn]
@@ -44,14 +47,17 @@ def draw_play(dataset: xr.Dataset, narrow: bool = False, edges: bool = False) ->
     single = [paths[0] for paths in drawn if len(paths) == 1]
     orbits_of += [single] if single else []
     row, tall = (FEW, 2.3) if narrow else (ROW, 2.8)
-    heights = [(1.4 if narrow else 0.9) + 0.55 * len(joints)]
+    heights = [(1.4 if narrow else 0.9) + 0.55 * len(group) for group in (joints, gaps) if group]
     heights += [(1.3 if narrow else 0.8) + tall * -(-len(group) // row) for group in orbits_of]
     figure = Figure(figsize=(NARROW if narrow else 11, sum(heights)), layout="constrained")
     parts: Any = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    timeline(parts[0].subplots(), dataset)
-    for part, group in zip(parts[1:], orbits_of, strict=True):
+    bars = [draw for draw, group in ((timeline, joints), (_flanks, gaps)) if group]
+    for part, draw in zip(parts, bars, strict=False):
+        draw(part.subplots(), dataset)
+    for part, group in zip(parts[len(bars) :], orbits_of, strict=True):
         _draw_orbits(part, group, row)
-    title = f"{heading(dataset)}: where pins bear"
+    bear = ("where pins and flanks bear" if gaps else "where pins bear") if joints else "which flanks bear"
+    title = f"{heading(dataset)}: {bear}"
     if len(joints) > MOST:
         title += f"\npaths of the {MOST} of {len(joints)} that bear most"
     figure.suptitle(fit(title, figure.get_figwidth(), 11.0))
@@ -61,9 +67,18 @@ def draw_play(dataset: xr.Dataset, narrow: bool = False, edges: bool = False) ->
 def bearing_most(dataset: xr.Dataset) -> list[str]:
     """The joints that a figure shows: those with the largest forces, in their own order."""
     joints = names_of(dataset, "joint")
-    forces = dataset["step_force" if "step_force" in dataset else "contact_force"].values
-    most = np.argsort(-np.max(forces, axis=0), kind="stable")[:MOST]
-    return [joints[k] for k in sorted(most)]
+    return _largest(joints, [pins.at_steps(dataset, joint, "contact_force")[1] for joint in joints])
+
+
+def pressed_most(dataset: xr.Dataset, unit: str) -> list[str]:
+    """The gaps of angles ("rad") or slides ("m") that a figure shows: those with the largest efforts."""
+    gaps = [gap for gap in names_of(dataset, "gap") if str(dataset["gap_unit"].sel(gap=gap).values) == unit]
+    return _largest(gaps, [pins.at_steps(dataset, gap, "gap_effort")[1] for gap in gaps])
+
+
+def _largest(names: list[str], values: Sequence[np.ndarray]) -> list[str]:
+    most = np.argsort([-np.max(np.abs(each)) for each in values], kind="stable")[:MOST]
+    return [names[k] for k in sorted(most)]
 
 
 def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) -> None:
@@ -91,6 +106,35 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     axis.set_xlim(factor * float(dataset["time"][0]), factor * float(dataset["time"][-1]))
     axis.grid(axis="y", visible=False)
     legend_below(axis, len(PATTERNS) + 1)
+
+
+def _flanks(axis: Any, dataset: xr.Dataset) -> None:
+    """Draw a bar for each gap of a drive, coupling or stop, with colour and place by the flank that bears."""
+    gaps = names_of(dataset, "gap")
+    factor = time_axis(axis, float(dataset["time"][-1]))
+    for row, gap in enumerate(gaps):
+        time, state = pins.at_steps(dataset, gap, "gap_state")
+        _, place = pins.at_steps(dataset, gap, "gap_position")
+        # Every touch and separation is a step end, so a state holds from one to the next.
+        bears = np.where(state > 0, np.sign(place), 0)[:-1]
+        bars = factor * np.stack([time[:-1], np.diff(time)], axis=1)
+        for words, colour, side, low, high in FLANKS:
+            label = (
+                words
+                if len(gaps) > 1
+                else with_share(words, float(np.sum(bars[bears == side, 1]) / np.sum(bars[:, 1])))
+            )
+            axis.broken_barh(
+                bars[bears == side],
+                (row - high, high - low),
+                facecolors=colour,
+                lw=0,
+                label=label if row == 0 else None,
+            )
+    axis.set(ylim=(len(gaps) - 0.4, -0.6), yticks=range(len(gaps)), yticklabels=gaps)
+    axis.set_xlim(factor * float(dataset["time"][0]), factor * float(dataset["time"][-1]))
+    axis.grid(axis="y", visible=False)
+    legend_below(axis, len(FLANKS))
 
 
 def with_share(words: str, share: float) -> str:

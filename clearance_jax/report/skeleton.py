@@ -4,7 +4,7 @@ import itertools
 from typing import Any
 
 import numpy as np
-from matplotlib.patches import Polygon
+from matplotlib.patches import Circle, Polygon
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from clearance_jax.report.panels import same_scale
@@ -32,7 +32,7 @@ class Skeleton:
     def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):
         self.axis, self.places, self.size, self.whole = axis, places, places.size, whole
         self._lines, self._plates, self._sliders = [], [], []
-        floor = same_scale(axis, places.at)[-1]
+        floor = same_scale(axis, np.concatenate([places.at, places.rims], axis=1))[-1]
         if self.in_space:
             axis.view_init(ELEVATION, AZIMUTH)
         for mark in places.ground:
@@ -45,6 +45,7 @@ class Skeleton:
             edge, size = (RED, 8) if name in places.loose else ("k", 5)
             size, width = (12, 2.2) if name == joint else (size, 1.3)
             self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
+        self._spokes = [self._wheel(places.joints[name], *wheel) for name, wheel in places.wheels.items()]
         self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
         self._label = None
         if joint is not None:
@@ -71,6 +72,9 @@ class Skeleton:
             turned = self.size * np.array([[x, y], [-y, x]])
             block.set_xy(at[mark] + CORNERS @ turned)
             _put(guide, at[mark] + RAILS @ turned)
+        for spoke, centre, radius, turn in self._spokes:
+            away = radius * np.array([np.cos(turn[i]), np.sin(turn[i])])
+            _put(spoke, np.stack([at[centre] - away, at[centre] + away]))
         for line, mark in self._trails:
             _put(line, self.places.at[: None if self.whole else i + 1, mark])
         if self._label is not None:
@@ -102,6 +106,12 @@ class Skeleton:
             self._plates.append((self.axis.add_patch(plate), marks))
         else:
             self._line([mark for other in marks[1:] for mark in (marks[0], other)], color=colour, **LINK)
+
+    def _wheel(self, mark: int, radius: float, turn: np.ndarray) -> tuple[Any, int, float, np.ndarray]:
+        """Draw the pitch circle of a gear; returns the line across it that turns."""
+        centre = self.places.at[0, mark]
+        self.axis.add_patch(Circle(centre, radius, fill=False, ec="0.5", lw=1.2, ls=(0, (6, 2, 1, 2)), zorder=0.9))
+        return self._plot(color="0.5", lw=1.2, zorder=0.9), mark, radius, turn
 
     def _pair(self, name: str, pair: list[int]) -> None:
         self._line(pair, color="0.45", lw=1.2, ls=(0, (4, 2)), zorder=1)

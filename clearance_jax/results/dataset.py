@@ -18,7 +18,7 @@ from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.episodes import ContactWarning, doubt, restitutions
 from clearance_jax.results.first_fall import first_falls_over
 from clearance_jax.results.peaks import of_points, peaks
-from clearance_jax.results.places import mark_labels, marks
+from clearance_jax.results.places import WHEEL, mark_labels, marks, pitch_radii
 from clearance_jax.results.play import outline_attributes
 from clearance_jax.solve.drivers.trace import Trace
 from clearance_jax.solve.solution import Solution
@@ -308,6 +308,7 @@ def _numbers(mechanism: Mechanism) -> dict[str, Any]:
     numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     # Half of every gap of backlash [rad or m], which pictures show.
     numbers |= {f"gap.{gap.name}": float(gap.size) for gap in mechanism.gaps if gap.is_play}
+    numbers |= {WHEEL.format(joint): radius for joint, radius in pitch_radii(mechanism).items()}
     for joint in mechanism.clearance_joints():
         numbers[f"clearance.{joint.name}"] = joint.clearance.kind
         for field in dataclasses.fields(joint.clearance):

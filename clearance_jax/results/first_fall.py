@@ -54,6 +54,8 @@ def first_falls_over(time: np.ndarray, states: np.ndarray) -> np.ndarray:
 
 def falls_over(dataset: xr.Dataset) -> float:
     """When the last of the first falls that end is over [s]; minus infinity where no pin falls."""
+    if not dataset.sizes.get("joint"):
+        return -np.inf
     names = ("step_time", "step_state") if "step_state" in dataset else ("time", "contact_state")
     ends = first_falls_over(*(dataset[name].values for name in names))
     return max(ends[np.isfinite(ends)], default=-np.inf)

@@ -1,6 +1,7 @@
 """Where joints, points and springs are on the bodies of a mechanism, and in a dataset over time, for pictures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -17,10 +18,13 @@ from clearance_jax.mechanism.body import GROUND, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.tree.tree import Revolute
 from clearance_jax.spatial import UNIT, ZERO, as_array
 
 # Relative to the mechanism's size: two marks of one name that come further apart belong to a spring or a slide.
 APART = 0.02
+# The attribute of a dataset with the radius of a gear's pitch circle [m].
+WHEEL = "pitch_radius.{}"
 # Dataset variables of a picture beside the positions of marks.
 SHOWN = "q", "eccentricity", "penetration", "pin_tilt"
 
@@ -32,7 +36,8 @@ class Places(NamedTuple):
     - `joints`: each joint on its child, `points`: each named point;
     - `pairs`: both ends of each spring, and of each joint that slides.
 
-    `slides`: the direction of each joint that slides, (times, axes); `loose`: the joints with clearance.
+    `slides`: the direction of each joint that slides, (times, axes); `loose`: the joints with clearance; `wheels`: by
+    joint the radius of the pitch circle of its gear [m], and its turn [rad], (times,).
     """
 
     time: np.ndarray
@@ -44,6 +49,15 @@ class Places(NamedTuple):
     pairs: dict[str, list[int]]
     slides: dict[str, np.ndarray]
     loose: frozenset[str]
+    wheels: Mapping[str, tuple[float, np.ndarray]] = MappingProxyType({})
+
+    @property
+    def rims(self) -> np.ndarray:
+        """Corners of the squares around gears [m], (times, corners, axes)."""
+        every = [
+            self.at[:, self.joints[n]] + side * radius for n, (radius, _) in self.wheels.items() for side in (-1, 1)
+        ]
+        return np.stack(every, axis=1) if every else self.at[:, :0]
 
     @property
     def size(self) -> float:
@@ -68,9 +82,11 @@ class Outline(NamedTuple):
 
     @property
     def visible(self) -> np.ndarray:
-        """The positions in the picture [m], (n, 2): all marks at the sample, and points at all times."""
-        at = self.places.at
-        return np.concatenate([at[self.sample], *(at[:, mark] for mark in self.places.points.values())])
+        """The positions in the picture [m], (n, 2): all marks and gears at the sample, and points at all times."""
+        at, rims = self.places.at, self.places.rims
+        return np.concatenate(
+            [at[self.sample], rims[self.sample], *(at[:, mark] for mark in self.places.points.values())]
+        )
 
 
 def names_of(dataset: xr.Dataset, label: str) -> list[str]:
@@ -106,7 +122,12 @@ def places(dataset: xr.Dataset) -> Places:
     apart = {name: between for name, between in apart.items() if np.abs(between).max() > APART * placed.size}
     fixed = {name: owners[ends[name][0]] == GROUND for name in apart if name in joined}
     slides = {name: _directions(apart[name], is_fixed) for name, is_fixed in fixed.items()}
-    return placed._replace(pairs={name: ends[name][:2] for name in apart}, slides=slides)
+    known = names_of(dataset, "coordinate")
+    radii = {name: float(dataset.attrs[WHEEL.format(name)]) for name in joined if WHEEL.format(name) in dataset.attrs}
+    wheels = {
+        name: (radius, dataset["q"].sel(coordinate=name).values) for name, radius in radii.items() if name in known
+    }
+    return placed._replace(pairs={name: ends[name][:2] for name in apart}, slides=slides, wheels=wheels)
 
 
 def _directions(between: np.ndarray, fixed: bool) -> np.ndarray:
@@ -130,6 +151,24 @@ def outline(dataset: xr.Dataset) -> Outline:
     # The thickness of a set of points is their smaller singular value about the mean.
     thickness = np.linalg.svd(flat.at - flat.at.mean(axis=1, keepdims=True), compute_uv=False)[:, -1]
     return Outline(flat, int(np.argmax(thickness)), seen)
+
+
+def pitch_radii(mechanism: AbstractMechanism) -> dict[str, float]:
+    """The radii of the pitch circles of gears with backlash on the ground, in the plane, by joint [m]: they follow from
+    the ratio and the distance of the pins.
+    """
+    pins = {j.name: j for j in mechanism.joints if isinstance(j, Revolute) and j.is_plane and j.parent == GROUND}
+    radii = {}
+    for gear in mechanism.couplings:
+        ratio = float(gear.ratio)
+        if gear.backlash is None or gear.second is not None or not {gear.leader, gear.follower} <= pins.keys():
+            continue
+        first, second = (np.asarray(as_array(pins[name].at_parent.vector)) for name in (gear.leader, gear.follower))
+        distance = float(np.linalg.norm(second - first))
+        if distance > 0 and ratio != 1:
+            radius = distance / abs(1 - ratio)
+            radii |= {gear.follower: radius, gear.leader: abs(ratio) * radius}
+    return radii
 
 
 def marks(mechanism: AbstractMechanism) -> Iterator[Point]:

@@ -88,9 +88,11 @@ def spans(dataset: xr.Dataset, joint: str) -> BearingSpans:
 
 
 def at_steps(dataset: xr.Dataset, joint: str, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and values of a variable in a joint: at the step ends if the dataset has them, else at the samples."""
+    """Times [s] and values of a variable in a joint, or "gap_..." in a gap: at the step ends if the dataset has them,
+    else at the samples.
+    """
     time, known = ("step_time", at_step(name)) if at_step(name) in dataset else ("time", name)
-    return dataset[time].values, dataset[known].sel(joint=joint).values
+    return dataset[time].values, dataset[known].sel({"gap" if name.startswith("gap_") else "joint": joint}).values
 
 
 def at_step(name: str) -> str:

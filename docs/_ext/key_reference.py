@@ -8,8 +8,8 @@ from clearance_jax.io.keys.kinds import Key
 from clearance_jax.io.keys.scene import SCENE_TABLES
 from clearance_jax.io.keys.study import STUDY_TABLES
 from clearance_jax.mechanism.placement import ORIGIN
-from clearance_jax.mechanism.tree.tree import SLIDING, TURNING
-from clearance_jax.parameters import BOUNDS, resolve_unit
+from clearance_jax.parameters import BOUNDS
+from clearance_jax.units import SLIDING, TURNING, resolve_unit
 
 File = Literal["scene", "study"]
 DRAFT = "https://json-schema.org/draft/2020-12/schema"

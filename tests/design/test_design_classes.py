@@ -373,3 +373,96 @@ def test_a_study_says_the_classes(tmp_path):
         file.write_text(STUDY.replace(old, new))
         with pytest.raises(ClearanceError, match=message):
             cj.load_study(file)
+
+
+GEARS = f"""
+scene = "{SCENES / "gears.toml"}"
+t1 = "0.05 s"
+[metric.rim]
+kind = "peak"
+signal = "position-error"
+point = "rim"
+[design]
+fidelity = "dynamics"
+[design.variable."mesh.backlash"]
+lower = "1 arcmin"
+upper = "60 arcmin"
+classes = ["cd25", "e24", "22g"]
+class_costs = [3, 5, 9]
+gears = {{ module = "1 mm", teeth = [20, 40], centre_tolerance = "5 um" }}
+[design.limit.rim]
+bound = "0.14 mm"
+"""
+OWN = """class_least = ["10 arcmin", "5 arcmin", "0 arcmin"]
+class_greatest = ["30 arcmin", "12 arcmin", "4 arcmin"]"""
+OF_THE_GEARS = 'gears = { module = "1 mm", teeth = [20, 40], centre_tolerance = "5 um" }'
+
+
+def test_a_study_chooses_among_classes_of_gears_as_python_does(tmp_path):
+    file, name = tmp_path / "study.toml", "mesh.backlash"
+    file.write_text(GEARS)
+    asked = cj.load_study(file).design
+    assert asked is not None
+    pairs = {
+        cj.gears.backlash(1e-3, (20, 40), word, centre_tolerance=5e-6): cost
+        for word, cost in (("cd25", 3.0), ("e24", 5.0), ("22g", 9.0))
+    }
+    assert asked.solve["classes"] == {name: pairs}
+    found = asked.problem.solve(**asked.solve)
+    limit = asked.problem.specification.limits[0]
+    mechanism = cj.load(SCENES / "gears.toml")
+
+    def holds(pair):
+        ends = [cj.replace(mechanism, {name: end}) for end in pair.wheel_angle]
+        options = dict(asked.problem.specification.options)
+        return all(float(cj.measure(m, {"rim": limit.metric}, 0.05, **options)["rim"]) <= limit.bound for m in ends)
+
+    cheapest = min((pair for pair in pairs if holds(pair)), key=lambda pair: pairs[pair])
+    assert cheapest.name == "e24"
+    assert found.classes is not None
+    assert (found.classes.chosen[name].name, found.classes.cost) == ("e24", 5.0)
+
+    file.write_text(GEARS.replace(OF_THE_GEARS, OWN))
+    own = cj.load_study(file).design
+    assert own is not None
+    entry = next(iter(own.solve["classes"][name]))
+    assert entry.name == "cd25"
+    assert_allclose(entry[1:3], np.radians([10 / 60, 30 / 60]), rtol=1e-14)
+
+    file.write_text(GEARS.replace("20, 40", "20, 60").replace("centre_tol", "internal = true, centre_tol"))
+    ring = cj.load_study(file).design
+    assert ring is not None
+    inside = cj.gears.backlash(1e-3, (20, -60), "cd25", centre_tolerance=5e-6)
+    assert next(iter(ring.solve["classes"][name])) == inside
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "name", "text"),
+    [
+        ('"e24"', '"ee24"', "tolerance_class", "design.variable.mesh.backlash.classes[1]: "),
+        ('"1 mm", t', '"-1 mm", t', "design.variable.mesh.backlash.gears.module", "must be"),
+        ("[20, 40]", "[20, 40.5]", "design.variable.mesh.backlash.gears.teeth", "two whole numbers"),
+        ("[20, 40]", "[4, 40]", "teeth", "design.variable.mesh.backlash.gears: `teeth`"),
+        ('"5 um"', '["5 um", "-5 um"]', "centre_tolerance", "backlash.gears: "),
+        ('"5 um"', '"80 um"', "tolerance_class", "backlash.gears: Teeth of `tolerance_class` g22 may jam"),
+        (OF_THE_GEARS, OWN.replace(', "4 arcmin"', ""), "design.variable.mesh.backlash.class_greatest", "as many as"),
+        (OF_THE_GEARS, OWN.replace("12 ", "2 "), "mesh.backlash", "class e24"),
+        (OF_THE_GEARS, OWN.splitlines()[0], "design.variable.mesh.backlash.class_greatest", "lacks the key"),
+        (OF_THE_GEARS, OWN + "\n" + OF_THE_GEARS, "design.variable.mesh.backlash.gears", "beside `class_least`"),
+        ("classes = [", "# classes = [", "design.variable.mesh.backlash.class_costs", "no effect without `classes`"),
+    ],
+)
+def test_wrong_classes_of_gears_are_refused_with_their_key(tmp_path, old, new, name, text):
+    file = tmp_path / "study.toml"
+    assert old in GEARS
+    file.write_text(GEARS.replace(old, new))
+    with refused(name) as caught:
+        cj.load_study(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert text in str(caught.value)
+
+
+def test_classes_of_gears_are_those_of_an_angle():
+    whole, wrist = slider_crank().specification, "wrist.radial_clearance"
+    with refused(wrist, "cd25"):
+        classes_of(whole, {wrist: [cj.gears.backlash(1e-3, (20, 40), "cd25")]})

@@ -463,7 +463,8 @@ def test_a_signal_says_what_it_is_of(word, tmp_path):
     of = of.get(word, "joint" if "joint" in word else "point")
     name = {"body": "slider", "joint": "wrist", "point": "piston", "quantity": "wrist.penetration"}[of]
     bounds = {"rad": '"1 deg"', "N": '"1 kN"', "N m": '"1 N*m"', "m/s^2": '"5 m/s^2"'}
-    bound = bounds.get(metric_keys.SIGNALS[word].unit, '"1 mm"')
+    unit = "N" if word == "contact-force" else metric_keys.SIGNALS[word].unit
+    bound = bounds.get(unit, '"1 mm"')
     limit = f"bound = {bound}\n"
     metric = f'kind = "peak"\nsignal = "{word}"\n{of} = "{name}"\n'
     (asked,) = study(tmp_path, metric=metric, limit=limit).problem.specification.limits

@@ -275,6 +275,16 @@ def test_the_loss_of_a_gear_that_lifts_and_lowers_a_load(backlash, speed):
     assert float(solution.energy_residual) < 1e-12
 
 
+def test_a_motor_delivers_the_share_of_its_power_that_a_sheet_says():
+    sheet = cj.Reducer(ratio=100, stiffness=5e4, efficiency=0.75)
+    driven = hub(drive=cj.drives.ConstantSpeed(2.0))
+    loaded = dataclasses.replace(driven, wrenches=(cj.Wrench("load", "wheel", torque=cj.Torque(z=-40.0)),))
+    solution = cj.simulate(cj.with_compliance(loaded, "hub", sheet.compliance(20.0)), 0.1, start="settled")
+    assert 40 / float(solution["hub_motor.drive_force"]) == pytest.approx(0.75, rel=1e-12)
+    with refused("efficiency", 0.4):
+        dataclasses.replace(sheet, efficiency=0.4).compliance(20.0)
+
+
 @pytest.mark.parametrize("backlash", [None, 4e-3])
 def test_the_loss_of_a_gear_under_an_actuated_motor(backlash):
     """Against a program of its own, with the derivative by the efficiency."""

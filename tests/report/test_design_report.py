@@ -18,6 +18,7 @@ from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
+from clearance_jax.design.asked.classes import NONE_CHOSEN
 from clearance_jax.design.judge.explain import Maintenance
 from clearance_jax.design.judge.findings import CUT_SHORT, known_findings
 from clearance_jax.design.judge.observed import Observed, _of_fall, pin_size, standings
@@ -82,6 +83,14 @@ def test_it_is_said_from_when_on_a_limit_counts_and_how_pins_start():
     assert [row[2] for row in rows_of(page[page.index("What was asked") :], "limit")] == ["the start"]
     assert "may belong to that fall" not in text_of(page)
     assert "Pins start at the walls" in text_of(page)
+
+
+def test_the_class_of_each_variable_is_said():
+    (name,) = answer([piston_limit()]).clearances
+    chosen = {name: design.ToleranceClass("standard", 0.0, 3e-3, unit="rad")}
+    classes = dataclasses.replace(NONE_CHOSEN, chosen=chosen)
+    page = render(made(dataclasses.replace(answer([piston_limit()]), classes=classes)))
+    assert [row[2] for row in rows_of(page, "variable")] == ["standard: 0 rad to 0.003 rad"]
 
 
 def test_the_curve_of_a_reduced_signal_is_called_by_the_signal():

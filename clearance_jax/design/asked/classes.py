@@ -138,15 +138,18 @@ def classes_of(
             raise unknown_name(f"There are classes for `{name}`, which is no variable.", name, specification.variables)
         costs = given if isinstance(given, Mapping) else {}
         unit = units_of(specification.mechanism, [name])[name]
-        read = [_class(name, entry, costs.get(entry), sizes.get(name))._replace(unit=unit) for entry in given]
+        read = [_class(name, entry, costs.get(entry), sizes.get(name), unit) for entry in given]
         classes[name] = _within(name, read, specification.variables[name])
     return {name: classes[name] for name in specification.variables if name in classes}
 
 
-def _class(variable: str, name: Entry, cost: float | None, diameter: float | None) -> ToleranceClass:
+def _class(variable: str, name: Entry, cost: float | None, diameter: float | None, unit: str) -> ToleranceClass:
     if isinstance(name, ToleranceClass):
         made = name if cost is None else name._replace(cost=cost)
     elif isinstance(name, GearBacklash):
+        if unit != "rad":
+            text = f"`{variable}` is no angle [{unit}], so the class {name.name} of gears says nothing of it."
+            raise ClearanceError(f"{text} Give it fits, or classes of your own.").about(variable, name.name)
         made = ToleranceClass(name.name, *name.wheel_angle, cost)
     elif diameter is None:
         raise ClearanceError(
@@ -156,7 +159,12 @@ def _class(variable: str, name: Entry, cost: float | None, diameter: float | Non
     else:
         fit = fit_of(diameter, name)
         made = ToleranceClass(fit.name, *fit.radial_clearance, cost, fit)
-    if not 0 <= made.least <= made.greatest or made.greatest <= 0:
+    made = made._replace(unit=unit)
+    if made.least > made.greatest:
+        raise ClearanceError(
+            f"The class {made.name} of `{variable}` has its ends in the wrong order ({made}). Exchange them."
+        ).about(variable, made.name)
+    if not (made.least >= 0 and made.greatest > 0):
         raise ClearanceError(
             f"The class {made.name} of `{variable}` is no clearance fit: it leaves {made.least:g} to {made.greatest:g} "
             f"{made.unit}. Take a looser one."

@@ -78,7 +78,7 @@ class ToleranceProblem:
             mechanism,
             float(t1),
             {name: (float(low), float(high)) for name, (low, high) in variables.items()},
-            tuple(limits),
+            tuple(limit.known(mechanism) for limit in limits),
             _costs(cost, tuple(variables)),
             {name: dict(values) for name, values in conditions.items()},
             manufacture or AsDesigned(),

@@ -48,6 +48,10 @@ class Limit(Module):
         if not (np.isfinite(self.bound) and self.bound > 0):
             raise wrong_value("The bound of a limit", "a positive number", self.bound, str(self.bound), name="bound")
 
+    def known(self, mechanism: Mechanism) -> "Limit":
+        """The limit with the unit that its signal has in a mechanism."""
+        return dataclasses.replace(self, metric=self.metric.with_metric(self.metric.base_metric.known(mechanism)))
+
     @property
     def signal(self) -> Any:
         """The signal that is bounded; `None`: the metric has none."""

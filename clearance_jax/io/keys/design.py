@@ -10,6 +10,7 @@ from clearance_jax.io.keys.kinds import (
     Flag,
     Moments,
     Names,
+    OneOrSeveral,
     Quantities,
     Sub,
     Text,
@@ -127,14 +128,45 @@ VARIABLE = table(
         "the largest clearance is wanted",
     ),
     classes=Names(
-        "the ISO 286 fits that it can be made in, of which the cheapest combination is chosen",
+        "the ISO 286 fits that it can be made in, of which the cheapest combination is chosen; with `gears` classes of "
+        "DIN 3967, with `class_least` and `class_greatest` names of yours",
         '["H7/g6", "H7/f7", "H8/e8"]',
         "any value",
+    ),
+    gears=Sub(
+        "the pair of gears whose `classes` are given, by the backlash at the wheel",
+        '{ module = "1 mm", teeth = [20, 40] }',
+        "the `classes` are fits",
+    ),
+    class_least=Quantities(
+        "the least value of each of the `classes`, which are then your own", '["0 arcmin", "1 arcmin"]', unit=PARAMETER
+    ),
+    class_greatest=Quantities(
+        "the greatest value of each of the `classes`, which are then your own",
+        '["1 arcmin", "3 arcmin"]',
+        unit=PARAMETER,
     ),
     class_costs=Quantities(
         "what each of the `classes` costs to make", "[9, 6, 4]", "as `cost` says of the greatest clearance"
     ),
     renamed={"least": "lower", "greatest": "upper"},
+)
+GEARS = table(
+    'design.variable."NAME".gears',
+    "Classes of gears",
+    "A pair of spur gears, whose `classes` are those of DIN 3967: cd25, or cd25/c24 of pinion and wheel.",
+    module=quantity("module of the teeth", '"1 mm"', "m", required=True, above=0.0),
+    teeth=Quantities("numbers of teeth, of pinion and wheel", "[20, 40]", required=True),
+    internal=Flag("whether the wheel is a ring with teeth inside", "true", default=False),
+    centre_distance=quantity("distance of the axes", '"30 mm"', "m", "that of unshifted gears", above=0.0),
+    centre_tolerance=OneOrSeveral(
+        "deviation of the distance to both sides, or the lower and the upper one; with the play of both bearings",
+        '["-20 um", "20 um"]',
+        "0 um",
+        unit="m",
+    ),
+    pressure_angle=quantity("pressure angle of the teeth", '"20 deg"', "rad", "20 deg", above=0.0),
+    profile_shift=quantity("sum of the coefficients of profile shift of both gears", "0.3", default=0.0),
 )
 _OF_TABLE = {
     "clearances": Quantities("at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
@@ -157,7 +189,7 @@ _KINDS = {
 MANUFACTURE_TABLES = family("design.manufacture", "Manufacture", "kind", "how parts come out of manufacture", _KINDS)
 del _KINDS
 DESIGN_TABLES = (
-    *(DESIGN, VARIABLE, *COST_TABLES.values(), PAYLOAD, LIMIT),
+    *(DESIGN, VARIABLE, GEARS, *COST_TABLES.values(), PAYLOAD, LIMIT),
     *(*MANUFACTURE_TABLES.values(), VERIFY, TRADEOFF),
 )
 """Every table of the section, in the order of the reference."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from clearance_jax.errors import naming, quote, wrong_value, wrong_word
 from clearance_jax.mechanism.placement import as_axis, as_inertia
-from clearance_jax.parameters import check_bounds, resolve_unit
-from clearance_jax.units import to_si
+from clearance_jax.parameters import check_bounds
+from clearance_jax.units import resolve_unit, to_si
 
 # Most characters of a name, and of a path.
 LONGEST, LONGEST_PATH = 200, 4096

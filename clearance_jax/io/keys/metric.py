@@ -39,7 +39,10 @@ RENAMED = {"metric": "kind", "bound": "design.limit.NAME.bound"}
 OF: dict[str, Key] = {
     "point": Text("the point, of position-error, path-deviation and acceleration", '"piston"'),
     "body": Text("the body, of orientation-error", '"slider"'),
-    "joint": Text("the joint: with clearance, of contact-force; any, of joint-reaction and joint-moment", '"wrist"'),
+    "joint": Text(
+        "the joint: with clearance, or a gap (`axis_drive`), of contact-force; any, of joint-reaction and joint-moment",
+        '"wrist"',
+    ),
 }
 OF_METRIC = OF | {"quantity": Text("the name of a number of the motion, of quantity", '"wrist.penetration"')}
 _SIGNAL = Word("the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)

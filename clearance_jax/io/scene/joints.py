@@ -25,9 +25,9 @@ from clearance_jax.mechanism.motion.expressions import read_expression
 from clearance_jax.mechanism.motion.motion_laws import AbstractDrive, Spline
 from clearance_jax.mechanism.placement import Axis, Orientation, Position
 from clearance_jax.mechanism.tree.compounds import Ball, Free, Slide, Spin, Turn
-from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.mechanism.tree.tree import AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.parameters import check_demands
-from clearance_jax.units import to_si
+from clearance_jax.units import SLIDING, TURNING, to_si
 
 # What only a joint of the tree has.
 OF_THE_TREE = ("drive", "actuator", "position", "velocity", "eccentricity", "start", "spin", "slide", "turn")
@@ -122,8 +122,8 @@ def stops_of(table: TomlTable, limits: Limits | None) -> Stops:
         ends = {name: float(value) for name, value in known.items() if value is not None}
     with naming(table.where):
         stops = Stops(**ends, flank=Flank(**table.only(*FLANK_KEYS)))
-        check_demands(stops)
-        check_demands(stops.flank)
+        check_demands(stops, words=lambda: table.words)
+        check_demands(stops.flank, words=lambda: table.words)
         return stops
 
 

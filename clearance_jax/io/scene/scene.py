@@ -27,8 +27,9 @@ from clearance_jax.mechanism.imperfections import Compliance, with_compliance, w
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.structure import check_encoders, check_model
-from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, Prismatic
+from clearance_jax.mechanism.tree.tree import AbstractJoint, Prismatic
 from clearance_jax.parameters import check_demands, outside
+from clearance_jax.units import SLIDING, TURNING
 
 # From a speck of dust to a ship. Outside, a unit or an exponent has slipped.
 LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
@@ -153,7 +154,7 @@ def _couplings(top: TomlTable, joints: Sequence[AbstractJoint]) -> Iterator[Coup
             if "backlash" in table.values:
                 table.need("stiffness")
                 given["flank"] = Flank(**table.only(*FLANK_KEYS))
-                check_demands(given["flank"])
+                check_demands(given["flank"], words=lambda words=table.words: words)
             else:
                 table.refuse(*FLANK_KEYS, why="has no effect without `backlash`")
             yield COUPLINGS[word][0](name, **given)

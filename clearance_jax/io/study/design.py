@@ -3,13 +3,15 @@
 import itertools
 from typing import Any, NamedTuple
 
-from clearance_jax.design.asked.classes import Candidates, classes_of, priced
+import numpy as np
+
+from clearance_jax.design.asked.classes import Candidates, Entry, ToleranceClass, classes_of, priced
 from clearance_jax.design.asked.conditions import Payload, condition_product
 from clearance_jax.design.asked.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.asked.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.asked.problem import ToleranceProblem
 from clearance_jax.design.asked.specification import Limit
-from clearance_jax.errors import ClearanceError, naming, quote, unknown_name
+from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.keys import design as keys
 from clearance_jax.io.keys.metric import METRIC
 from clearance_jax.io.settings import values_by_name
@@ -17,9 +19,12 @@ from clearance_jax.io.study.file import StudyFile, expand_entries, of_parameter
 from clearance_jax.io.study.wear import WearAsked
 from clearance_jax.io.table import Chosen, TomlTable, entries
 from clearance_jax.io.trajectory import read_trajectory
+from clearance_jax.joints.gears import backlash, thickness_allowances
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import PARAMETER
 from clearance_jax.wear import AfterWear
+
+OF_CLASSES = "class_costs", "class_least", "class_greatest"
 
 
 class DesignAsked(NamedTuple):
@@ -78,21 +83,47 @@ def _tradeoff(top: TomlTable, problem: ToleranceProblem) -> dict[str, Any] | Non
 
 
 def _classes(top: TomlTable, tables: dict[str, TomlTable], problem: ToleranceProblem) -> Candidates:
-    """Candidate fits by variable, with their costs if given. They are checked before any solve."""
-    fits = {}
+    """Candidate classes by variable, with their costs if given. They are checked before any solve."""
+    chosen = {}
     for name, table in tables.items():
         if not table.has("classes"):
-            table.refuse("class_costs", why="has no effect without `classes`. Add them.")
+            table.refuse(*OF_CLASSES, "gears", why="has no effect without `classes`. Add them.")
             continue
-        names, costs = table.get("classes"), table.get("class_costs")
-        if costs and len(costs) != len(names):
-            why = f"must be as many as `classes`, {len(names)}, but they are {len(costs)}."
-            table.refuse("class_costs", why=why)
-        fits[name] = dict(zip(names, costs, strict=True)) if costs else names
+        words = table.get("classes")
+        for key, given in table.only(*OF_CLASSES).items():
+            if len(given) != len(words):
+                table.refuse(key, why=f"must be as many as `classes`, {len(words)}, but they are {len(given)}.")
+        entries, costs = _entries(table, words), table.get("class_costs")
+        chosen[name] = dict(zip(entries, costs, strict=True)) if costs else entries
     with naming(top.where):
-        if fits:
-            priced(problem.specification, classes_of(problem.specification, fits))
-    return fits
+        if chosen:
+            priced(problem.specification, classes_of(problem.specification, chosen))
+    return chosen
+
+
+def _entries(table: TomlTable, words: tuple[str, ...]) -> tuple[Entry, ...]:
+    """The classes of a variable by their names: fits, classes of gears, or those of the file itself."""
+    if table.has("class_least") or table.has("class_greatest"):
+        table.need("class_least", "class_greatest")
+        table.refuse("gears", why="has no effect beside `class_least`, which says the classes. Leave one of them out.")
+        ends = zip(words, table.get("class_least"), table.get("class_greatest"), strict=True)
+        return tuple(ToleranceClass(*each) for each in ends)
+    if not table.has("gears"):
+        return words
+    for i, word in enumerate(words):
+        with naming(f"{table.key('classes')}[{i}]"):
+            for part in word.split("/"):
+                thickness_allowances(1e-3, part)
+    gears = table.table("gears", keys.GEARS)
+    given = gears.arguments("internal")
+    if len(given["teeth"]) != 2 or not all(count.is_integer() for count in given["teeth"]):
+        raise wrong_value(gears.key("teeth"), "two whole numbers, of pinion and wheel", given["teeth"])
+    pinion, wheel = map(int, given["teeth"])
+    given["teeth"] = pinion, -wheel if gears.get("internal") else wheel
+    if np.ndim(both := given.get("centre_tolerance", 0.0)):
+        given["centre_tolerance"] = tuple(map(float, both))
+    with naming(gears.where):
+        return tuple(backlash(tolerance_class=tuple(w.split("/")) if "/" in w else w, **given) for w in words)
 
 
 def _conditions(table: TomlTable, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:

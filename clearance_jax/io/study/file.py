@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax._basis.patterns import expand
-from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError, naming, quote, unknown_name, wrong_value
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import metric as metrics
@@ -21,9 +20,10 @@ from clearance_jax.io.scene.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.table import Chosen, TomlTable, variant
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.functions import contact_names, numbers_of, refuse_closed, refuse_gap
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
-from clearance_jax.metrics.signals import AbstractSignal, numbers_of
+from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
 from clearance_jax.sweep.axes import arguments_of, scatter
 from clearance_jax.units import to_si
@@ -179,19 +179,16 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
 def signal_of(table: TomlTable, mechanism: Mechanism) -> AbstractSignal:
     """The `signal` of a table, of the `point`, `body` or `joint` beside it."""
     word = table.get("signal")
-    fields = _of(metrics.SIGNALS[word], word, table, mechanism)
-    if "quantity" in fields:
-        fields["called"] = quantities(mechanism, energy_balance=False)[fields["quantity"]].unit
-    return metrics.SIGNALS[word](**fields)
+    return metrics.SIGNALS[word](**_of(metrics.SIGNALS[word], word, table, mechanism)).known(mechanism)
 
 
 def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[str, str]:
     """The point, body, joint or quantity of a signal or count, by the field names of its class."""
-    joints = mechanism.all_joints() if cls in metrics.OF_ANY_JOINT else mechanism.clearance_joints()
+    joints = [joint.name for joint in mechanism.all_joints()]
     names = {
         "point": [point.name for point in mechanism.points],
         "body": [body.name for body in mechanism.bodies],
-        "joint": [joint.name for joint in joints],
+        "joint": joints if cls in metrics.OF_ANY_JOINT else contact_names(mechanism),
         "quantity": numbers_of(mechanism),
     }
     wanted = {field.name for field in dataclasses.fields(cls)} & set(metrics.OF_METRIC)
@@ -203,6 +200,8 @@ def _of(cls: type, word: str, table: TomlTable, mechanism: Mechanism) -> dict[st
         table.need(key)
         parts[key] = table.get(key)
         if parts[key] not in names[key]:
+            with naming(table.key(key)):
+                (refuse_gap if cls in metrics.OF_ANY_JOINT else refuse_closed)(mechanism, parts[key])
             kind = "joint with clearance" if key == "joint" and cls not in metrics.OF_ANY_JOINT else key
             text = f"{table.key(key)}: the scene has no {kind} {quote(parts[key])}."
             raise unknown_name(text, parts[key], names[key], table.key(key))

@@ -19,9 +19,10 @@ from clearance_jax.mechanism.tree.coordinate import (
     child_axes_key,
     orientation_key,
 )
-from clearance_jax.mechanism.tree.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, alignment, along
+from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed, alignment, along
 from clearance_jax.parameters import Parametrised, describe, flatten, physical
 from clearance_jax.spatial import UNIT, Vector, X, Y, Z, quaternion_of
+from clearance_jax.units import SLIDING, TURNING
 
 
 class Slide(Motion, Parametrised):

@@ -45,9 +45,8 @@ from clearance_jax.spatial import (
     minus,
     transpose,
 )
+from clearance_jax.units import SLIDING, TURNING
 
-TURNING = {"coordinate": "rad", "effort": "N*m"}
-SLIDING = {"coordinate": "m", "effort": "N"}
 PLACE = {"example": '["50 mm", "0 mm"]', "absent": "the frame's origin", "default": ORIGIN}
 ANGLE = "angle of the joint's frame in the parent's, about z: a slide moves along its x axis; the child turns too"
 

@@ -283,7 +283,7 @@ class Touches(NamedTuple):
 
 
 class TouchCounter(AbstractObserver):
-    """Counts impacts of a joint (by its index among the clearance joints) and records how near to grazing they come."""
+    """Counts impacts of a joint or gap (by its index among the contacts) and records how near to grazing they come."""
 
     joint: int = eqx.field(static=True)
     since: Any = None
