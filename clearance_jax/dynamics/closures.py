@@ -23,6 +23,8 @@ FIRM = 1e9
 # Newton iterations of an assembly: with pins almost held in their sleeves, then with everything free; the very last one
 # only measures.
 HELD, LOOSE = 8, 5
+# A pin that these move by more than so many times its play has left its sleeve: its loop is open.
+LEFT = 4.0
 
 
 class StartErrors(NamedTuple):
@@ -105,9 +107,11 @@ def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Arra
     """The nearest state (in the kinetic norm) in which all loops are closed, with the remaining opening of each [m].
     The pin of a loop with clearance is at rest at its `eccentricity`.
 
-    The first iterations hold the pins in their sleeves; the last ones let them move, for loops that only play closes.
+    The first iterations hold the pins in their sleeves; the last ones let them move, for loops that only play closes. A
+    pin that left its sleeve counts as an opening.
     """
-    played = [part.v.start for part in parts(mechanism) if part.coordinate.play is not None]
+    plays = [part for part in parts(mechanism) if part.coordinate.play is not None]
+    played, sliding = [part.v.start for part in plays], [part for part in plays if part.coordinate.slides is not None]
 
     def once(k, carry):
         firm = {i: jnp.where(k < HELD, FIRM, 1.0) for i in played}
@@ -115,7 +119,12 @@ def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Arra
         moved, opened = correct(time, carry[0], mechanism, mechanism.loops, firm, settle)
         return jnp.where(k < HELD + LOOSE - 1, moved, carry[0]), opened
 
-    return jax.lax.fori_loop(0, HELD + LOOSE, once, (y, jnp.zeros(len(mechanism.loops))))
+    closed, opened = jax.lax.fori_loop(0, HELD + LOOSE, once, (y, jnp.zeros(len(mechanism.loops))))
+    if sliding:
+        places = np.array([part.q.start for part in sliding])
+        moved, sizes = jnp.abs(closed - y)[places], as_array([part.coordinate.play for part in sliding])
+        opened = jnp.maximum(opened, jnp.max(jnp.where(moved > LEFT * sizes, moved, 0.0)))
+    return closed, opened
 
 
 class Mobility(NamedTuple):

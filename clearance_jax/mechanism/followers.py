@@ -11,7 +11,7 @@ from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint
-from clearance_jax.mechanism.variants import gives_way, motor_of, with_motions
+from clearance_jax.mechanism.variants import motors_of, with_motions
 from clearance_jax.spatial import Term, plus, times
 
 
@@ -22,15 +22,13 @@ class Resolved(NamedTuple):
     offset: Term
 
 
-def relations(couplings: Sequence[Coupling], springs: Mapping[str, str]) -> dict[str, Resolved]:
-    """By follower its relation; a link's angle is the sum of its motor's and its spring's (`springs`: motors of links
-    whose drive gives way).
-    """
+def relations(couplings: Sequence[Coupling], motors: Mapping[str, str]) -> dict[str, Resolved]:
+    """By follower its relation; a link's angle is the sum of its motor's and its spring's (`motors`: by link)."""
     by_name, out = {c.follower: c for c in couplings}, {}
 
     def of(name: str) -> Resolved:
         if name not in by_name:
-            return Resolved({name: 1.0} | ({springs[name]: 1.0} if name in springs else {}), 0.0)
+            return Resolved({name: 1.0} | ({motors[name]: 1.0} if name in motors else {}), 0.0)
         if name not in out:
             terms: dict[str, Term] = {}
             offset: Term = by_name[name].offset
@@ -70,8 +68,7 @@ class Follows(AbstractMotionLaw):
 
 def relations_of(mechanism: AbstractMechanism) -> dict[str, Resolved]:
     """By follower what it follows in the end, and how."""
-    motors = {c.name: motor_of(c.name) for c in mechanism.moved_coordinates() if gives_way(c.motion)}
-    return relations(mechanism.firm_couplings, motors)
+    return relations(mechanism.firm_couplings, motors_of(mechanism.joints))
 
 
 def mark_followers(
@@ -84,13 +81,13 @@ def mark_followers(
     """
     given = mechanism.firm_couplings if couplings is None else couplings
     by_name = {coupling.follower: coupling for coupling in given}
-    drives = {c.name: c.motion.drive for c in mechanism.coordinates()}
+    drives, motors = {c.name: c.motion.drive for c in mechanism.coordinates()}, motors_of(mechanism.joints)
     if not by_name and not any(isinstance(drive, Follows) for drive in drives.values()):
         return mechanism.joints
 
     def is_driven(name: str, deep: int = 0) -> bool:
         if name not in by_name:
-            return drives.get(name) is not None
+            return all(drives.get(each) is not None for each in (name, motors.get(name, name)))
         # A circle is found, and refused, later.
         return deep <= len(by_name) and all(is_driven(leader, deep + 1) for leader, _ in by_name[name].terms)
 

@@ -24,7 +24,7 @@ from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.tree.coordinate import Coordinate
 from clearance_jax.mechanism.tree.tree import AbstractJoint, Revolute
-from clearance_jax.mechanism.variants import DRIVE, FRICTION, STOP, gives_way, has_gap, motor_of, rubs
+from clearance_jax.mechanism.variants import DRIVE, FRICTION, STOP, gives_way, has_gap, motor_of, motors_of, rubs
 from clearance_jax.spatial import Pair
 
 What = Literal["backlash", "elasticity", "stops", "teeth", "friction"]
@@ -98,7 +98,7 @@ class CoordinateGap(Module):
 
 def gaps_of(joints: tuple[AbstractJoint, ...], couplings: tuple[Coupling, ...]) -> tuple[CoordinateGap, ...]:
     """The gaps of drives and stops, in the order of the coordinates, then those of couplings."""
-    by_name = {c.name: c for joint in joints for c in joint.own_coordinates()}
+    by_name, motors = {c.name: c for joint in joints for c in joint.own_coordinates()}, motors_of(joints)
     every = [gap for c in by_name.values() if isinstance(c.motion, Motion) for gap in _of_coordinate(c, by_name)]
     for coupling in couplings:
         if coupling.base_radius is not None:
@@ -108,8 +108,8 @@ def gaps_of(joints: tuple[AbstractJoint, ...], couplings: tuple[Coupling, ...]) 
             factors = (None, *(-ratio for _, ratio in coupling.terms))
             terms: dict[str, Scalar | None] = dict(zip(names, factors, strict=True))
             for name, factor in [*terms.items()]:
-                if gives_way(by_name[name].motion):
-                    terms[motor_of(name)] = _sum(terms.get(motor_of(name), 0.0), factor)
+                if name in motors:
+                    terms[motors[name]] = _sum(terms.get(motors[name], 0.0), factor)
             clearance = Gap(coupling.backlash, coupling.flank)  # pyright: ignore[reportArgumentType]
             every.append(_gap(coupling.name, terms, coupling.offset, clearance, by_name))
     return tuple(every)

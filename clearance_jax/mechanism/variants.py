@@ -39,6 +39,11 @@ def motor_of(name: str) -> str:
     return f"{name}_motor"
 
 
+def motors_of(joints: Iterable[AbstractJoint]) -> dict[str, str]:
+    """By coordinate of a link that of its motor, also where the drive between them is held."""
+    return {joint.name: motor_of(joint.name) for joint in joints if getattr(joint, "motor", None) is not None}
+
+
 def gives_way(motion: Motion | Ball) -> bool:
     """Whether it is the motion of a drive's spring."""
     return any(isinstance(actuator, DriveSpring) for actuator in motion.actuators)

@@ -33,7 +33,7 @@ def is_possible(errors: StartErrors, mechanism: Mechanism, closed: float = CLOSE
 
 def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
     """Raise if a loop stays open at the start or a pin finds no rest, naming it."""
-    _check_assembled(mechanism, t0, errors.loops)
+    _check_assembled(mechanism, t0, errors.loops, errors.unborne.size > 0)
     unborne, moved = (np.nan_to_num(np.asarray(part), nan=np.inf) for part in (errors.unborne, errors.moved))
     if np.all(unborne <= AT_REST) and np.all(moved <= AT_REST):
         return
@@ -65,8 +65,8 @@ def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
     return text + "."
 
 
-def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
-    """Raise if a loop stays open at the start, naming it; `open_loops`: openings [m]."""
+def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array, settled: bool) -> None:
+    """Raise if a loop stays open at the start, naming it; `open_loops`: openings [m]; `settled`: with pins at walls."""
     gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)
     if np.all(gaps <= CLOSED * float(largest_length(mechanism, np))):
         return
@@ -74,10 +74,11 @@ def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
     loop = mechanism.loops[worst].name
     message = (
         f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{loop}` stays "
-        f"open by {float(gaps[worst]) * 1e3:.4g} mm. "
+        f"open by {float(gaps[worst]) * 1e3:.4g} mm"
+        f"{', or a pin leaves its sleeve by as much' * bool(mechanism.clearance_joints())}. "
     )
     finite = np.all(np.isfinite(gaps))
-    if finite and mechanism.clearance_joints() and (repeated := mobility(mechanism.ideal(), float(t0)).repeated):
+    if finite and settled and (repeated := mobility(mechanism.ideal(), float(t0)).repeated):
         raise ClearanceError(
             f"The mechanism cannot be settled: without its clearances it is over-constrained ({repeated} of the "
             "conditions of its loops only repeat others), and with its pins at their walls its loops do not close. "

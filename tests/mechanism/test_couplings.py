@@ -344,6 +344,32 @@ def test_friction_of_a_follower_of_an_elastic_drive_is_refused():
     assert chain_of(following, "tip", None).joints == ("left_motor", "knee")
 
 
+@pytest.mark.parametrize("motion", [
+    cj.Motion(cj.drives.Constant(0.9)),
+    cj.Motion(position=0.9, actuators=(cj.actuators.Servo(cj.drives.Constant(0.9), 1e4, 100.0),)),
+])  # fmt: skip
+def test_a_follower_of_an_elastic_drive_starts_and_errs_beside_the_rigid_one(motion):
+    """A stiff drive turns a crank by gears: the loop starts where the rigid drive has it, and errors are small."""
+    P, gears = cj.Position, cj.Gear("gears", "main", "axis", (20, 40))
+    crank = float(gears.terms[0][1]) * 0.9
+    rod, rotor = -np.arcsin(np.sin(crank) / 3), None if motion.drive else 0.2
+    bodies = tuple(cj.Body(name, 0.5, 1e-3) for name in ("wheel", "crank", "rod", "slider"))
+    joints = (
+        cj.Revolute("axis", "ground", "wheel", motion=motion),
+        cj.Revolute("main", "ground", "crank"),
+        cj.Revolute("crankpin", "crank", "rod", at_parent=P(0.05), motion=cj.Motion(position=rod - crank)),
+        cj.Revolute("wrist", "rod", "slider", at_parent=P(0.15), motion=cj.Motion(position=-rod)),
+    )
+    guide = (cj.Prismatic("guide", "ground", "slider"),)
+    firm = cj.Mechanism(bodies, joints, guide, points=(cj.Point("end", "slider"),), couplings=(gears,))
+    stiff = cj.with_compliance(firm, "axis", cj.Compliance(1e8, 1e3, rotor_inertia=rotor))
+    begun = cj.simulate(stiff, 1e-3, energy_balance=False).initial
+    for name, place in (("crankpin", rod - crank), ("wrist", -rod)):
+        assert float(begun[layout(stiff).positions.index(name)]) == pytest.approx(place, abs=1e-12)
+    error = cj.measure(stiff, {"error": cj.metrics.Peak(cj.metrics.PositionError("end"))}, 1e-3)["error"]
+    assert 0 <= float(error) < 1e-8
+
+
 def test_a_two_link_arm_whose_elbow_follows():
     """G^T M G of its mass matrix, and the frequency at which it hangs."""
     bodies = cj.Body("upper", 1.0, 0.02, cj.Position(0.2)), cj.Body("fore", 0.8, 0.01, cj.Position(0.15))

@@ -219,6 +219,27 @@ def test_joint5_against_its_reference(solver):
 
 
 @pytest.mark.slow
+def test_a_loop_that_closes_only_with_a_pin_outside_its_sleeve_is_open():
+    """A guide within the reach of crank and rod, and beyond it by 6 mm, where the play is 0.1 mm."""
+
+    def crank(height):
+        joints = (
+            cj.Revolute("main", "ground", "crank", motion=cj.Motion(cj.drives.ConstantSpeed(1.0, 0.5))),
+            cj.Revolute("crankpin", "crank", "rod", at_parent=cj.Position(0.05)),
+            cj.Revolute("wrist", "rod", "slider", at_parent=cj.Position(0.1)),
+        )
+        bodies = tuple(cj.Body(name, 1.0, 1e-3) for name in ("crank", "rod", "slider"))
+        guide = cj.Prismatic("guide", "ground", "slider", at_parent=cj.Position(0.0, height))
+        play = {"radial_clearance": 1e-4, "pin_radius": 0.01, "length": 0.01}
+        return cj.Mechanism(bodies, joints, (guide,)).with_clearance("crankpin", **play)
+
+    reach = 0.1 + 0.05 * np.sin(0.5)
+    begun = cj.simulate(crank(reach - 1e-3), 1e-7)
+    assert np.hypot(*np.asarray(begun.initial[:2])) < 1e-6
+    with refused("guide"):
+        cj.simulate(crank(reach + 6e-3), 1e-7)
+
+
 def test_a_mechanism_that_cannot_be_assembled_is_refused_or_is_a_failed_lane():
     m = cj.replace(catalogue.slider_crank(), {"drive.main.start": 1.5})
     with refused("wrist"):
