@@ -91,7 +91,7 @@ def draw_spectrum(dataset: xr.Dataset, narrow: bool = False, modes: tuple[float,
         title = {"joints": "force", "angles": "torque of flanks", "slides": "force of flanks"}[kind.what]
         name, units[title] = ("contact_force" if kind.what == "joints" else "gap_effort"), kind.effort
         series = ((k, each, *pins.at_steps(dataset, each, name)) for k, each in enumerate(kind.names))
-        rows = [_even(k, each, time, np.abs(values), over) for k, each, time, values in series]
+        rows = [_even(k, each, time, values, over) for k, each, time, values in series]
         if moving := [row for row in rows if np.any(row.values)]:
             parts[title] = moving
     if "position_error" in dataset:
@@ -128,7 +128,7 @@ def _even(number: int, name: str, time: np.ndarray, values: np.ndarray, over: fl
 
 def _densities(axis: Any, of: str, rows: list[EvenSeries]) -> float:
     """Draw power spectral densities of a "length", or of efforts in a unit; returns their resolution [Hz]."""
-    largest = max(float(row.values.max()) for row in rows)
+    largest = max(float(np.abs(row.values).max()) for row in rows)
     factor, unit = length_unit(largest) if of == "length" else _effort_unit(largest, of)
     unit = f"({unit})" if " " in unit else unit
     resolution, top = 0.0, 0.0

@@ -50,6 +50,17 @@ def test_spectra_of_torques_and_forces_of_flanks(dataset):
     assert labels(figure)[1:] == ["density, (N m)²/Hz", "density, N²/Hz"]
 
 
+def test_a_spectrum_of_flanks_has_the_line_of_the_whole_cycle():
+    """A block between two stops bears on one, then on the other."""
+    stops = cj.Stops(-5e-3, 5e-3, flank=cj.laws.Flank(2e5, 0.0))
+    rail = cj.Prismatic("rail", "ground", "block", motion=cj.Motion(velocity=1.0, stops=stops))
+    block = cj.Mechanism((cj.Body("block", 1.0, 1.0),), (rail,))
+    period = 2 * (1e-2 + np.pi * np.sqrt(1 / 2e5))
+    figure = cj.figures.spectrum(cj.to_dataset(block, cj.trace(block, 20 * period, rtol=1e-8)))
+    frequency, density = np.asarray(figure.axes[0].get_lines()[0].get_data())
+    assert abs(frequency[np.argmax(density)] - 1 / period) <= 0.6 * frequency[0]
+
+
 def test_play_shows_which_flank_bears(dataset):
     figure = cj.figures.play(dataset)
     bars = next(axis for axis in figure.axes if [t.get_text() for t in axis.get_yticklabels()] == ["rail_stop", "mesh"])
