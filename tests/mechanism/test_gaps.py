@@ -334,7 +334,7 @@ def test_efficiencies_that_cannot_be():
     with refused("efficiency_speed"):
         cj.Compliance(5e4, efficiency_speed=0.1)
     made = cj.Reducer(ratio=50, stiffness=5e4, efficiency=0.8).compliance(20.0, friction_speed=0.02)
-    assert (float(made.efficiency), float(made.efficiency_speed)) == (0.8, 0.02)  # pyright: ignore[reportArgumentType]
+    assert (float(made.efficiency), float(made.efficiency_speed)) == (pytest.approx(0.75), 0.02)  # pyright: ignore[reportArgumentType]
     # What is meant, and the ideal mechanism, have no losses.
     ideal = cj.simulate(lifted(2.0).ideal(), 0.1, start="settled")
     assert float(ideal["hub_motor.drive_force"]) == pytest.approx(40.0)
