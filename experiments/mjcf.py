@@ -13,6 +13,7 @@ another file. Without `MENAGERIE`, and in quick mode, three small models are com
 """
 
 import dataclasses
+import importlib
 import os
 import re
 import tempfile
@@ -24,7 +25,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 
 import clearance_jax as cj
@@ -33,19 +33,20 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.io.mjcf.source import outermost
 from clearance_jax.io.urdf.mechanism import NotReadWarning
 from clearance_jax.mechanism.state import layout
-from experiments.common import output, table
+from experiments.common import is_same, output, table
 from experiments.publish import command, say
+
+mujoco: Any = importlib.import_module("mujoco")
 
 OFF = ("CONTACT", "LIMIT", "FRICTIONLOSS", "ACTUATION", "EQUALITY")
 # What is not in the library's equations, or has a constant there: set to zero in MuJoCo's.
 ABSENT = ("tendon_stiffness", "tendon_damping", "tendon_armature", "jnt_stiffnesspoly", "dof_dampingpoly")
 ABSENT += ("tendon_stiffnesspoly", "tendon_dampingpoly", "jnt_actgravcomp")
 STATES = 3
-# From here on two models are the same one.
-SAME = 1e-9
 SMALL = {
     "pendulums": '<body><joint damping="0.1" armature="0.01"/><geom size="0.1" pos="0.3 0 0"/>'
-    '<body pos="0.5 0 0"><joint type="ball"/><geom type="capsule" fromto="0 0 0 0.2 0.1 0.3" size="0.05"/></body></body>',
+    '<body pos="0.5 0 0"><joint type="ball"/><geom type="capsule" fromto="0 0 0 0.2 0.1 0.3" size="0.05"/>'
+    "</body></body>",
     "floating": '<body pos="0 0 1"><freejoint/><geom type="box" size="0.1 0.2 0.3"/>'
     '<body gravcomp="0.6"><joint type="slide" axis="1 2 0" stiffness="30"/><geom size="0.1"/></body></body>',
     "gripper": '<body><joint name="wrist" axis="1 0 0"/><geom size="0.1"/>'
@@ -128,11 +129,12 @@ def followers(model: Any, free: list[int]) -> Followers:
     for i in range(model.neq):
         first, second = model.eq_obj1id[i], model.eq_obj2id[i]
         constant, ratio, *higher = model.eq_data[i][:5]
-        if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[i] and second >= 0 and ratio:
-            if not any(higher):
-                line = np.zeros(model.nv)
-                line[model.jnt_dofadr[first]], line[model.jnt_dofadr[second]] = 1.0, -ratio
-                lines, constants = [*lines, line], [*constants, constant]
+        if model.eq_type[i] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[i] or second < 0:
+            continue
+        if ratio and not any(higher):
+            line = np.zeros(model.nv)
+            line[model.jnt_dofadr[first]], line[model.jnt_dofadr[second]] = 1.0, -ratio
+            lines, constants = [*lines, line], [*constants, constant]
     bound = [i for i in range(model.nv) if i not in free]
     rates = np.zeros((model.nv, len(free)))
     rates[free, range(len(free))] = 1.0
@@ -185,8 +187,9 @@ def compared(path: Path, name: str) -> Row:
 
 
 def kinds(notes: list[str]) -> str:
-    """What was not read, without the names of the parts."""
-    return ", ".join(re.sub(r" *`[^`]*`,?|,? *\.\.\. \((\d+) in all\)", "", note).strip(" ,") for note in notes)
+    """What was not read, without the names of the parts and their number."""
+    words = [part.strip(" :").removesuffix(" of") for note in notes for part in re.sub(r"`[^`]*`", "", note).split(",")]
+    return ", ".join(word for word in words if word and not word.startswith("..."))
 
 
 def files(folder: Path) -> Iterator[Path]:
@@ -220,16 +223,10 @@ def collect(folder: Path) -> tuple[list[Row], list[tuple[str, str]]]:
         except ClearanceError as error:
             refused.append((name, str(error).replace(str(path), path.name)))
             continue
-        if not any(is_same(row, other) for other in rows):
+        if not any(is_same(row.accelerations, other.accelerations) for other in rows):
             rows.append(row)
             print(f"{row.model}: {row.coordinates}, {row.error:.1e}", flush=True)
     return rows, refused
-
-
-def is_same(one: Row, other: Row) -> bool:
-    """Whether two rows are of one model."""
-    a, b = one.accelerations, other.accelerations
-    return a.shape == b.shape and bool(np.abs(a - b).max() <= SAME * np.abs(a).max())
 
 
 def main(quick: bool = False) -> list[Row]:
