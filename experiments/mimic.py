@@ -31,7 +31,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.io.urdf.bodies import merge
 from clearance_jax.io.urdf.file import read_urdf
 from clearance_jax.io.urdf.mechanism import read_robot
-from experiments.common import is_same, output, table
+from experiments.common import is_same, output, packages, table
 from experiments.publish import command, say
 from experiments.robots import Known, known_by, worst
 
@@ -94,7 +94,7 @@ def files(interpreter: str) -> list[tuple[str, Path]]:
         for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() == ".urdf"):
             if b"<mimic" in path.read_bytes():
                 place = Path(prefix) / path.relative_to(folder)
-                out.append((f"{place.parts[0]}/{path.stem}", path))
+                out.append((f"{place.parts[0]}/{path.stem if path.stem != 'robot' else path.parent.name}", path))
     return out
 
 
@@ -118,7 +118,8 @@ def collect(interpreter: str) -> tuple[list[Row], list[tuple[str, str, str]], st
             continue
         version, apart = str(known.values["version"]), max(apart, float(known.values["apart"]))
         print(rows[-1], flush=True)
-    return rows, refused, f"pinocchio {version}; where it has both models, they differ by {apart:.1e} at most"
+    whose = f"pinocchio {version}; where it has both models, they differ by {apart:.1e} at most"
+    return rows, refused, f"{whose}\n{packages(Path(os.environ.get('URDF_FILES', '')))}"
 
 
 def first_words(error: str, path: Path) -> str:

@@ -8,8 +8,8 @@ states, and what of the model the library says that it does not read.
 
 `MENAGERIE` names a folder. Every MJCF file in it that has joints is compared, but only one of several models that have
 the same accelerations. Packages with such files make a folder by `pip install --no-deps --target there dm_control
-gymnasium gymnasium-robotics robosuite gym-aloha myo-sim`. A file that MuJoCo refuses is no model: most are parts of
-another file. Without `MENAGERIE`, and in quick mode, three small models are compared.
+gymnasium gymnasium-robotics robosuite gym-aloha myo-sim playground`. A file that MuJoCo refuses is no model: most are
+parts of another file. Without `MENAGERIE`, and in quick mode, three small models are compared.
 """
 
 import dataclasses
@@ -33,7 +33,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.io.mjcf.source import outermost
 from clearance_jax.io.urdf.mechanism import NotReadWarning
 from clearance_jax.mechanism.state import layout
-from experiments.common import is_same, output, table
+from experiments.common import is_same, output, packages, table
 from experiments.publish import command, say
 
 mujoco: Any = importlib.import_module("mujoco")
@@ -239,11 +239,13 @@ def main(quick: bool = False) -> list[Row]:
                 rest = FOLLOWING if "right" in world else ""
                 text = f"<mujoco><worldbody>{world}</worldbody>{rest}</mujoco>"
                 (Path(here) / f"{name}.xml").write_text(text, encoding="utf-8")
-        rows, refused = collect(Path(here if quick or not folder else folder))
+        used = Path(here if quick or not folder else folder)
+        rows, refused = collect(used)
     counts = Counter(row.model.split("/")[0] for row in rows)
     shares = ", ".join(f"{count} of {name}" for name, count in counts.items())
     say(
         f"MuJoCo {mujoco.__version__}; {len(rows)} models: {shares}",
+        packages(used),
         f"largest relative difference: {max(row.error for row in rows):.1e}",
     )
     cells = [(row.model, row.coordinates, row.left_out or "-", f"{row.error:.1e}") for row in rows]

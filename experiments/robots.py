@@ -83,7 +83,7 @@ def known_by(words: list[str]) -> Known:
         out = Path(folder) / "known.npz"
         ended = subprocess.run([*words, str(out)], capture_output=True, text=True, check=False)
         if ended.returncode:
-            raise RuntimeError(f"pinocchio could not say anything by {words[2:]}: {ended.stderr[-2000:]}")
+            raise RuntimeError(f"pinocchio could not say anything by {words[2:]}:\n{ended.stderr[-2000:]}")
         with np.load(out) as found:
             values = {key: found[key] for key in found.files}
     return Known(Path(str(values["path"])), list(values["names"]), list(values["frames"]), values)
