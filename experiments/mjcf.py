@@ -160,7 +160,10 @@ def theirs(model: Any, data: Any, rates: np.ndarray) -> np.ndarray:
     mass = np.zeros((model.nv, model.nv))
     for column, unit in zip(mass, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, column, unit)
-    return np.linalg.solve(rates.T @ mass @ rates, rates.T @ (data.qfrc_passive - data.qfrc_bias))
+    found = np.linalg.solve(rates.T @ mass @ rates, rates.T @ (data.qfrc_passive - data.qfrc_bias))
+    if rates.shape[1] == model.nv and not is_same(found, rates.T @ data.qacc, 1e-6):
+        raise RuntimeError(f"MuJoCo has other accelerations than its own mass matrix: {found}, {data.qacc}.")
+    return found
 
 
 def compared(path: Path, name: str) -> Row:
