@@ -51,6 +51,17 @@ def error(y: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.abs(y - truth).max(0) / np.abs(truth).max(0)
 
 
+def is_same(a: np.ndarray, b: np.ndarray, within: float = 1e-9) -> bool:
+    """Whether two models have the same numbers, so that they are one."""
+    return a.shape == b.shape and bool(np.abs(a - b).max() <= within * np.abs(a).max())
+
+
+def packages(folder: Path) -> str:
+    """The packages that were installed into a folder, with their versions."""
+    names = sorted(path.name.removesuffix(".dist-info") for path in folder.glob("*.dist-info"))
+    return f"packages: {', '.join(names)}" if names else "no packages"
+
+
 def seconds(call: Callable[[], Any], repeats: int) -> float:
     """The shortest of several runs, after one that compiles."""
     jax.block_until_ready(call())

@@ -2,8 +2,8 @@
 
 The commands are those that the pages name in their first lines (`python -m experiments.batches --save`). They run one
 after another, each in a process of its own, and the time that each took goes to out/pages.md. A page that cannot be
-written here is passed over, with the reason: it needs a GPU, or a package that is not installed. A command that
-fails leaves what it has found, and the others go on.
+written here is passed over, with the reason: it needs a GPU, a package that is not installed, or a variable that is not
+set. A command that fails leaves what it has found, and the others go on.
 
 `--list` prints the commands, with the commit and the verdict of each page, and runs nothing. Names of pages as
 arguments run these alone.
@@ -12,6 +12,7 @@ arguments run these alone.
 import argparse
 import importlib
 import importlib.util
+import os
 import re
 import shlex
 import subprocess
@@ -23,7 +24,9 @@ from experiments.publish import PAGES, ROOT
 
 COMMAND = re.compile(r"`python -m ([\w.]+(?: \w+)?) --save`")
 # What a page needs beside the library, by its file.
-PACKAGES = {"forward_dynamics": ("mujoco", "pinocchio"), "robots": ("pinocchio",)}
+PACKAGES = {"forward_dynamics": ("mujoco", "pinocchio"), "mjcf": ("mujoco",)}
+# What names the models and the tool of a page. Without it, the command has only a small example.
+VARIABLES = {"mimic": "PINOCCHIO_PYTHON", "mjcf": "MENAGERIE", "robots": "PINOCCHIO_PYTHON"}
 NEED_GPU = {"gpu"}
 # Pages whose first lines do not have a command with `--save`: they are older than it.
 OLDER = {
@@ -56,6 +59,8 @@ def why_not(page: str) -> str:
     lacking = [name for name in PACKAGES.get(page, ()) if importlib.util.find_spec(name) is None]
     if lacking:
         return f"not installed: {', '.join(lacking)}"
+    if (variable := VARIABLES.get(page)) and not os.environ.get(variable):
+        return f"{variable} is not set"
     return "JAX sees no GPU" if page in NEED_GPU and not has_gpu() else ""
 
 

@@ -74,12 +74,16 @@ class Row(NamedTuple):
 
 def by_pinocchio(interpreter: str, robot: str, base: str, states: int) -> Known:
     """The reference of a process of another interpreter."""
+    return known_by([interpreter, str(WORKER), robot, base, str(states), "0"])
+
+
+def known_by(words: list[str]) -> Known:
+    """What a process found that has, as its last argument, the file to write it to."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "known.npz"
-        words = [interpreter, str(WORKER), robot, base, str(states), "0", str(out)]
-        ended = subprocess.run(words, capture_output=True, text=True, check=False)
+        ended = subprocess.run([*words, str(out)], capture_output=True, text=True, check=False)
         if ended.returncode:
-            raise RuntimeError(f"pinocchio could not say anything of {robot}: {ended.stderr[-2000:]}")
+            raise RuntimeError(f"pinocchio could not say anything by {words[2:]}:\n{ended.stderr[-2000:]}")
         with np.load(out) as found:
             values = {key: found[key] for key in found.files}
     return Known(Path(str(values["path"])), list(values["names"]), list(values["frames"]), values)
@@ -172,9 +176,10 @@ def compared(known: Known, base: str, options: dict[str, Any] = UNFUSED) -> Row:
 
 
 def worst(found: np.ndarray, known: np.ndarray) -> float:
-    """The largest error of any state, relative to the largest of its numbers."""
+    """The largest error of any state, relative to the largest of its numbers (which may all be zero, in both)."""
     axes = tuple(range(1, known.ndim))
-    return float((np.abs(found - known).max(axes) / np.abs(known).max(axes)).max())
+    sizes = np.maximum(np.abs(known).max(axes), np.finfo(float).tiny)
+    return float((np.abs(found - known).max(axes) / sizes).max())
 
 
 def main(quick: bool = False) -> list[Row]:

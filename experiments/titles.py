@@ -20,6 +20,8 @@ TITLES = {
     "impacts": "Impacts by every law: errors of derivatives, solves that end early",
     "largest_clearance": "The largest clearance of a robot's joint",
     "memory": "Laws with memory: steps and rejected steps",
+    "mimic": "Robots whose joints follow others, compared with pinocchio",
+    "mjcf": "Accelerations of MJCF models, compared with MuJoCo",
     "needs": "What friction, clearance and gravity cost a scene",
     "operations": "Arithmetic that the compiler repeats in a step",
     "paper": "Qian et al. 2022: figures and claims, tested one by one",

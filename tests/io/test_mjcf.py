@@ -1,6 +1,5 @@
 """MJCF files: each element that is read, against MuJoCo's own accelerations; what is left out; what is refused."""
 
-import dataclasses
 import importlib.util
 from typing import Any
 
@@ -20,8 +19,8 @@ from clearance_jax.io.urdf.mechanism import NotReadWarning
 from clearance_jax.mechanism.state import initial_values, layout
 
 mujoco: Any = pytest.importorskip("mujoco")
+mjcf: Any = pytest.importorskip("experiments.mjcf")
 
-OFF = ("CONTACT", "LIMIT", "FRICTIONLOSS", "ACTUATION", "EQUALITY")
 INERTIAL = '<inertial pos="0.1 0.02 -0.03" quat="0.8 0.3 -0.2 0.4" mass="2" diaginertia="0.02 0.03 0.04"/>'
 SPHERE = '<geom size="0.1"/>'
 
@@ -47,63 +46,9 @@ def body(inner, name="a", place="", inertial=INERTIAL) -> str:
     return f'<body name="{name}" {place}>{inertial}{inner}</body>'
 
 
-def places(model, mechanism) -> tuple[list[int], list[int]]:
-    """Where each position and each velocity of the mechanism's state is in MuJoCo's."""
-    q: list[int] = []
-    v: list[int] = []
-    for c in mechanism.free_coordinates():
-        joint = model.joint(c.name.split(".")[0])
-        first_q, first_v = int(joint.qposadr[0]), int(joint.dofadr[0])
-        is_free = joint.type[0] == int(mujoco.mjtJoint.mjJNT_FREE)
-        if c.is_ball:
-            q += range(first_q + 3 * is_free, first_q + 3 * is_free + 4)
-            v += range(first_v + 3 * is_free, first_v + 3 * is_free + 3)
-        else:
-            further = "xyz".index(c.name[-1]) if is_free else 0
-            q, v = [*q, first_q + further], [*v, first_v + further]
-    return q, v
-
-
-def errors(path, seed=0) -> float:
-    """The largest difference of accelerations from those of MuJoCo, relative, in three random states. Equalities of
-    joints are eliminated: the mass matrix and the forces are reduced by the rates that they leave.
-    """
-    model = mujoco.MjModel.from_xml_path(str(path))
-    for what in OFF:
-        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{what}"))
-    mechanism = loaded(path)
-    mechanism = cj.replace(mechanism, {n: 0.0 for n in cj.parameters(mechanism) if n.endswith(".effort")})
-    mechanism = dataclasses.replace(mechanism, loops=())
-    at_q, at_v = places(model, mechanism)
-    ready, plan, data = mechanism.prepare().as_table(), layout(mechanism), mujoco.MjData(model)
-    accelerations = jax.jit(lambda y: slope(jnp.zeros(()), y, ready)[plan.v])
-    rng, worst = np.random.default_rng(seed), 0.0
-    for _ in range(3):
-        data.qpos[:] = model.qpos0
-        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-0.7, 0.7, model.nv), 1.0)
-        data.qvel[:] = rng.uniform(-1, 1, model.nv)
-        rates = np.eye(model.nv)
-        for i in range(model.neq):
-            follower, leader = model.eq_obj1id[i], model.eq_obj2id[i]
-            if model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT):
-                constant, ratio = model.eq_data[i][:2]
-                moved = data.qpos[leader] - model.qpos0[leader]
-                data.qpos[follower] = model.qpos0[follower] + constant + ratio * moved
-                data.qvel[follower] = ratio * data.qvel[leader]
-                rates[follower] = ratio * rates[leader]
-        mujoco.mj_forward(model, data)
-        mass, reduced = np.zeros((model.nv, model.nv)), rates[:, at_v]
-        for i in range(model.nv):
-            column = np.zeros(model.nv)
-            mujoco.mj_mulM(model, data, column, np.eye(model.nv)[i])
-            mass[:, i] = column
-        force = reduced.T @ (data.qfrc_passive - data.qfrc_bias)
-        theirs = np.linalg.solve(reduced.T @ mass @ reduced, force)
-        if len(at_v) == model.nv:
-            np.testing.assert_allclose(theirs, data.qacc[at_v], rtol=1e-9, atol=1e-9)
-        ours = accelerations(jnp.asarray(np.concatenate([data.qpos[at_q], data.qvel[at_v]])))
-        worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(theirs).max()))
-    return worst
+def errors(path) -> float:
+    """The largest difference of accelerations from those of MuJoCo, relative, in three random states."""
+    return mjcf.compared(path, "").error
 
 
 HINGE = '<joint name="{}" pos="0.02 -0.1 0.05" axis="1 2 -2" {}/>'
@@ -224,7 +169,7 @@ def test_a_loop_accelerates_as_multipliers_say(written):
     """Against MuJoCo's mass matrix and forces, with the condition that the two anchors stay together."""
     path = written(FOUR_BAR, equalities('<connect name="pin" body1="rod_" body2="rocker_" anchor="0.2 0.1 0"/>'))
     robot, model = loaded(path), mujoco.MjModel.from_xml_path(str(path))
-    at_q, at_v = places(model, robot)
+    at_q, at_v = mjcf.places(model, robot)
     assert at_q == at_v == [0, 1, 2]
     plan, ready, data = layout(robot), robot.prepare(), mujoco.MjData(model)
     accelerations = jax.jit(lambda y: slope(jnp.zeros(()), y, ready)[plan.v])
@@ -262,7 +207,7 @@ def test_sites_and_bodies_are_where_mujoco_has_them(written):
     several = CASES["several joints on one body"].replace("</body>", f"{site}{body('', 'tool', TURNED)}</body>")
     path = written(several)
     robot, model = loaded(path, end_effector=["tip", "tool"]), mujoco.MjModel.from_xml_path(str(path))
-    at_q, _ = places(model, robot)
+    at_q, _ = mjcf.places(model, robot)
     ready, plan, data = robot.prepare(), layout(robot), mujoco.MjData(model)
     start = np.asarray(initial_values(robot))
     np.testing.assert_allclose(start[: len(at_q)], model.qpos0[at_q], atol=1e-15)

@@ -18,6 +18,7 @@ from experiments import (
     gpu,
     impacts,
     memory,
+    mimic,
     needs,
     paper_sweeps,
     publish,
@@ -221,6 +222,20 @@ def test_a_program_that_is_not_installed_is_left_out(capsys):
 
 
 @pytest.mark.slow
+def test_robots_whose_joints_follow():
+    (gripper,) = mimic.main(quick=True)
+    assert (gripper.coordinates, gripper.followers) == (1, 1)
+    assert gripper.error < 1e-13
+
+
+def test_models_of_mujoco(tmp_path):
+    mjcf = pytest.importorskip("experiments.mjcf", exc_type=ImportError)
+    rows = {row.model: row for row in mjcf.main(quick=True)}
+    assert {name: row.coordinates for name, row in rows.items()} == {"floating": 7, "gripper": 2, "pendulums": 4}
+    assert all(row.error < 1e-11 for row in rows.values())
+    assert "| gripper " in (tmp_path / "out" / "mjcf_quick.md").read_text()
+
+
 def test_robots_against_newton_and_euler():
     fixed, free = robots.main(quick=True)
     assert (fixed.coordinates, free.coordinates) == (8, 14)
