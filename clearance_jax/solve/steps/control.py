@@ -55,12 +55,9 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Verdict on a try: error over the allowed one; whether it crosses an event, and can be cut there, as its motion is
-    accurate; the time past the event, how far past [s].
-    """
+    """Verdict on a try: error over the allowed one; whether it crosses an event, the time past it, how far past [s]."""
 
     error: Each
-    crossed: EachFlag
     cut: EachFlag
     at: Each
     pad: Each
@@ -91,8 +88,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     t0, t1 = times
     error, of_motion = scaled_error(problem, trial, means, t1)
     if not (means.locate_events and problem.mechanism.contacts()):
-        never = jnp.zeros(jnp.shape(t1), bool)
-        return Verdict(error, never, never, t1, jnp.zeros_like(t1))
+        return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     joint_curves, misfit = curves(times, ends, problem.mechanism)
     # Round-off is no misfit: in free flight, where it would be all the error there is, it would choose the next step.
@@ -107,8 +103,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     at = t0 + s * h + pad
     # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
     # shrinking the step towards the jump would end at a step of a round-off.
-    crossed &= at < t1 - pad
-    return Verdict(error, crossed, crossed & (of_motion <= 1), at, pad)
+    return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
 def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each]:
@@ -159,10 +154,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)
-    # Where the force jumps at an event, shorter steps across it stay inaccurate: the next ends at the event.
-    toward = t0 + jnp.clip(verdict.at - t0, SHRINK * h, SAFETY * h)
-    end = jnp.where(verdict.crossed & ~accurate, toward, start + on_grid(step))
-    end = jnp.where(cut, verdict.at, end)
+    end = jnp.where(cut, verdict.at, start + on_grid(step))
     stuck = cut & (verdict.at - t0 <= jnp.maximum(8 * verdict.pad, jnp.where(control.after_cut, NEAR * h, 0.0)))
     free = keep & (control.natural == 0)
     further = jnp.minimum(FURTHER * control.reach, FURTHEST)
