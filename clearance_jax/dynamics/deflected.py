@@ -63,7 +63,7 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> Deflected:
             law = type(gap.clearance.normal.law).__name__
             text = f"How far `{law}` of `{gap.name}` has given way before is not known. Begin otherwise than settled."
             raise ClearanceError(text).about(gap.name, law)
-    springs = _springs(mechanism)
+    springs = springs_of(mechanism)
     meshes = [coupling.name for coupling in mechanism.couplings if coupling.backlash is not None]
 
     def put(at: Array) -> Deflected:
@@ -102,7 +102,7 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> Deflected:
     return put(jnp.where(jnp.all(change <= FOUND * jnp.abs(at) + SMALLEST), at, jnp.nan))
 
 
-def _springs(mechanism: AbstractMechanism) -> dict[str, DriveSpring]:
+def springs_of(mechanism: AbstractMechanism) -> dict[str, DriveSpring]:
     """By coordinate the springs of drives that give way."""
     moved = [c for c in mechanism.moved_coordinates() if gives_way(c.motion)]
     return {c.name: next(a for a in c.motion.actuators if isinstance(a, DriveSpring)) for c in moved}
@@ -178,7 +178,7 @@ def drive_frequency(time: Scalar, deflected: Deflected) -> Array:
     """The lowest frequency [Hz] of the springs of deflected drives, with pins held; 0 where a gap is unloaded; infinite
     without springs.
     """
-    springs, places = _springs(deflected.mechanism), deflected.places
+    springs, places = springs_of(deflected.mechanism), deflected.places
     if not springs:
         return jnp.asarray(jnp.inf)
     ideal = deflected.mechanism.ideal().without_sampling()
@@ -211,7 +211,7 @@ def engage(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Array:
     plan, firm = layout(mechanism), {c.follower: c for c in mechanism.firm_couplings}
     states = {part.coordinate.name: (part.q.start, plan.v.start + part.v.start) for part in parts(mechanism)}
     drives = {c.name: c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None}
-    springs, done = _springs(mechanism), {}
+    springs, done = springs_of(mechanism), {}
 
     def of(name: str) -> tuple[Term, Term]:
         if name not in done:

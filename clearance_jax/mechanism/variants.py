@@ -274,8 +274,8 @@ def rigid(joint: AbstractJoint, at: Mapping[str, Any], moves_friction: bool = Fa
     return dataclasses.replace(joint, **changed)
 
 
-def change_drives(mechanism: Any, *, stiffer: float = 1.0, closer: float = 1.0) -> Any:
-    """The mechanism with stiffnesses of drives and flanks, and with backlash and transmission errors, times factors."""
+def change_drives(mechanism: Any, *, stiffer: float = 1.0, closer: float = 1.0, truer: float = 1.0) -> Any:
+    """The mechanism with factors on stiffnesses of drives and flanks, on backlash, and on transmission errors."""
 
     def flank_of(flank: Any) -> Any:
         if not isinstance(flank, Flank):
@@ -287,7 +287,7 @@ def change_drives(mechanism: Any, *, stiffer: float = 1.0, closer: float = 1.0) 
         if not isinstance(actuator, DriveSpring):
             return actuator
         wave = actuator.wave
-        wave = None if wave is None else dataclasses.replace(wave, error=closer * wave.error)
+        wave = None if wave is None else dataclasses.replace(wave, error=truer * wave.error)
         gap = None if actuator.backlash is None else closer * actuator.backlash
         return dataclasses.replace(actuator, flank=flank_of(actuator.flank), backlash=gap, wave=wave)
 

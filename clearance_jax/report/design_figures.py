@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.design.answer import Design
-from clearance_jax.design.judge.budget import ErrorBudget
+from clearance_jax.design.judge.budget import WAVES, ErrorBudget
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff
 from clearance_jax.design.judge.observed import TimeHistory
+from clearance_jax.mechanism.variants import DRIVE
 from clearance_jax.report import style
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.play_figures import draw_path
@@ -46,6 +47,7 @@ LARGEST = 34.0
 # Words and colours of the models of an error budget.
 MODELS = {"dynamics": ("dynamics", style.RED), "quasi_static": ("quasi-static", "k")}
 MODELS |= {"play": ("play alone", style.BLUE), "elasticity": ("elasticity alone", style.ORANGE)}
+MODELS |= {WAVES: ("transmission error alone", style.GREEN)}
 
 
 def _objective(design: Design) -> tuple[float, str]:
@@ -247,7 +249,7 @@ def budget_figure(budget: ErrorBudget) -> Figure:
     """
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     grid = figure.add_gridspec(1, 3, width_ratios=(1.1, 1.0, 1.1))
-    dataset = budget.dataset.drop_vars(["joint_error", "joint_play"]).drop_dims("axis").rename(page_axis="axis")
+    dataset = budget.dataset.drop_dims("axis").rename(page_axis="axis")
     placed = places(dataset)
     left = figure.add_subplot(grid[0], **({"projection": "3d"} if placed.at.shape[-1] == 3 else {}))
     _robot(left, budget, placed)
@@ -263,19 +265,25 @@ def _robot(axis: Any, budget: ErrorBudget, placed: Any) -> None:
     largest = max(abs(share) for share in shares.values())
     for name, share in shares.items():
         size = LARGEST * np.sqrt(abs(share) / largest) if largest > 0 else 0.0
-        place = placed.at[k, placed.joints[name]][None].T
+        # A drive is where its joint is; a coupling is nowhere.
+        if (joint := name.removesuffix(DRIVE.format(""))) not in placed.joints:
+            continue
+        place = placed.at[k, placed.joints[joint]][None].T
         axis.plot(*place, marker="o", ms=size, mfc=style.RED, mec="none", alpha=0.35, zorder=6)
     axis.set_title(f"shares at {budget.peak_time:.3g} s (areas)", fontsize=10)
 
 
 def _joint_shares(axis: Any, budget: ErrorBudget) -> None:
-    shares, play = budget.shares, budget.play_shares
+    shares, play, waves = budget.shares, budget.play_shares, budget.transmission_shares
     names = sorted(shares, key=lambda name: abs(shares[name]))
     factor, unit = length_unit(max(abs(share) for share in shares.values()))
     rows = np.arange(len(names))
-    total, rigid = (factor * np.array([part[name] for name in names]) for part in (shares, play))
-    axis.barh(rows, rigid, 0.55, color=MODELS["play"][1], label="play")
-    axis.barh(rows, total - rigid, 0.55, left=rigid, color=MODELS["elasticity"][1], label="elasticity")
+    total, rigid, wave = (factor * np.array([part[name] for name in names]) for part in (shares, play, waves))
+    parts, begin = {"play": rigid, "elasticity": total - rigid - wave, WAVES: wave}, np.zeros(len(names))
+    for what, part in parts.items():
+        if what in budget.peaks:
+            axis.barh(rows, part, 0.55, left=begin, color=MODELS[what][1], label=what.replace("_", " "))
+            begin = begin + part
     axis.set_yticks(rows, names)
     axis.set(xlabel=f"share of the peak, {unit}")
     axis.set_title("by joint", fontsize=10)
@@ -287,8 +295,7 @@ def _over_time(axis: Any, budget: ErrorBudget) -> None:
     per_second = time_axis(axis, float(times[-1]))
     factor, unit = length_unit(max(peak for peak in budget.peaks.values() if np.isfinite(peak)))
     for name, (label, colour) in MODELS.items():
-        values = budget.dataset[name].values
-        if np.isfinite(values).all():
+        if name in budget.dataset and np.isfinite(values := budget.dataset[name].values).all():
             axis.plot(per_second * times, factor * values, color=colour, lw=1.2, label=label)
     axis.set(ylabel=f"error of {budget.point}, {unit}")
     axis.set_title("over time", fontsize=10)

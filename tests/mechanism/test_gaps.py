@@ -20,7 +20,9 @@ import clearance_jax as cj
 from clearance_jax.design.judge.budget import error_budget
 from clearance_jax.design.judge.static import static_error, static_weights
 from clearance_jax.dynamics.field import slope
+from clearance_jax.mechanism.actuators import Wave
 from clearance_jax.mechanism.state import layout
+from clearance_jax.report.design_figures import budget_figure
 from clearance_jax.solve.steps.problem import Problem
 
 TIGHT: Any = {"rtol": 1e-11, "solver": "dopri8"}
@@ -500,6 +502,30 @@ def test_the_budget_has_a_line_for_every_drive():
     assert budget.shares["hub_drive"] == pytest.approx(2 * 0.6 * np.sin(-place / 2), rel=2e-3)
     assert budget.play_shares["hub_drive"] == pytest.approx(0.6 * 5e-3, rel=2e-3)
     assert budget.shares["hub"] == pytest.approx(2e-5, rel=0.1)
+
+
+def test_the_budget_tells_the_transmission_error_from_the_play():
+    """At rest: half the gap, the wind-up, and A sin(n q) of the motor; each alone makes its part of the arm's turn."""
+    error, order, angle = 2e-3, 30.0, 0.4
+    arm = pendulum()
+    joint = arm.joint("hub")
+    wavy = dataclasses.replace(joint.motion.actuators[0], wave=Wave(jnp.asarray(error), jnp.asarray(order)))
+    arm = arm.with_joint(dataclasses.replace(joint, motion=dataclasses.replace(joint.motion, actuators=(wavy,))))
+    budget = error_budget(arm, "tip", 0.1, dynamics=False)
+    wave = error * np.sin(order * angle)
+    place = brentq(lambda x: 500.0 * (x - wave + 5e-3) + 4.0 * 9.81 * 0.3 * np.cos(angle + x), -1.0, wave - 5e-3)
+    # The error points down, and the wave lifts or lowers the arm.
+    parts = [budget.shares, budget.play_shares, budget.transmission_shares]
+    assert parts[0]["hub_drive"] == pytest.approx(2 * 0.6 * np.sin(-place / 2), rel=2e-3)
+    assert parts[1]["hub_drive"] == pytest.approx(0.6 * 5e-3, rel=3e-3)
+    assert parts[2]["hub_drive"] == pytest.approx(-0.6 * wave, abs=0.6 * 2e-3 * 5e-3)
+    assert budget.peaks["transmission_error"] == pytest.approx(0.6 * abs(wave), abs=0.6 * 2e-3 * 5e-3)
+    table = str(budget).splitlines()
+    assert any(line.startswith("  transmission error alone: ") for line in table)
+    assert "of transmission" in str(budget)
+    assert "of transmission" not in str(error_budget(pendulum(), "tip", 0.1, dynamics=False))
+    labels = [text.get_text() for text in budget_figure(budget).axes[1].get_legend().get_texts()]
+    assert labels == ["play", "elasticity", "transmission error"]
 
 
 def test_derivatives_by_backlash_stiffness_and_gain():

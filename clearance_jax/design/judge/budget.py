@@ -1,4 +1,4 @@
-"""The error budget of a point: its parts by play, by elasticity of the contacts and by dynamics; joint by joint."""
+"""The error budget of a point by play, elasticity of contacts, transmission errors and dynamics; joint by joint."""
 
 import dataclasses
 from typing import Any
@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.analysis.pose_errors import budget_names, check_driven, deviations, pose_errors
+from clearance_jax.dynamics.deflected import springs_of
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -20,6 +21,7 @@ from clearance_jax.solve.simulate import run
 # The factor on contact stiffness that leaves play alone; the factor on clearances that leaves elasticity alone.
 RIGID, CLOSED = 1e6, 1e-3
 INSTANTS = 201
+WAVES = "transmission_error"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,10 +29,11 @@ class ErrorBudget:
     """The error of a `point` of a mechanism, in parts; `print` gives the table.
 
     - `dataset`: over `time` [s], in metres: `quasi_static` (pins where loads press them), `play` (the same with rigid
-      contacts), `elasticity` (the same with closed clearances), `dynamics` (NaN where it was not asked for); of each
-      `joint` with play, then of each drive that gives way or coupling with backlash, the vectors `joint_error` and
-      `joint_play` that it alone makes (their sum is the whole but for the
-      square of play over length); `frequency`, the lowest about each pose [Hz].
+      contacts and true gears), `elasticity` (with closed clearances and true gears), `transmission_error` (with closed
+      clearances and rigid contacts; only if there is one), `dynamics` (NaN where it was not asked for); of each `joint`
+      with play, then of each drive that gives way or coupling with backlash, the vectors `joint_error`, `joint_play`
+      and `joint_transmission` that it alone makes (their sum over joints is the whole but for the square of play over
+      length); `frequency`, the lowest about each pose [Hz].
 
     The parts do not add up: a contact gives way more where it is less conformal, and so where there is more play.
     """
@@ -41,7 +44,8 @@ class ErrorBudget:
     @property
     def peaks(self) -> dict[str, float]:
         """The largest error of each part over time [m]."""
-        return {name: float(self.dataset[name].max()) for name in ("dynamics", "quasi_static", "play", "elasticity")}
+        names = ("dynamics", "quasi_static", "play", "elasticity", WAVES)
+        return {name: float(self.dataset[name].max()) for name in names if name in self.dataset}
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -63,6 +67,11 @@ class ErrorBudget:
     def play_shares(self) -> dict[str, float]:
         """What of the `shares` it adds with rigid contacts, by its play alone [m]."""
         return self._along(self.dataset.joint_play)
+
+    @property
+    def transmission_shares(self) -> dict[str, float]:
+        """What of the `shares` its transmission error adds, with rigid contacts and without play [m]."""
+        return self._along(self.dataset.get("joint_transmission", 0.0 * self.dataset.joint_play))
 
     def _along(self, vectors: xr.DataArray) -> dict[str, float]:
         k = int(self.dataset.quasi_static.values.argmax())
@@ -101,11 +110,14 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
         stiff = change_drives(stiff, stiffer=stiffer)
         return pose_errors(stiff, index, times, mark_positions)
 
+    closed = change_drives(change_each_play(mechanism, _closer), closer=CLOSED)
     parts = {
         "quasi_static": parts_of(mechanism, 1.0),
-        "play": parts_of(mechanism, RIGID),
-        "elasticity": parts_of(change_drives(change_each_play(mechanism, _closer), closer=CLOSED), 1.0),
+        "play": parts_of(change_drives(mechanism, truer=CLOSED), RIGID),
+        "elasticity": parts_of(change_drives(closed, truer=CLOSED), 1.0),
     }
+    if any(spring.wave is not None for spring in springs_of(mechanism).values()):
+        parts[WAVES] = parts_of(closed, RIGID)
     for name, part in parts.items():
         if not bool(jnp.all(part.good)):
             raise ClearanceError(f"There is no quasi-static pose for the part `{name}` of the error: {_BAD[name]}.")
@@ -116,6 +128,7 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
         sizes["dynamics"] = np.asarray(deviations(mechanism, index, solution.time, solution.y))
     variables: dict[str, Any] = {name: ("time", np.asarray(size), {"units": "m"}) for name, size in sizes.items()}
     vectors = {"joint_error": parts["quasi_static"].joints, "joint_play": parts["play"].joints}
+    vectors |= {"joint_transmission": parts[WAVES].joints} if WAVES in parts else {}
     for name, vector in vectors.items():
         variables[name] = (("time", "joint", "axis"), np.asarray(vector), {"units": "m"})
     variables["frequency"] = ("time", np.asarray(parts["quasi_static"].frequency), {"units": "Hz"})
@@ -129,6 +142,7 @@ _BAD = {
     "quasi_static": "a pin finds no rest under its load",
     "play": "with contacts so stiff a pin finds no rest under its load",
     "elasticity": "with clearances so small a pin finds no rest under its load",
+    WAVES: "with clearances so small and contacts so stiff a pin finds no rest under its load",
 }
 
 
@@ -145,24 +159,29 @@ def _lines(budget: ErrorBudget):
     yield f"quasi-static: {peaks['quasi_static'] * um:.4g} um at most, at {budget.peak_time:.4g} s"
     yield f"  play alone (contacts {RIGID:g} times stiffer): {peaks['play'] * um:.4g} um"
     yield f"  elasticity alone (clearances {CLOSED:g} of theirs): {peaks['elasticity'] * um:.4g} um"
+    if WAVES in peaks:
+        yield f"  transmission error alone: {peaks[WAVES] * um:.4g} um"
     yield f"lowest frequency of pins about their places of rest: {float(budget.dataset.frequency.min()):.3g} Hz"
-    shares, play = budget.shares, budget.play_shares
-    width = max(map(len, shares))
-    yield f"{'joint'.ljust(width)}  {'share [um]':>11}  {'of play':>9}  {'of elasticity':>13}"
+    shares, play, waves = budget.shares, budget.play_shares, budget.transmission_shares
+    width, more = max(map(len, shares)), f"  {'of transmission':>15}" * (WAVES in peaks)
+    yield f"{'joint'.ljust(width)}  {'share [um]':>11}  {'of play':>9}  {'of elasticity':>13}{more}"
     for name in sorted(shares, key=lambda name: -abs(shares[name])):
-        share, rigid = shares[name] * um, play[name] * um
-        yield f"{name.ljust(width)}  {share:11.4g}  {rigid:9.4g}  {share - rigid:13.4g}"
+        share, rigid, wave = (um * part[name] for part in (shares, play, waves))
+        more = f"  {wave:15.4g}" * (WAVES in peaks)
+        yield f"{name.ljust(width)}  {share:11.4g}  {rigid:9.4g}  {share - rigid - wave:13.4g}{more}"
     yield advice(budget)
 
 
 def advice(budget: ErrorBudget) -> str:
     """A sentence on what reduces the error most."""
-    shares, play, peaks = budget.shares, budget.play_shares, budget.peaks
+    shares, play, waves, peaks = budget.shares, budget.play_shares, budget.transmission_shares, budget.peaks
     worst = max(shares, key=lambda name: abs(shares[name]))
     if np.isfinite(peaks["dynamics"]) and peaks["dynamics"] > 2 * peaks["quasi_static"]:
         return "Most of the error is dynamics: damp or preload the joints, or move with less jerk."
     if worst in budget.drives:
-        what = "play" if abs(play[worst]) >= 0.5 * abs(shares[worst]) else "elasticity"
+        parts = {"play": play[worst], "transmission error": waves[worst]}
+        parts["elasticity"] = shares[worst] - sum(parts.values())
+        what = max(parts, key=lambda part: abs(parts[part]))
         return f"Most is {what} of `{worst}`: a drive or gear with less of it helps most."
     if abs(play[worst]) >= 0.5 * abs(shares[worst]):
         return f"Most is play of `{worst}`: a smaller clearance there, a longer sleeve, or a preload helps most."
