@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import project
-from clearance_jax.dynamics.deflected import deflections, hold_drives, released
+from clearance_jax.dynamics.deflected import deflections, hold_drives, released, springs_of
 from clearance_jax.dynamics.gaps import gap_motions
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
@@ -76,6 +76,11 @@ def budget_names(mechanism: Mechanism) -> tuple[str, ...]:
     drives = (DRIVE.format(name) for name in deflections(mechanism))
     meshes = (coupling.name for coupling in mechanism.couplings if coupling.backlash is not None)
     return (*(joint.name for joint in mechanism.clearance_joints()), *drives, *meshes)
+
+
+def has_waves(mechanism: Mechanism) -> bool:
+    """Whether a drive has a transmission error."""
+    return any(spring.wave is not None for spring in springs_of(mechanism).values())
 
 
 def _one_drive_at_a_time(

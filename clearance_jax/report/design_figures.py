@@ -16,7 +16,6 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.judge.budget import WAVES, ErrorBudget
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff
 from clearance_jax.design.judge.observed import TimeHistory
-from clearance_jax.mechanism.variants import DRIVE
 from clearance_jax.report import style
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.play_figures import draw_path
@@ -263,11 +262,8 @@ def _robot(axis: Any, budget: ErrorBudget, placed: Any) -> None:
     k, shares = int(budget.dataset.quasi_static.values.argmax()), budget.shares
     Skeleton(axis, placed, whole=True).show(k)
     largest = max(abs(share) for share in shares.values())
-    for name, share in shares.items():
-        size = LARGEST * np.sqrt(abs(share) / largest) if largest > 0 else 0.0
-        # A drive is where its joint is; a coupling is nowhere.
-        if (joint := name.removesuffix(DRIVE.format(""))) not in placed.joints:
-            continue
+    for name, joint in budget.drawn_at.items():
+        size = LARGEST * np.sqrt(abs(shares[name]) / largest) if largest > 0 else 0.0
         place = placed.at[k, placed.joints[joint]][None].T
         axis.plot(*place, marker="o", ms=size, mfc=style.RED, mec="none", alpha=0.35, zorder=6)
     axis.set_title(f"shares at {budget.peak_time:.3g} s (areas)", fontsize=10)

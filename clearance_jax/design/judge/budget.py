@@ -7,12 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from clearance_jax.analysis.pose_errors import budget_names, check_driven, deviations, pose_errors
-from clearance_jax.dynamics.deflected import springs_of
+from clearance_jax.analysis.pose_errors import budget_names, check_driven, deviations, has_waves, pose_errors
 from clearance_jax.errors import ClearanceError, unknown_name
 from clearance_jax.laws.stiffness import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.variants import change_drives, change_each_play
+from clearance_jax.mechanism.variants import DRIVE, change_drives, change_each_play
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import mark_positions
 from clearance_jax.solve.settings import evenly, settings_of
@@ -52,6 +51,12 @@ class ErrorBudget:
         """Those of the joints that are drives or couplings."""
         names = self.dataset.joint.values.tolist()
         return tuple(names[int(self.dataset.attrs["pins"]) :])
+
+    @property
+    def drawn_at(self) -> dict[str, str]:
+        """By joint, drive or coupling the joint where pictures show its share; couplings are left out."""
+        joints = {name: name.removesuffix(DRIVE.format("")) for name in self.dataset.joint.values.tolist()}
+        return {name: joint for name, joint in joints.items() if joint in self.dataset.attrs["joints"]}
 
     @property
     def peak_time(self) -> float:
@@ -116,7 +121,7 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
         "play": parts_of(change_drives(mechanism, truer=CLOSED), RIGID),
         "elasticity": parts_of(change_drives(closed, truer=CLOSED), 1.0),
     }
-    if any(spring.wave is not None for spring in springs_of(mechanism).values()):
+    if has_waves(mechanism):
         parts[WAVES] = parts_of(closed, RIGID)
     for name, part in parts.items():
         if not bool(jnp.all(part.good)):
@@ -132,10 +137,11 @@ def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = T
     for name, vector in vectors.items():
         variables[name] = (("time", "joint", "axis"), np.asarray(vector), {"units": "m"})
     variables["frequency"] = ("time", np.asarray(parts["quasi_static"].frequency), {"units": "Hz"})
-    pins = len(mechanism.clearance_joints())
+    attrs = {"point": point, "mechanism": mechanism.name, "pins": len(mechanism.clearance_joints())}
+    attrs["joints"] = [joint.name for joint in (*mechanism.joints, *mechanism.loops)]
     drawn = picture_dataset(mechanism, np.asarray(times), {"mark_position": np.asarray(parts["quasi_static"].drawn)})
     drawn = drawn.rename(axis="page_axis").assign_coords(joint=[*joints], axis=["x", "y", "z"])
-    return ErrorBudget(point, drawn.assign(variables).assign_attrs(point=point, mechanism=mechanism.name, pins=pins))
+    return ErrorBudget(point, drawn.assign(variables).assign_attrs(attrs))
 
 
 _BAD = {
