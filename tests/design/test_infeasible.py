@@ -1,5 +1,7 @@
 """A design that holds nothing says why, and what would help; a command that is stopped keeps what it has."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from places import refused
@@ -133,7 +135,9 @@ def test_a_drive_that_gives_way_too_far_is_named(few, monkeypatch):
     assert not found.feasible
     assert "no backlash within its bounds holds tip" in found.stop_reason
     # k x = m g l cos(0.4 + x) on the flank that bears the load.
-    sag = [brentq(lambda x, b=b: 500 * (x + b / 2) + 4 * 9.81 * 0.3 * np.cos(0.4 + x), -1.0, 0.0) for b in (2e-3, 0.0)]
+    sag: list[Any] = [
+        brentq(lambda x, b=b: 500 * (x + b / 2) + 4 * 9.81 * 0.3 * np.cos(0.4 + x), -1.0, 0.0) for b in (2e-3, 0.0)
+    ]
     loose, bare = (format_quantity(1.2 * np.sin(-x / 2), "m", 3) for x in sag)
     assert f"At the least it is {loose} of at most 10 mm; by quasi-static poses {loose}" in found.stop_reason
     assert f"and {bare} without any backlash, by the elasticity of the drives alone" in found.stop_reason

@@ -508,12 +508,12 @@ def test_the_budget_tells_the_transmission_error_from_the_play():
     """At rest: half the gap, the wind-up, and A sin(n q) of the motor; each alone makes its part of the arm's turn."""
     error, order, angle = 2e-3, 30.0, 0.4
     arm = pendulum()
-    joint = arm.joint("hub")
+    joint: Any = arm.joint("hub")
     wavy = dataclasses.replace(joint.motion.actuators[0], wave=Wave(jnp.asarray(error), jnp.asarray(order)))
     arm = arm.with_joint(dataclasses.replace(joint, motion=dataclasses.replace(joint.motion, actuators=(wavy,))))
     budget = error_budget(arm, "tip", 0.1, dynamics=False)
     wave = error * np.sin(order * angle)
-    place = brentq(lambda x: 500.0 * (x - wave + 5e-3) + 4.0 * 9.81 * 0.3 * np.cos(angle + x), -1.0, wave - 5e-3)
+    place: Any = brentq(lambda x: 500.0 * (x - wave + 5e-3) + 4.0 * 9.81 * 0.3 * np.cos(angle + x), -1.0, wave - 5e-3)
     # The error points down, and the wave lifts or lowers the arm.
     parts = [budget.shares, budget.play_shares, budget.transmission_shares]
     assert parts[0]["hub_drive"] == pytest.approx(2 * 0.6 * np.sin(-place / 2), rel=2e-3)
@@ -524,7 +524,8 @@ def test_the_budget_tells_the_transmission_error_from_the_play():
     assert any(line.startswith("  transmission error alone: ") for line in table)
     assert "of transmission" in str(budget)
     assert "of transmission" not in str(error_budget(pendulum(), "tip", 0.1, dynamics=False))
-    labels = [text.get_text() for text in budget_figure(budget).axes[1].get_legend().get_texts()]
+    legend: Any = budget_figure(budget).axes[1].get_legend()
+    labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["play", "elasticity", "transmission error"]
 
 
