@@ -139,7 +139,9 @@ def test_an_unreachable_bound_is_answered_at_once(asked):
     )
     found = tight.solve(fidelity="auto")
     assert not found.feasible
-    assert found.program.gradients == 1
+    # Values alone say so: their program is compiled sooner.
+    assert found.program.gradients == 0
+    assert len(found.program.history) == 1
     assert "no clearances within their bounds hold piston" in found.stop_reason
     assert "by the elasticity of the contacts alone" in found.stop_reason
     assert "Joint `" in found.stop_reason
