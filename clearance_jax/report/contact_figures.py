@@ -193,7 +193,7 @@ def draw_episodes(dataset: xr.Dataset, narrow: bool = False) -> Figure:
 def _episodes(axes: Any, dataset: xr.Dataset, kind: ContactKind, over: float) -> None:
     """Draw impact speed, largest force and restitution of the episodes of one kind of contacts."""
     begin, dim = kind.begin, "gap" if kind.begin else "joint"
-    start, of = dataset[f"{begin}episode_start"].values, dataset[f"{begin or ''}episode_{dim}"].values
+    start, of = dataset[f"{begin}episode_start"].values, dataset[f"{begin}episode_{dim}"].values
     every = [names_of(dataset, dim).index(name) for name in kind.names]
     mine = np.isin(of, every)
     factor, unit = _effort_unit(float(dataset[f"{begin}peak_force"].values[mine].max(initial=0.0)), kind.effort)
