@@ -244,16 +244,18 @@ def replace(module: Any, values: Mapping[str, Any]) -> Any:
 
     **Raises:** `ClearanceError` for an unknown name.
     """
-    known = parameters(module)
+    known, changed = parameters(module), {}
     for name, value in values.items():
         leaf, index = find(known, name)
-        path, old = leaf.path, follow(module, leaf.path)
-        new = jnp.asarray(value, dtype=float) if index is None else jnp.asarray(old).at[index].set(value)
-        if np.ndim(new) < np.ndim(old):
-            given = f"a value of shape {np.shape(new)} was given. Name one entry as `{name}.0`."
-            raise ClearanceError(f"`{name}` must have shape {np.shape(old)}, but {given}").about(name, np.shape(new))
-        module = eqx.tree_at(lambda m, path=path: follow(m, path), module, new)
-    return module
+        given, (new, entries) = jnp.asarray(value, dtype=float), changed.get(leaf.path, (leaf.value, {}))
+        new, entries = (given, {}) if index is None else (new, {**entries, index: given})
+        if np.ndim(new) < np.ndim(leaf.value):
+            text = f"a value of shape {np.shape(new)} was given. Name one entry as `{name}.0`."
+            raise ClearanceError(f"`{name}` must have shape {np.shape(leaf.value)}, but {text}").about(name, new.shape)
+        changed[leaf.path] = new, entries
+    # All at once: `tree_at` goes through the whole tree.
+    new = [jnp.asarray(x).at[np.array([*e])].set(jnp.stack([*e.values()])) if e else x for x, e in changed.values()]
+    return eqx.tree_at(lambda m: [follow(m, path) for path in changed], module, new) if new else module
 
 
 def values_of(module: eqx.Module, names: Sequence[str]) -> dict[str, Array]:
@@ -329,9 +331,8 @@ def check_demands(part: Parametrised, begin: str = "", words: Callable[[], Mappi
             continue
         given = quote(np.asarray(getattr(part, demand.name)).tolist())
         unit = next(field.metadata["unit"] for field in dataclasses.fields(part) if field.name == demand.name)
-        unit = unit_in_words(resolve_unit(unit, words()))
-        text = f"`{begin}{demand.name}` {demand.words()}, but it is {f'{given} {unit}'.rstrip()}."
-        raise ClearanceError(text).about(f"{begin}{demand.name}")
+        name, unit = f"{begin}{demand.name}", unit_in_words(resolve_unit(unit, words()))
+        raise ClearanceError(f"`{name}` {demand.words()}, but it is {f'{given} {unit}'.rstrip()}.").about(name)
 
 
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str, given: Any = None) -> None:
