@@ -57,7 +57,7 @@ def main(quick: bool = False) -> Design:
     assert study.design is not None
     asked = study.design.problem
     (limit,), names = asked.specification.limits, list(asked.specification.conditions)
-    begin, bound, rows = time.perf_counter(), float(limit.bound), []
+    begin, bound, rows, options = time.perf_counter(), float(limit.bound), [], study.design.solve
 
     def note(judge: str, found: np.ndarray) -> None:
         took = time.perf_counter() - begin
@@ -68,7 +68,7 @@ def main(quick: bool = False) -> Design:
         print(f"{time.perf_counter() - begin:.0f} s: cost {evaluation.objective:.4g}", flush=True)
 
     while True:
-        design = changed(asked, bound, quick).solve(progress=seen, **study.design.solve)
+        design = changed(asked, bound, quick).solve(progress=seen, **options)
         if quick:
             break
         found = dynamic_errors(asked, design)
@@ -77,6 +77,7 @@ def main(quick: bool = False) -> Design:
             break
         # A hair more, so that the next one ends below the bound and not at it.
         bound *= 0.995 / max(found)
+        options = options | {"start": dict(design.clearances), "starts": 1}
     if not quick:
         finer = 0.1 * asked.specification.rtol
         note(f"dopri8, rtol {finer:.0e}", dynamic_errors(asked, design, finer, "dopri8"))
