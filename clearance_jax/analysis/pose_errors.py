@@ -16,7 +16,7 @@ from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.deflected import deflections, hold_drives, released, springs_of
 from clearance_jax.dynamics.gaps import gap_motions
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
+from clearance_jax.dynamics.pose import check_driven, displaced, frequencies, ideal_states, poses
 from clearance_jax.dynamics.quantities import axes_of, evaluate
 from clearance_jax.joints import PlayCoordinate
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -53,7 +53,7 @@ def pose_errors(mechanism: Mechanism, index: int, times: Array, draw: Callable) 
     ready = mechanism.prepare()
     ideal = ideal_states(ready, times)
 
-    def at_instant(time, y, pose):
+    def at_instant(time, y, pose, frequency):
         at_rest = tuple(jnp.zeros_like(play) for play in pose.play)
         wanted = _place(ready, index, time, displaced(time, ready, at_rest, y))
         whole = subtract(_place(ready, index, time, pose.y), wanted)
@@ -66,9 +66,10 @@ def pose_errors(mechanism: Mechanism, index: int, times: Array, draw: Callable) 
             place = _place(ready, index, time, released(moved, time, firm, places))
             alone.append(as_array(subtract(place, wanted)))
         good = are_poses(mechanism, pose.errors) & jnp.all(jnp.isfinite(pose.y))
-        return PoseErrors(as_array(whole), jnp.stack(alone), good, pose.frequency, draw(ready, time, pose.y))
+        return PoseErrors(as_array(whole), jnp.stack(alone), good, frequency, draw(ready, time, pose.y))
 
-    return jax.vmap(at_instant)(times, ideal, poses(times, ready, ideal))
+    posed = poses(times, ready, ideal)
+    return jax.vmap(at_instant)(times, ideal, posed, frequencies(times, ready, posed))
 
 
 def budget_names(mechanism: Mechanism) -> tuple[str, ...]:

@@ -5,7 +5,8 @@ its pin what the ideal joint would, with all pins where they are. Rounds of "rea
 the pins" find it; each round reduces the error by the ratio of clearance to length. Friction of a joint that turns or
 slides shifts the load of a seat (`dynamics/reactions`). Newton steps of the whole end the search.
 
-A pose depends on its instant only. The motion differs where pins swing about it or slide to it slowly: see `frequency`.
+A pose depends on its instant only. The motion differs where pins swing about it or slide to it slowly: see
+`frequencies`.
 """
 
 from typing import NamedTuple
@@ -52,14 +53,16 @@ CLOSING = 6
 
 class StaticPose(NamedTuple):
     """The pose at an instant: the state `y` with all play at rest, by joint the values of its `play` [m or rad], the
-    `ideal` mechanism's state, how far it is from a pose (`errors`), and the lowest `frequency` about it [Hz].
+    `ideal` mechanism's state, how far it is from a pose (`errors`), and by joint the stiffness with which it is held
+    (`stiffness`, [J] for play in units of its size); `firm`: the state with drives held.
     """
 
     y: Array
     play: tuple[Array, ...]
     ideal: Array
     errors: StartErrors
-    frequency: Scalar
+    stiffness: tuple[Array, ...]
+    firm: Array
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
@@ -113,21 +116,26 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
 def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> StaticPose:
     """The poses at increasing times, without derivatives, stacked; `ideal`: the ideal mechanism's states then."""
     times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.without_sampling(), ideal))
-    count, middles = times.shape[0], tuple(map(middle, mechanism.clearance_joints()))
-    if not any(map(is_searched, mechanism.clearance_joints())):
-        cold = jnp.asarray(False)
-        return jax.vmap(lambda time, y: _pose(mechanism, cold, time, y, middles))(times, ideal)
-    rows = -(-count // STRIDE)
+    if any(map(is_searched, mechanism.clearance_joints())):
+        return _searched(times, mechanism, ideal)
+    cold, middles = jnp.asarray(False), tuple(map(middle, mechanism.clearance_joints()))
+    return jax.vmap(lambda time, y: _pose(mechanism, cold, time, y, middles))(times, ideal)
+
+
+def _searched(times: Array, mechanism: PreparedMechanism, ideal: Array) -> StaticPose:
+    """`poses` one after another, as a search takes different numbers of steps."""
+    count, rows = len(times), -(-len(times) // STRIDE)
     places = jnp.minimum(jnp.arange(rows * STRIDE), count - 1).reshape(rows, STRIDE)
     times, ideal = times[places], ideal[places]
-    begin = tuple(jnp.broadcast_to(at, (rows, STRIDE, len(at))) for at in middles)
+    begin = tuple(jnp.broadcast_to(at, (rows, STRIDE, len(at))) for at in map(middle, mechanism.clearance_joints()))
 
     def column(play, k_and_away):
         k, away = k_and_away
         known = away < STRIDE  # in all columns but the first
         near = tuple(jnp.where(known, _between(times, values, k, away), values[:, k]) for values in play)
-        seated = jax.vmap(lambda *start: _pose(mechanism, known, *start))(times[:, k], ideal[:, k], near)
-        return tuple(values.at[:, k].set(new) for values, new in zip(play, seated.play, strict=True)), seated
+        seated = jax.lax.map(lambda start: _pose(mechanism, known, *start), (times[:, k], ideal[:, k], near))
+        both = zip(play, seated.play, strict=True)
+        return tuple(jax.lax.dynamic_update_index_in_dim(values, new, k, 1) for values, new in both), seated
 
     columns = jax.lax.scan(column, begin, (jnp.array(ORDER), jnp.array(AWAY)))[1]
     back = np.argsort(ORDER)
@@ -154,16 +162,31 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     if has_drives(mechanism):
         moved = deflect(time, mechanism)
         pose = _pose(moved.held(), known, time, ideal, near)
-        # Dunkerley's bound of the lowest frequency of both together.
-        several = jnp.stack([pose.frequency, drive_frequency(time, moved)])
-        frequency = jnp.where(jnp.all(several > 0), jnp.sum(several**-2.0) ** -0.5, 0.0)
-        return pose._replace(y=released(moved.mechanism, time, pose.y, moved.places), frequency=frequency)
+        return pose._replace(y=released(moved.mechanism, time, pose.y, moved.places))
     if not joints:
-        return StaticPose(ideal, (), ideal, StartErrors.nothing(), jnp.asarray(jnp.inf))
+        return StaticPose(ideal, (), ideal, StartErrors.nothing(), (), ideal)
+    play, y, loads = _seated(mechanism, known, time, near, ideal)
+    step = _stepped(mechanism, time, play, y)
+    state = step.state(mechanism, time)
+    pressed = [
+        (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
+        for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
+    ]
+    stiffnesses = side_by_side(held_stiffness, pressed)
+    firm = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
+    errors = StartErrors(step.opened, step.unborne, step.moved)
+    return StaticPose(state, step.play, step.y, errors, tuple(firm), state)
+
+
+def _seated(
+    mechanism: PreparedMechanism, known: Flag, time: Scalar, near: tuple[Array, ...], ideal: Array
+) -> tuple[tuple[Array, ...], Array, list[tuple[Array, Array]]]:
+    """The play after rounds that seat pins, the ideal state, and the loads of the pins."""
+    joints = mechanism.clearance_joints()
     begin = tuple(middle(joint) for joint in joints)
     cold, warm = RUBBED if any(joint.clearance.friction is not None for joint in joints) else SMOOTH
 
-    def seated(k, carry):
+    def once(k, carry):
         play, y, _ = carry
         now = pin_loads(time, mechanism, play, y)
         loads = [load.less(rub) for load, rub in zip(now.loads, now.friction, strict=True)]
@@ -173,8 +196,11 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
         return tuple(seat.play for seat in seats), now.y, flat
 
     nothing = [(jnp.zeros(3), jnp.zeros(3)) for _ in joints]
-    play, y, loads = jax.lax.fori_loop(0, jnp.where(known, warm, cold), seated, (near, ideal, nothing))
-    begun = _unstepped(time, mechanism, play, y)
+    return jax.lax.fori_loop(0, jnp.where(known, warm, cold), once, (near, ideal, nothing))
+
+
+def _stepped(mechanism: PreparedMechanism, time: Scalar, play: tuple[Array, ...], y: Array) -> "NewtonStep":
+    """Newton steps of all joints together, until they bear their loads."""
 
     def goes_on(carry):
         count, step = carry
@@ -183,16 +209,28 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     def once(carry):
         return carry[0] + 1, newton(time, mechanism, carry[1].play, carry[1].y)
 
-    _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begun))
-    state = step.state(mechanism, time)
-    pressed = [
-        (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
-        for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
-    ]
-    stiffnesses = side_by_side(held_stiffness, pressed)
-    firm = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
-    frequency = lowest_frequency(mechanism, time, state, firm, [size_of(joint.joint.play()) for joint in joints])
-    return StaticPose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
+    return jax.lax.while_loop(goes_on, once, (jnp.asarray(0), _unstepped(mechanism, play, y)))[1]
+
+
+def frequencies(times: Float[Array, " times"], mechanism: PreparedMechanism, at: StaticPose) -> Float[Array, " times"]:
+    """The lowest frequencies about poses [Hz], infinite where nothing swings."""
+    mechanism = mechanism.without_sampling()
+    sizes = [size_of(joint.joint.play()) for joint in mechanism.clearance_joints()]
+
+    def lowest(time, pose):
+        if not has_drives(mechanism):
+            return (
+                lowest_frequency(mechanism, time, pose.firm, pose.stiffness, sizes) if sizes else jnp.asarray(jnp.inf)
+            )
+        moved = deflect(time, mechanism)
+        drives = drive_frequency(time, moved)
+        if not sizes:
+            return drives
+        # Dunkerley's bound of the lowest frequency of both together.
+        several = jnp.stack([lowest_frequency(moved.held(), time, pose.firm, pose.stiffness, sizes), drives])
+        return jnp.where(jnp.all(several > 0), jnp.sum(several**-2.0) ** -0.5, 0.0)
+
+    return jax.vmap(lowest)(*jax.lax.stop_gradient((times, at)))
 
 
 def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], ideal: Array) -> Array:
@@ -214,7 +252,7 @@ def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Sta
     """The state of the ideal motion with pins in the middle of their play, for joints that no load presses."""
     play = tuple(jnp.zeros(len(joint.joint.play())) for joint in mechanism.clearance_joints())
     y = displaced(time, mechanism, play, ideal)
-    return StaticPose(y, play, ideal, StartErrors.nothing(), jnp.asarray(jnp.nan))
+    return StaticPose(y, play, ideal, StartErrors.nothing(), (), y)
 
 
 def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
@@ -226,15 +264,16 @@ def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPos
     if not mechanism.clearance_joints():
         return pose.ideal
     play, ideal = jax.lax.stop_gradient((pose.play, pose.ideal))
-    begin = _unstepped(time, mechanism, play, ideal)
+    begin = _unstepped(mechanism, play, ideal)
     step = jax.lax.fori_loop(0, DIFFERENTIATED, lambda _, now: newton(time, mechanism, now.play, now.y), begin)
     return step.state(mechanism, time)
 
 
-def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "NewtonStep":
+def _unstepped(mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "NewtonStep":
     """A step to begin with, before the first Newton step."""
-    shapes = jax.eval_shape(lambda: newton(time, mechanism, play, y))
-    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)._replace(play=play, y=y)
+    each, rates = jnp.zeros(len(play)), jnp.zeros(layout(mechanism.ideal()).q.stop)
+    pressed = tuple(jnp.asarray(False) for _ in play)
+    return NewtonStep(play, y, rates, jnp.zeros(len(mechanism.loops)), pressed, each, each)
 
 
 class NewtonStep(NamedTuple):

@@ -21,7 +21,15 @@ from clearance_jax._basis.types import Code, Flag, Scalar
 from clearance_jax._compile.kept import kept_jit
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors
-from clearance_jax.dynamics.pose import StaticPose, check_driven, ideal_states, middle_pose, poses, with_derivatives
+from clearance_jax.dynamics.pose import (
+    StaticPose,
+    check_driven,
+    frequencies,
+    ideal_states,
+    middle_pose,
+    poses,
+    with_derivatives,
+)
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import bounds_hold
@@ -55,13 +63,15 @@ class PoseTask(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Poses on the grid and at sample times (empty without samples): `times` and the poses then; by observer the
-    indices of the grid that it picks, and its values there; whether all are poses (`good`), whether a part has left its
-    walls, and how far the motion can be believed (`None`: pins are in the middle of their play).
+    """Poses on the grid, with the lowest `frequency` about each [Hz], and at sample times (empty without samples):
+    `times` and the poses then; by observer the indices of the grid that it picks, and its values there; whether all are
+    poses (`good`), whether a part has left its walls, and how far the motion can be believed (`None`: pins are in the
+    middle of their play).
     """
 
     grid: Array
     on_grid: StaticPose
+    frequency: Array
     times: Array
     at_times: StaticPose
     picked: tuple[tuple[Array, Array] | None, ...]
@@ -141,10 +151,11 @@ def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
     left = jnp.asarray(False)
     if leaves_walls(ready):
         left = jnp.any(jax.vmap(lambda t, y: has_left(ready, t, y))(times[back], every.y))
-    validity = validity_of(grid, on_grid, ideal[back][:count], ready) if seats else None
+    frequency = frequencies(grid, ready, on_grid) if seats else jnp.full(count, jnp.nan)
+    validity = validity_of(grid, on_grid, frequency, ideal[back][:count], ready) if seats else None
     if validity is not None:
         validity = dataclasses.replace(validity, level=jnp.where(good, validity.level, NOT_VALID))
-    return Poses(grid, on_grid, times[back][asked.places], at_times, picked, good, left, validity)
+    return Poses(grid, on_grid, frequency, times[back][asked.places], at_times, picked, good, left, validity)
 
 
 def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
@@ -169,24 +180,25 @@ def _states(asked: PoseTask, posed: Poses, state: Callable[..., Array] | None = 
     grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
     times = jnp.zeros(0) if asked.save_at is None else asked.save_at
 
-    def read(times, poses):
-        if state is None:
-            return poses.y
-        return jax.vmap(state, (0, None, 0))(times, ready, poses)
-
     def at(places):
-        return read(grid[places], jax.tree.map(lambda x: x[places], posed.on_grid))
+        return grid[places], jax.tree.map(lambda x: x[places], posed.on_grid)
 
-    ends = at(jnp.array([0, INTERVALS]))
-    picks = tuple(at(pick[0]) for pick in posed.picked if pick is not None)
-    samples = read(times, posed.at_times) if times.size else posed.at_times.y
+    # Everything at once, so that what gives a state with its derivatives stands once in the program.
+    parts = [at(jnp.array([0, INTERVALS])), *(at(pick[0]) for pick in posed.picked if pick is not None)]
+    parts += [(times, posed.at_times)] if times.size else []
+    parts += [(grid, posed.on_grid)] if asked.integrands else []
+    when, which = jax.tree.map(lambda *each: jnp.concatenate(each), *parts)
+    states = which.y if state is None else jax.vmap(state, (0, None, 0))(when, ready, which)
+    ends, *states = jnp.split(states, np.cumsum([len(each) for each, _ in parts])[:-1])
+    count = len(posed.picked) - posed.picked.count(None)
+    picks, samples = tuple(states[:count]), states[count] if times.size else posed.at_times.y
     if not asked.integrands:
         return Read(ends[0], ends[1], samples, picks, jnp.zeros(0), jnp.zeros((times.shape[0], 0)))
 
     def integrands(time, y):
         return jnp.concatenate([jnp.ravel(f(time, y, ready)) for f in asked.integrands])
 
-    values = jax.vmap(integrands)(grid, read(grid, posed.on_grid))
+    values = jax.vmap(integrands)(grid, states[-1])
     sums = _cumulative(values, (asked.t1 - asked.t0) / INTERVALS)
     return Read(ends[0], ends[1], samples, picks, sums[-1], _between(grid, sums, values, times))
 
@@ -229,7 +241,7 @@ def _solution(asked: PoseTask, posed: Poses, read: Read) -> Solution:
         end_time=asked.t1,
         records=tuple(None for _ in posed.picked),
         picked=tuple(picked),
-        frequencies=posed.on_grid.frequency,
+        frequencies=posed.frequency,
         validity=posed.validity,
         sampled=sampled,
         energy_balance=False,

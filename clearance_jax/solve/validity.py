@@ -99,9 +99,15 @@ def _floor(error, numbers=jnp):
 
 
 def validity_of(
-    times: Float[Array, " times"], poses: StaticPose, ideal: Float[Array, "times n"], mechanism: PreparedMechanism
+    times: Float[Array, " times"],
+    poses: StaticPose,
+    frequency: Float[Array, " times"],
+    ideal: Float[Array, "times n"],
+    mechanism: PreparedMechanism,
 ) -> Validity:
-    """The validity of poses on a grid of equally spaced times; `ideal`: the ideal mechanism's states then."""
+    """The validity of poses on a grid of equally spaced times, with the lowest `frequency` about each [Hz]; `ideal`:
+    the ideal mechanism's states then.
+    """
     names, unit = tuple(point.name for point in mechanism.points), "m"
     joints = mechanism.clearance_joints()
     if names:
@@ -118,15 +124,15 @@ def validity_of(
         parts = [play / size[None] for play, size in zip(poses.play, sizes, strict=True)]
         widest = max(part.shape[1] for part in parts)
         error = jnp.stack([jnp.pad(part, ((0, 0), (0, widest - part.shape[1]))) for part in parts], axis=1)
-    bend = bends(times, error, poses.frequency)
+    bend = bends(times, error, frequency)
     largest, ringing = jnp.max(jnp.linalg.norm(error, axis=-1), axis=0), jnp.max(bend, axis=0)
     part = jnp.max(ringing / _floor(largest))
     # NaN is not valid, and neither is a pin that nothing holds.
-    part = jnp.where(jnp.min(poses.frequency) > 0, part, jnp.inf)
+    part = jnp.where(jnp.min(frequency) > 0, part, jnp.inf)
     level = jnp.where(part <= SMALL, FOLLOWS, jnp.where(part <= LARGE, PEAK_ONLY, NOT_VALID))
-    slowest = jnp.argmin(poses.frequency)
+    slowest = jnp.argmin(frequency)
     span = times[-1] - times[0]
-    return Validity(level, largest, ringing, poses.frequency[slowest], times[slowest], span, names, unit)
+    return Validity(level, largest, ringing, frequency[slowest], times[slowest], span, names, unit)
 
 
 def bends(

@@ -76,8 +76,9 @@ def _by_dynamics(specification: Specification, program: Program, start: np.ndarr
     if specification.manufacture.title or any(limit.ages for limit in specification.limits):
         return ""
     if gradient and len(program.names) > FEW:
-        # Values alone are compiled sooner, and a search of so many variables needs them as well.
-        solved = program.at(program.lower)
+        # Values alone are compiled sooner, and a search of so many variables needs them as well. But a search by poses
+        # has nearly the same program with gradients.
+        solved = program.at(program.lower, program.fidelity == QUASI_STATIC)
         if solved.worst <= 0:
             return ""
         why = floor_words(specification, program, solved, int(solved.limits.argmax())) if solved.worst < np.inf else ""
