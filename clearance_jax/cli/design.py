@@ -93,7 +93,9 @@ def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
     from clearance_jax.design.asked.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
 
-    points, common = [], study.problem.specification.common
+    points, options = [], {**study.solve, **given}
+    # One common clearance is as large as possible, unless classes have costs.
+    common = study.problem.specification.common and options.get("classes") is None
     shown.phase("search: compiling")
     auto = given.get("fidelity", study.problem.specification.fidelity) == AUTO
 
@@ -109,7 +111,7 @@ def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
         shown.update(f"search: {len(judged)} designs{poses}, {best}")
 
     try:
-        return study.problem.solve(progress=progress, **{**study.solve, **given})
+        return study.problem.solve(progress=progress, **options)
     except KeyboardInterrupt:
         note("Interrupted before the first design was evaluated: there is nothing to keep.")
         raise typer.Exit(130) from None

@@ -2,6 +2,8 @@
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +14,8 @@ from places import refused
 
 import clearance_jax as cj
 from clearance_jax import design
+from clearance_jax.cli.design import _search
+from clearance_jax.cli.pace import Pace, ProgressDisplay
 from clearance_jax.design.asked.classes import NONE_CHOSEN, SMALLEST, ChosenClasses, classes_of
 from clearance_jax.design.judge.findings import _fits
 from clearance_jax.design.search.class_search import BranchAndBound, without_classes
@@ -466,3 +470,21 @@ def test_classes_of_gears_are_those_of_an_angle():
     whole, wrist = slider_crank().specification, "wrist.radial_clearance"
     with refused(wrist, "cd25"):
         classes_of(whole, {wrist: [cj.gears.backlash(1e-3, (20, 40), "cd25")]})
+
+
+@pytest.mark.parametrize(
+    ("common", "classes", "word"), [(True, None, "best 2,"), (True, {"x": []}, "best -2,"), (False, None, "best -2,")]
+)
+def test_progress_shows_a_common_clearance_or_a_cost(common, classes, word):
+    """The objective is minus a common clearance, but the cost where classes have costs."""
+    shown, pace = Mock(spec=ProgressDisplay), Mock(spec=Pace)
+
+    def solve(progress, **options):
+        progress(design.Evaluation(np.ones(1), -2.0, np.array([-0.5])))
+
+    specification = SimpleNamespace(common=common, fidelity="dynamics")
+    study = SimpleNamespace(
+        problem=SimpleNamespace(specification=specification, solve=solve), solve={"classes": classes}
+    )
+    _search(study, {}, shown, pace)
+    assert word in f"{shown.update.call_args[0][0]},"
