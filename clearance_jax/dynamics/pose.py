@@ -173,9 +173,9 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
         for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
     ]
     stiffnesses = side_by_side(held_stiffness, pressed)
-    firm = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
+    stiff = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
     errors = StartErrors(step.opened, step.unborne, step.moved)
-    return StaticPose(state, step.play, step.y, errors, tuple(firm), state)
+    return StaticPose(state, step.play, step.y, errors, tuple(stiff), state)
 
 
 def _seated(
@@ -218,16 +218,13 @@ def frequencies(times: Float[Array, " times"], mechanism: PreparedMechanism, at:
     sizes = [size_of(joint.joint.play()) for joint in mechanism.clearance_joints()]
 
     def lowest(time, pose):
-        if not has_drives(mechanism):
-            return (
-                lowest_frequency(mechanism, time, pose.firm, pose.stiffness, sizes) if sizes else jnp.asarray(jnp.inf)
-            )
-        moved = deflect(time, mechanism)
-        drives = drive_frequency(time, moved)
-        if not sizes:
-            return drives
+        moved = deflect(time, mechanism) if has_drives(mechanism) else None
+        firm = mechanism if moved is None else moved.held()
+        pins = lowest_frequency(firm, time, pose.firm, pose.stiffness, sizes) if sizes else jnp.asarray(jnp.inf)
+        if moved is None:
+            return pins
         # Dunkerley's bound of the lowest frequency of both together.
-        several = jnp.stack([lowest_frequency(moved.held(), time, pose.firm, pose.stiffness, sizes), drives])
+        several = jnp.stack([pins, drive_frequency(time, moved)])
         return jnp.where(jnp.all(several > 0), jnp.sum(several**-2.0) ** -0.5, 0.0)
 
     return jax.vmap(lowest)(*jax.lax.stop_gradient((times, at)))
