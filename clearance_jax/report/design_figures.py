@@ -17,8 +17,8 @@ from clearance_jax.design.judge.budget import WAVES, ErrorBudget
 from clearance_jax.design.judge.explain import Maintenance, Response, Tradeoff
 from clearance_jax.design.judge.observed import TimeHistory
 from clearance_jax.report import style
-from clearance_jax.report.panels import time_axis
-from clearance_jax.report.play_figures import draw_path
+from clearance_jax.report.panels import instant, time_axis
+from clearance_jax.report.play_figures import draw_path, timeline
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import STYLED, legend_below, legend_outside, length_unit, look, new_figure, round_down
 from clearance_jax.report.wear_figures import draw_lives
@@ -68,15 +68,22 @@ def _label(text: str, unit: str, width: int) -> str:
 @PAGE
 def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound; times that do not count are shaded."""
-    # For further lines of the legend the axes give no height away: their label needs it.
-    lines = len(history.values) + (history.since is not None) if len(history.values) > 1 else 0
-    figure, axes = new_figure(WIDTH, HEIGHT + ENTRY * lines)
     factor, unit = _scale(history.unit)
-    per_second = time_axis(axes, float(history.times[-1]))
+    last, counts = float(history.times[-1]), history.times >= (-np.inf if history.since is None else history.since)
+    nearest, labels = [], []
+    for name, values in history.values.items():
+        k = int(np.nanargmin(np.where(counts, np.abs(history.bound - values), np.inf)))
+        nearest.append(k)
+        labels.append(f"{name or 'the design'}: {factor * values[k]:.4g} {unit} at {instant(history.times[k], last)}")
+    # For further lines of the legend the axes give no height away: their label needs it.
+    lines = sum(style.fit(text, WIDTH - 0.9).count("\n") + 1 for text in labels)
+    figure, axes = new_figure(WIDTH, HEIGHT + ENTRY * (lines + (history.since is not None)))
+    per_second = time_axis(axes, last)
     times = per_second * history.times
-    for k, (name, values) in enumerate(history.values.items()):
-        every = max(len(times) // 6, 1)
-        axes.plot(times, factor * values, lw=0.8, ms=4, mfc="white", markevery=every, label=name or None, **look(k))
+    for k, values in enumerate(history.values.values()):
+        # The mark is where the signal is nearest to its bound.
+        how = {"lw": 0.8, "ms": 5, "mfc": "white", "markevery": [nearest[k]]} | look(k)
+        axes.plot(times, factor * values, label=labels[k], **how)
     bound = f"bound on its {history.reduction}" if history.reduction else "bound"
     axes.axhline(factor * history.bound, color="k", ls="--", lw=0.8, label=bound)
     if history.since is not None:
@@ -153,6 +160,7 @@ def convergence(design: Design) -> Figure:
         if np.any(chosen):
             axes.plot(number[chosen], values[chosen], mark, ms=4, label=what)
     axes.set(xlabel="evaluation", ylabel=label)
+    axes.axhline(times * design.objective, color="k", ls="--", lw=0.8, label="the design")
     if 0 < 10 * values.min() < values.max():
         axes.set_yscale("log")
     legend_outside(figure, 2)
@@ -183,6 +191,14 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     draw_path(axes, path, states)
     axes.set(xlabel="along the sleeve's x, µm", ylabel="along its y, µm")
     legend_outside(figure, 3)
+    return figure
+
+
+@PAGE
+def bearing(dataset: xr.Dataset, joints: list[str]) -> Figure:
+    """When pins of these joints bear and when they are apart."""
+    figure, axes = new_figure(WIDTH, 1.2 + 0.3 * len(joints))
+    timeline(axes, dataset, joints)
     return figure
 
 

@@ -54,7 +54,7 @@ def span(ends: tuple[float, float]) -> str:
 def deviations(ends: tuple[float, float]) -> str:
     """Of a size, as on a drawing: the upper over the lower one [m], in µm."""
     upper, lower = (f"{1e6 * end:+g}" if end else "0" for end in ends[::-1])
-    return f"{upper} / {lower} µm".replace("-", "−")
+    return f"{upper} / {lower} µm".replace("-", "−").replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def settings(values: Mapping[str, Any]) -> str:
@@ -69,9 +69,11 @@ def breakable(text: Any) -> Markup:
 
 FILTERS = (quantity, percent, instant, pressure, span, deviations, settings, breakable)
 FIGURES = {
-    design_figures: ("mechanism", "pin_in_sleeve", "over_time", "contributions", "trade", "intervals", "convergence"),
+    design_figures: (
+        "mechanism", "pin_in_sleeve", "bearing", "over_time", "contributions", "trade", "intervals", "convergence",
+    ),
     calibration_figures: ("signal_fit", "interval_widths", "correlations"),
-}
+}  # fmt: skip
 
 
 def write_report(findings: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:

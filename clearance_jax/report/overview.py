@@ -8,12 +8,12 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.panels import curve, heading, page, panels, same_scale, time_axis
+from clearance_jax.report.panels import curve, heading, instant, page, panels, same_scale, time_axis
 from clearance_jax.report.play_figures import MOST, bearing_most, draw_states, timeline
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import NARROW, STYLED, fit, force_unit, legend_below, length_unit, look, panel_grid
 from clearance_jax.results import play as pins
-from clearance_jax.results.first_fall import falls_over, seconds
+from clearance_jax.results.first_fall import falls_over
 from clearance_jax.results.places import Places, names_of, outline, places
 
 # Widths of the two columns, and heights: mechanism, a row of orbits, the first fall, a panel over time, and in the
@@ -49,6 +49,11 @@ class MotionShown(NamedTuple):
         """Rows and columns of the orbits."""
         columns = 1 if len(self.joints) == 1 else 2 if len(self.joints) <= 4 else 3
         return -(-len(self.joints) // columns), columns
+
+    @property
+    def last(self) -> float:
+        """When the motion ends [s]."""
+        return float(self.dataset["time"][-1])
 
     def title(self, axis: Any, text: str, column: int) -> None:
         """Write the title of a panel in a column."""
@@ -124,7 +129,7 @@ def _mechanism(figure: Any, shown: MotionShown, letters: Iterator[str]) -> None:
     _name(axis, placed, i, [*placed.points.items(), *((joint, placed.joints[joint]) for joint in shown.joints)])
     if not in_space:
         same_scale(axis, still.visible)
-    shown.title(axis, f"({next(letters)}) mechanism at {seconds(still.time)}, paths of its points", 0)
+    shown.title(axis, f"({next(letters)}) mechanism at {instant(still.time, shown.last)}, paths of its points", 0)
 
 
 def _name(axis: Any, placed: Places, i: int, marks: list[tuple[str, int]]) -> None:
@@ -165,12 +170,12 @@ def _forces(axis: Any, shown: MotionShown, falling: bool) -> None:
     """Contact forces in the first falls or after them, with the largest of each joint in words."""
     series = {joint: shown.forces(joint, falling) for joint in shown.joints}
     factor, unit = force_unit(max((float(force.max()) for _, force in series.values() if force.size), default=0.0))
-    last = shown.over if falling else float(shown.dataset["time"][-1])
+    last = shown.over if falling else shown.last
     per_second = time_axis(axis, last)
     for k, (joint, (time, force)) in enumerate(series.items()):
         if force.size:
             top = int(np.argmax(force))
-            told = f"{joint}: at most {factor * force[top]:.4g} {unit} at {seconds(float(time[top]))}"
+            told = f"{joint}: at most {factor * force[top]:.4g} {unit} at {instant(time[top], last)}"
             curve(axis, per_second * time, factor * force, told, k)
     axis.set(ylabel=f"normal force, {unit}", ylim=(0, None))
 
@@ -186,7 +191,7 @@ def _over_time(figure: Any, shown: MotionShown, letters: Iterator[str]) -> None:
     """Panels below each other over one axis of time, on which the first falls are grey."""
     rows = _rows(shown)
     axes = figure.subplots(len(rows), 1, sharex=True, height_ratios=list(rows.values()))
-    factor = time_axis(axes[-1], float(shown.dataset["time"][-1]))
+    factor = time_axis(axes[-1], shown.last)
     for axis, draw in zip(axes, rows, strict=True):
         shown.title(axis, f"({next(letters)}) {draw(axis, shown)}", 1)
         if axis is not axes[-1]:
@@ -205,7 +210,9 @@ def _error(axis: Any, shown: MotionShown) -> str:
     for k, name in enumerate(names_of(shown.dataset, "point")):
         values = errors.sel(point=name).values
         top = int(np.nanargmax(values))
-        told = f"{name}: at most {factor * values[top]:.4g} {unit} at {seconds(float(time[top]))}"
+        told = f"{name}: at most {factor * values[top]:.4g} {unit} at {instant(time[top], shown.last)}"
+        if time[top] <= shown.over:
+            told += f", after the fall {factor * np.nanmax(values[time > shown.over]):.4g} {unit}"
         curve(axis, per_second * time, factor * values, told, -1 - k)
     axis.set(ylabel=f"error, {unit}", ylim=(0, None))
     legend_below(axis, 1 if shown.narrow else 2, below=NEAR, fontsize=8)
@@ -217,11 +224,11 @@ def _force(axis: Any, shown: MotionShown) -> str:
     legend_below(axis, 1 if shown.narrow else 2, below=NEAR, fontsize=8)
     if not shown.falls:
         return "contact force"
-    return f"contact force after the first fall (grey: fall, until {seconds(shown.over)})"
+    return f"contact force after the first fall (grey: fall, until {instant(shown.over, shown.last)})"
 
 
 def _eccentricity(axis: Any, shown: MotionShown) -> str:
-    per_second = time_axis(axis, float(shown.dataset["time"][-1]))
+    per_second = time_axis(axis, shown.last)
     for k, joint in enumerate(shown.joints):
         time, places = pins.at_steps(shown.dataset, joint, "eccentricity")
         colour = curve(axis, per_second * time, 1e6 * np.hypot(*places[:, :2].T), joint, k)  # across the sleeve

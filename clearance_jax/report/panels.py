@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from clearance_jax.report.style import NARROW, ZOOM, fit, keep_labels, legend_below, length_unit, look
 from clearance_jax.results.places import bounds, names_of
 
-# Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
+# Ticks of a time axis at most; columns of a picture, in which a curve is no longer told from its extremes.
 TICKS, COLUMNS = 6, 500
 # Markers on a curve.
 MARKS = 7
@@ -41,23 +41,32 @@ class Panel(NamedTuple):
     projection: str | None = None
 
 
+def _unit_of_time(last: float) -> tuple[float, str]:
+    return (1e3, "ms") if last < SHORT else (1.0, "s")
+
+
+def instant(time: float, last: float) -> str:
+    """A time [s] in words, in the unit of axes to `last` [s]."""
+    factor, unit = _unit_of_time(last)
+    return f"{factor * time:.4g} {unit}"
+
+
 def time_axis(axis: Axes, last: float) -> float:
     """Format a time axis to `last` [s] in ms or s, with few ticks; returns the factor from seconds."""
-    factor, unit = (1e3, "ms") if last < SHORT else (1.0, "s")
+    factor, unit = _unit_of_time(last)
     axis.xaxis.set_major_locator(MaxNLocator(nbins=TICKS - 1, steps=[1, 2, 2.5, 5, 10]))
     axis.set_xlabel(f"time, {unit}")
     return factor
 
 
 def curve(axis, time: np.ndarray, values: np.ndarray, label: str, k: int = 0) -> Any:
-    """Draw the `k`-th curve, with some markers, or its envelope if it has far more points than the picture has columns;
+    """Draw the `k`-th curve, with some markers, by its extremes if it has far more points than the picture has columns;
     returns its colour.
     """
     how = look(k) | {"lw": 0.8, "ms": 4, "mfc": "white"} | ({} if label else {"marker": ""})
     if len(time) > 2 * COLUMNS:
-        time, least, values = envelope(time, values, COLUMNS)
-        axis.plot(time, least, lw=0.8, color=how["color"])
-        axis.fill_between(time, least, values, color=how["color"], alpha=0.3, lw=0)
+        chosen = extremes(time, values, COLUMNS)
+        time, values = time[chosen], values[chosen]
     every = max(len(time) // MARKS, 1)
     axis.plot(time, values, label=label, markevery=(every * (2 * k + 1) // 14 % every, every), **how)
     return how["color"]
@@ -223,13 +232,16 @@ def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
     return middle - half
 
 
-def envelope(time: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middles of equal columns of time that hold values, with the least and the greatest value in each."""
+def extremes(time: np.ndarray, values: np.ndarray, columns: int) -> np.ndarray:
+    """Places of a curve's first and last point, and of the least and the greatest value in each of so many equal
+    columns of time. A line through these looks as the line through all points does, in a picture of such columns.
+    """
     edges = np.linspace(time[0], time[-1], columns + 1)
     column = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, columns - 1)
-    filled, first = np.unique(column, return_index=True)
-    middles = 0.5 * (edges[:-1] + edges[1:])[filled]
-    return middles, np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
+    order = np.lexsort((values, column))
+    first = np.flatnonzero(np.diff(column[order], prepend=-1))
+    least, greatest = order[first], order[np.append(first[1:], len(time)) - 1]
+    return np.unique(np.concatenate([[0, len(time) - 1], least, greatest]))
 
 
 def flights(time: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -1,26 +1,31 @@
-"""Curves of the figures: envelopes hold every extreme, flights are parabolas, axes of time have few ticks."""
+"""Curves of the figures: thinned ones hold every extreme, flights are parabolas, axes of time have few ticks."""
 
 import numpy as np
 import pytest
 
-from clearance_jax.report.panels import envelope, flights, smooth
+from clearance_jax.report.panels import extremes, flights, smooth
 
 pytestmark = pytest.mark.quick
 
 
-def test_an_envelope_holds_every_extreme_and_no_more():
+def test_a_thinned_curve_holds_every_extreme_and_little_more():
     time = np.sort(np.random.default_rng(0).uniform(0, 1, 20_000))
     values = np.sin(2000 * time)
-    middles, least, greatest = envelope(time, values, 100)
-    assert len(middles) == 100
-    assert np.all(np.diff(middles) > 0)
-    assert (least.min(), greatest.max()) == (values.min(), values.max())
-    assert np.all(greatest - least > 1.9)
-    # A gap has no columns; and a slow curve is its own envelope, to its change within a column.
-    gap = (time < 0.3) | (time > 0.6)
-    middles, least, greatest = envelope(time[gap], time[gap], 100)
-    assert len(middles) == 70 + 1  # the gap's two ends lie within columns
-    np.testing.assert_allclose(middles, 0.5 * (least + greatest), atol=0.01)
+    chosen = extremes(time, values, 100)
+    assert 199 <= len(chosen) <= 202
+    assert np.all(np.diff(chosen) > 0)
+    assert (chosen[0], chosen[-1]) == (0, 19_999)
+    for part in np.array_split(np.arange(1, 100), 9):
+        inside = (time >= part[0] / 100) & (time < part[-1] / 100)
+        shown = values[chosen[inside[chosen]]]
+        assert shown.min() < -0.99 < 0.99 < shown.max()
+    assert {int(values.argmin()), int(values.argmax())} <= set(chosen)
+    # A gap has no columns; a slow curve is its own thinned one, to its change within a column.
+    gap = np.flatnonzero((time < 0.3) | (time > 0.6))
+    slow = time[gap]
+    chosen = extremes(slow, slow, 100)
+    assert not np.any((slow[chosen] > 0.3) & (slow[chosen] < 0.6))
+    np.testing.assert_allclose(np.interp(slow, slow[chosen], slow[chosen]), slow, atol=1e-12)
 
 
 def parabola(time):

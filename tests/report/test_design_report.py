@@ -153,7 +153,7 @@ def test_names_are_text_and_the_page_needs_nothing_else():
     assert "<i>" not in page
     assert "<h1>A &amp; &lt;b&gt;</h1>" in page
     assert not re.search(r'(src|href)="(?!#)', page)
-    assert page.count("<svg") == 6  # mechanism, path, history, contributions, trade-off, convergence
+    assert page.count("<svg") == 7  # mechanism, path, when it bears, history, contributions, trade-off, convergence
 
 
 def test_figures_are_readable_on_a_phone():
@@ -316,8 +316,8 @@ def test_an_interrupted_explanation_keeps_what_it_has(monkeypatch, tmp_path):
 
 
 def test_numbers_are_written_as_in_a_workshop():
-    assert html.deviations((-41e-6, -20e-6)) == "−20 / −41 µm"
-    assert html.deviations((0.0, 33e-6)) == "+33 / 0 µm"
+    assert html.deviations((-41e-6, -20e-6)) == "−20\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}−41\N{NO-BREAK SPACE}µm"
+    assert html.deviations((0.0, 33e-6)).split("\N{NO-BREAK SPACE}") == ["+33", "/", "0", "µm"]
     assert html.quantity(2e-5, "m") == "20 µm"
     assert html.quantity(None, "m") == ""
     assert html.pressure(6.1225e6) == "6.122 MPa"
