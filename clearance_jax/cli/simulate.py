@@ -75,6 +75,11 @@ def simulate(
             told = {"scene": scene.text, "settings": " ".join([*(settings or []), *(clearance or [])])}
             told |= {"trajectory": "" if lead is None else str(lead.path), "solve": repr({"t1": end, **options})}
             dataset = _observed(mechanism, (result, solution), solve, shown, told)
+    # Before the first line of text: its reader may close the pipe.
+    if output is not None:
+        from clearance_jax.results.store import save
+
+        save(dataset, output)
     _report(mechanism, result, solution, dataset)
     _warn(mechanism, solution, dataset)
     _answer(mechanism, result, solution, dataset, end, options)
@@ -105,7 +110,7 @@ def _write(
     dataset: Any, output: Path | None, plot: Path | None, draw: Any, movie: Path | None, magnify: str | None
 ) -> None:
     if output is not None:
-        common.write_dataset(dataset, output)
+        common.say_written("dataset", output)
     if plot is not None:
         common.write_figure(draw(dataset), plot)
     if movie is not None:

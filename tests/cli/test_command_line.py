@@ -159,6 +159,19 @@ def test_command_line(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_motion_is_kept_where_the_reader_of_its_text_has_gone(tmp_path, monkeypatch):
+    """As with `clearance simulate ... | head -1`."""
+
+    def gone(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("clearance_jax.cli.simulate._report", gone)
+    path = tmp_path / "kept.nc"
+    outcome = CliRunner().invoke(app, ["simulate", str(SCENES / "slider_crank.toml"), "--t1", "1ms", "-o", str(path)])
+    assert isinstance(outcome.exception, BrokenPipeError)
+    assert float(load_dataset(path)["time"][-1]) == pytest.approx(1e-3)
+
+
 def test_a_robot_by_itself_holds_its_posture_and_says_how_it_is_driven(tmp_path):
     """By drives, where it stands: nothing moves, the drives carry its weight. What a trajectory moves is not held."""
     robot, out = SCENES / "six_axes.urdf", tmp_path / "o.nc"
