@@ -12,11 +12,13 @@ from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.gaps import added, gap_actions, gap_efforts
 from clearance_jax.dynamics.kinematics import frames, spring_state
 from clearance_jax.mechanism.actuators import AbstractActuator, is_instant
-from clearance_jax.mechanism.body import GROUND, Wrench
+from clearance_jax.mechanism.body import GROUND, Motion, Wrench
+from clearance_jax.mechanism.followers import Following
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import Acting, State, effort_sources, layout, parts
 from clearance_jax.mechanism.tree.compounds import Ball
 from clearance_jax.mechanism.unfolded import fold, unfold
+from clearance_jax.mechanism.variants import acting
 from clearance_jax.spatial import ZERO, Term, dot, minus, plus, scale, total
 
 Measured = dict[str, tuple[Term, Term]]
@@ -63,6 +65,18 @@ def exert_each(mechanism: PreparedMechanism, time: Scalar, state: State) -> list
         for name, effort in zip(source.coordinates, now, strict=True):
             efforts[places[name]] = plus(efforts[places[name]], effort)
     return efforts
+
+
+def exert_on_driven(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[Term, Term]]:
+    """Efforts of actuators on followers of driven coordinates, by name, with the speeds."""
+    led = [c for c in mechanism.coordinates() if isinstance(c.motion, Motion) and isinstance(c.motion.drive, Following)]
+    sources = [Acting(c.name, (c.name,), actuator) for c in led for _, actuator in acting(c.motion)]
+    seen = measure(mechanism, time, state) if sources else {}
+    out: dict[str, tuple[Term, Term]] = {}
+    for source in sources:
+        before = out.get(source.name, (0.0, 0.0))[0]
+        out[source.name] = plus(before, command(source, time, seen)[0]), seen[source.name][1]
+    return out
 
 
 def integral_rates(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:

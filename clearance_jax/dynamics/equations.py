@@ -11,7 +11,7 @@ from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.alike import numbers_of
 from clearance_jax._compile.barriers import share
-from clearance_jax.dynamics.applied import applied_pairs, exert
+from clearance_jax.dynamics.applied import applied_pairs, exert, exert_on_driven
 from clearance_jax.dynamics.conditions import Condition, closing_pairs, closure_conditions, conditions, constraint
 from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.gaps import added, gap_actions, gap_efforts, teeth_pairs
@@ -27,7 +27,7 @@ from clearance_jax.spatial import Term, minus, plus, times
 class Balance(NamedTuple):
     """The solved equations of motion: frames, actions of clearance joints and of gaps (by name), wrench pairs of
     clearances, springs and loads, efforts of actuators and controllers, free accelerations, wrenches of the ideal
-    closures, and efforts of gaps by coordinate.
+    closures, and by coordinate the efforts of gaps, and of actuators on followers of driven coordinates.
     """
 
     motion: Frames
@@ -52,6 +52,8 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     pairs += teeth_pairs(mechanism, motion, actions)
     efforts, gaps = exert(mechanism, time, state), gap_efforts(mechanism, time, state, actions)
     acceleration, closing = accelerations(motion, pairs, added(efforts, gaps.free))
+    for name, (effort, _) in exert_on_driven(mechanism, time, state).items():
+        gaps.by_name[name] = plus(gaps.by_name.get(name, 0.0), effort)
     return Balance(motion, pins, actions, pairs, efforts, share(acceleration), closing, gaps.by_name)
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Rows, Scalar
 from clearance_jax._compile.solo import whole
-from clearance_jax.dynamics.applied import exert_each, integral_rates, load_power
+from clearance_jax.dynamics.applied import exert_each, exert_on_driven, integral_rates, load_power
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.forms.coupled import CoupledFrames
 from clearance_jax.dynamics.forms.frames import Frames, rotors
@@ -47,7 +47,8 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
     dampers; loss in friction; and the sum of absolute powers (the energy exchanged, to judge a residual by).
     """
-    drive = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
+    acting_on_driven = exert_on_driven(mechanism, time, state).values()
+    drive = total(times(effort, speed) for effort, speed in (*drive_forces(mechanism, now), *acting_on_driven))
     for effort, speed in zip(now.efforts, state.v, strict=True):
         drive = plus(drive, times(effort, speed))
     drive = plus(drive, load_power(mechanism, time, now.motion))

@@ -19,14 +19,7 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax.dynamics.closures import StartErrors, project
-from clearance_jax.dynamics.deflected import (
-    deflect,
-    deflections,
-    drive_frequency,
-    has_drives,
-    hold_drives,
-    released,
-)
+from clearance_jax.dynamics.deflected import deflect, deflections, drive_frequency, has_drives, hold_drives, released
 from clearance_jax.dynamics.reactions import by_joint, determinate, pin_loads
 from clearance_jax.dynamics.seated import lowest_frequency
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
@@ -72,6 +65,9 @@ def check_driven(mechanism: AbstractMechanism) -> None:
             "A mechanism without play is where its drives put it, whatever the load. Give a joint clearance, or use "
             '`fidelity = "dynamics"`.'
         ).about("clearance")
+    if any(gap.what == "teeth" for gap in mechanism.gaps):
+        text = "A quasi-static pose is not known of gears whose teeth load their bearings. Leave out `module` or"
+        raise ClearanceError(f'{text} `base_radius`, or use `fidelity = "dynamics"`.').about("fidelity")
     for joint in mechanism.clearance_joints():
         for part in (*joint.clearance.laws, joint.clearance.element):
             if part is not None and not part.has_static_force:

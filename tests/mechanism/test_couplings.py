@@ -150,7 +150,9 @@ def test_accelerations_are_those_with_followers_eliminated(driven, form):
     rates = dict(zip([name for c in m.coordinates() for name in c.velocities], np.asarray(now["v"]), strict=True))
     names = [c.name for c in m.coordinates() if c.name in driven]
     work = sum(float(effort) * rates[name] for effort, name in zip(spent, names, strict=False))
-    assert float(after + explicit) == pytest.approx(work, rel=1e-9, abs=1e-9)
+    # The right finger follows, with the damper of its file: where the left one is driven, that drive feels it.
+    lost = 20.0 * rates["finger_right"] ** 2 if "finger_left" in driven else 0.0
+    assert float(after + explicit) == pytest.approx(work - lost, rel=1e-9, abs=1e-9)
 
 
 def test_friction_and_actuators_of_a_follower_act_on_its_leader():

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import clearance_jax as cj
 from clearance_jax.design.judge.budget import error_budget
+from clearance_jax.design.judge.static import static_weights
 from clearance_jax.mechanism.state import layout
 from tests.mechanism.test_gaps import hub, pendulum, toothed
 
@@ -272,3 +273,32 @@ def test_a_settled_start_that_is_not_found_is_refused():
 def test_gears_whose_circles_overlap_are_refused():
     with refused("mesh.base_radius"):
         toothed(module=3.2e-3)
+
+
+def test_what_acts_on_a_follower_of_a_driven_wheel_loads_its_teeth():
+    """Its ideal mechanism moves the follower, but poses, settled starts and driving forces know the load."""
+    stiffness = 1e8 * 0.0375**2
+    whole = toothed(module=None, law=cj.laws.HuntCrossley(stiffness, 0.5 * 0.0375, 1.0))
+    spring = cj.actuators.JointSpring(20.0)
+    wheel = whole.joint("wheel")
+    wheel = dataclasses.replace(wheel, motion=cj.Motion(actuators=(*wheel.motion.actuators, spring)))
+    whole = dataclasses.replace(whole, joints=(whole.joint("pinion"), wheel))
+    times = np.array([0.0, 0.05, 0.1])
+    torque = 5.0 + 20.0 * (5.0 * times - 0.5e-3)  # the wheel turns by -5 rad/s, and is ahead by half the gap
+    posed = cj.simulate(whole, 0.1, fidelity="quasi-static", save_at=times)
+    np.testing.assert_allclose(posed["mesh.position"], 0.5e-3 + torque / stiffness, rtol=5e-5)
+    np.testing.assert_allclose(posed["pinion.drive_force"], torque / 2, rtol=1e-3)
+    settled = cj.simulate(whole, 1e-4, start="settled")
+    assert float(settled.initial[0]) == pytest.approx(0.5e-3 + torque[0] / stiffness, rel=1e-5)
+    ideal = cj.simulate(whole.ideal(), 0.1, save_at=times)
+    np.testing.assert_allclose(ideal["mesh.torque"], -(5.0 + 100.0 * times), rtol=1e-12)
+    np.testing.assert_allclose(ideal["pinion.drive_force"], 2.5 + 50.0 * times, rtol=1e-12)
+    assert float(ideal.energy_residual) < 1e-9
+
+
+def test_poses_and_static_bounds_of_teeth_that_load_their_bearings_are_refused():
+    whole = dataclasses.replace(toothed(), points=(cj.Point("rim", "large", P(0.04)),))
+    with refused("fidelity"):
+        cj.simulate(whole, 0.1, fidelity="quasi-static")
+    with refused("base_radius"):
+        static_weights(whole, "rim", 0.1)

@@ -54,6 +54,9 @@ def static_weights(
             "others, so that an offset in one joint strains it. Close its loops by joints of more freedom (`Spherical` "
             "instead of `Revolute`, say)."
         ).about("loops", repeated)
+    if any(gap.what == "teeth" for gap in mechanism.gaps):
+        text = "A static bound is not known of gears whose teeth load their bearings."
+        raise ClearanceError(f"{text} Leave out `module` or `base_radius`.").about("base_radius")
     known = [p.name for p in mechanism.points]
     if point not in known:
         raise ClearanceError(f"There is no point `{point}`. Allowed: {', '.join(known)}.").about(point, allowed=known)
