@@ -75,11 +75,7 @@ def simulate(
             told = {"scene": scene.text, "settings": " ".join([*(settings or []), *(clearance or [])])}
             told |= {"trajectory": "" if lead is None else str(lead.path), "solve": repr({"t1": end, **options})}
             dataset = _observed(mechanism, (result, solution), solve, shown, told)
-    # Before the first line of text: its reader may close the pipe.
-    if output is not None:
-        from clearance_jax.results.store import save
-
-        save(dataset, output)
+    _keep(dataset, output)
     _report(mechanism, result, solution, dataset)
     _warn(mechanism, solution, dataset)
     _answer(mechanism, result, solution, dataset, end, options)
@@ -104,6 +100,14 @@ def _observed(mechanism: Any, solved: tuple, solve: dict[str, Any], shown: Progr
     ideal = None if result.message else _ideal_motion(mechanism, solution, solve)
     with common.aloud(ContactWarning):
         return to_dataset(mechanism, result, ideal=ideal, progress=lambda part: shown.update(part=part), **told)
+
+
+def _keep(dataset: Any, output: Path | None) -> None:
+    """Save the dataset before the first line of text: who reads that may close the pipe."""
+    if output is not None:
+        from clearance_jax.results.store import save
+
+        save(dataset, output)
 
 
 def _write(
