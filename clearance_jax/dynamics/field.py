@@ -143,9 +143,15 @@ def mesh_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, now: 
 
 
 def _through_gaps(mechanism: PreparedMechanism, now: Balance, coupling: Coupling) -> Term:
-    """What the flanks of a coupling exert on its follower."""
-    flanks = {gap.name: dict(terms_of(gap)) for gap in mechanism.gaps if gap.name in flanks_of(coupling)}
-    return total(times(terms[coupling.follower], now.actions[name].force[0]) for name, terms in flanks.items())
+    """What the flanks of a coupling exert on its follower, with their friction."""
+    parts: list[Term] = []
+    for gap in mechanism.gaps:
+        if gap.name in flanks_of(coupling):
+            push, rub, _ = now.actions[gap.name].force
+            sliding = None if gap.teeth is None else gap.teeth.sliding
+            parts.append(times(dict(terms_of(gap))[coupling.follower], push))
+            parts += [] if sliding is None else [times(sliding, rub)]
+    return total(parts)
 
 
 class Energies(NamedTuple):

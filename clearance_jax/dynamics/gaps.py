@@ -60,8 +60,13 @@ def _motion(gap: CoordinateGap, known: Mapping) -> RelativeMotion:
         error = _error(gap.wave, known[gap.motor])
         place, speed, rise = minus(place, error.value), minus(speed, error.rate), minus(rise, error.rise)
     x, v, a = share(tuple(jnp.asarray(term, float) for term in (place, speed, rise)))
-    here = Relative((x, 0.0, 0.0), 0.0, (v, 0.0, 0.0), ZERO)
-    return RelativeMotion(here, Relative((v, 0.0, 0.0), 0.0, (a, 0.0, 0.0), ZERO))
+    slid: tuple[Term, ...] = (0.0, 0.0, 0.0)
+    if gap.teeth is not None and gap.teeth.sliding is not None:
+        turns = ((known[name].q[0], known[name].v[0], known[name].a[0]) for name in gap.coordinates[:2])
+        both = zip(*turns, strict=True)
+        slid = share(tuple(jnp.asarray(times(gap.teeth.sliding, minus(*each)), float) for each in both))
+    here = Relative((x, slid[0], 0.0), 0.0, (v, slid[1], 0.0), ZERO)
+    return RelativeMotion(here, Relative((v, slid[1], 0.0), 0.0, (a, slid[2], 0.0), ZERO))
 
 
 def _error(wave: Wave, motor: Moved) -> "TransmissionError":
@@ -148,8 +153,9 @@ def teeth_pairs(mechanism: PreparedMechanism, motion: Frames, actions: Mapping[s
             carrier, (nx, ny) = motion[gap.teeth.carrier], gap.teeth.normal
             # The flank's effort pulls the depth down: on the wheel it pushes along the normal.
             force = carrier.rotation.apply(scale(minus(0.0, actions[gap.name].force[0]), (nx, ny, 0.0)))
-            place = carrier.point((*gap.teeth.at, 0.0))
-            pairs.append(Pair(gap.teeth.pinion, gap.teeth.wheel, force, ZERO, place))
+            place, lever = carrier.point((*gap.teeth.at, 0.0)), gap.teeth.sliding
+            torque = ZERO if lever is None else (0.0, 0.0, times(lever, actions[gap.name].force[1]))
+            pairs.append(Pair(gap.teeth.pinion, gap.teeth.wheel, force, torque, place))
     return pairs
 
 

@@ -17,7 +17,7 @@ from clearance_jax.joints.elements import AbstractElement
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.parameters import physical
-from clearance_jax.spatial import ZERO, X
+from clearance_jax.spatial import ZERO, X, Y
 
 Sides = Literal["both", "upper", "lower", "spring"]
 
@@ -69,6 +69,17 @@ class Gap(AbstractClearance):
 
     def outline(self):
         return None
+
+
+class ToothGap(Gap):
+    """The gap of teeth that slide on each other: with the second component of the relative velocity."""
+
+    tangents: ClassVar[int] = 1
+    kind: ClassVar[str] = "teeth"
+
+    def points(self, at):
+        slip = jnp.asarray(at.velocity[1], float)
+        return super().points(at)._replace(slip=(slip,), tangents=(Y,))
 
 
 class Pressing(AbstractNormalLaw):

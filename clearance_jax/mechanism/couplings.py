@@ -15,7 +15,7 @@ import equinox as eqx
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError, unknown_name, wrong_value
-from clearance_jax.laws import AbstractNormalLaw
+from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw
 from clearance_jax.parameters import Demand, Parametrised, describe, flatten, physical
 
 # Of a preset: also a plain one.
@@ -41,6 +41,8 @@ class Coupling(Parametrised):
     - `base_radius` [m] of the follower, in a pair of external gears in the plane. Their teeth then push along the lines
       of action, the flanks' law is one of forces [N] and lengths [m], and both bearings bear the force. Play of the
       bearings changes the backlash. Both wheels are on pins of one body.
+    - `friction`: the law of such teeth, with `sliding` [m]: the mean distance of their points of contact from the pitch
+      point, by which they slide as both wheels turn against each other.
 
     **Raises:** `ClearanceError`, from the mechanism, for unknown coordinates, play, balls, a follower that a drive
     prescribes, and circles.
@@ -62,12 +64,12 @@ class Coupling(Parametrised):
     )
     flank: AbstractNormalLaw | None = flatten(default=None)
     base_radius: Scalar | None = physical(
-        "m",
-        "base radius of the follower, whose teeth then load the bearings",
-        '"37.6 mm"',
-        "they do not",
-        above=0.0,
+        "m", "base radius of the follower, whose teeth then load the bearings", '"37.6 mm"', "they do not", above=0.0,
         default=None,
+    )  # fmt: skip
+    friction: AbstractFrictionLaw | None = None
+    sliding: Scalar | None = physical(
+        "m", "mean distance of the teeth's contact from the pitch point", '"2 mm"', "none", above=0.0, default=None
     )
 
     def __check_init__(self):
@@ -81,6 +83,10 @@ class Coupling(Parametrised):
         if self.base_radius is not None and (self.backlash is None or self.second is not None):
             text = f"Coupling `{self.name}` has teeth (`base_radius`): it needs one leader, `backlash` and `stiffness`."
             raise ClearanceError(text).about(f"{self.name}.base_radius")
+        rubs = self.friction is not None
+        if rubs != (self.sliding is not None) or (rubs and self.base_radius is None):
+            text = f"Coupling `{self.name}` must have `friction`, `sliding` and `base_radius` together, or a gear"
+            raise ClearanceError(f"{text} `friction` and `module`.").about(f"{self.name}.friction")
         if (self.backlash is None) != (self.flank is None):
             text = f"Coupling `{self.name}` needs a `backlash` and the law of its flanks (`stiffness`), or neither."
             raise ClearanceError(text).about(f"{self.name}.backlash")
@@ -132,46 +138,52 @@ def _teeth(name: str, counts: Sequence[float | int]) -> tuple[float, float]:
 
 
 def Gear(
-    name: str,
-    follower: str,
-    leader: str,
-    teeth: Sequence[float | int],
-    *,
-    internal: bool = False,
-    offset: Number = 0.0,
-    backlash: Number | None = None,
-    flank: AbstractNormalLaw | None = None,
-    module: Number | None = None,
-    pressure_angle: Number = math.radians(20),
-) -> Coupling:
+    name: str, follower: str, leader: str, teeth: Sequence[float | int], *, internal: bool = False,
+    offset: Number = 0.0, backlash: Number | None = None, flank: AbstractNormalLaw | None = None,
+    module: Number | None = None, pressure_angle: Number = math.pi / 9, friction: AbstractFrictionLaw | None = None,
+) -> Coupling:  # fmt: skip
     """A pair of gears with parallel axes, or of bevel gears.
 
     **Arguments:** `name`, `follower`, `leader`, `offset`, `backlash`, `flank`: as in `Coupling`; `teeth`: numbers of
     teeth of the leader and of the follower; `internal`: whether one of them is a ring with teeth inside. Such a pair
     turns the same way, any other pair opposite ways. (Of bevel gears the sign depends on how their axes point:
     `internal` changes it.) With the `module` [m] of their teeth and the `pressure_angle` [rad] their forces load
-    the bearings, see `base_radius` of `Coupling`.
+    the bearings, see `base_radius` of `Coupling`; their `friction` is that of full teeth without profile shift.
 
-    **Raises:** `ClearanceError` for fewer than 5 teeth.
+    **Raises:** `ClearanceError` for fewer than 5 teeth, and for friction of gears that ever have more than two pairs of
+    teeth in contact, or none.
     """
     first, second = _teeth(name, teeth)
     ratio = (1 if internal else -1) * first / second
     teeth_of: dict[str, Number] = {}
     if module is not None:
         teeth_of = {"base_radius": module * second / 2 * math.cos(pressure_angle)}
-    return Coupling(name, follower, leader, ratio, offset, backlash=backlash, flank=flank, **teeth_of)
+        if friction is not None:
+            teeth_of["sliding"] = module * _mean_sliding(name, (first, second), float(pressure_angle))
+    return Coupling(
+        name, follower, leader, ratio, offset, backlash=backlash, flank=flank, friction=friction, **teeth_of
+    )
+
+
+def _mean_sliding(name: str, teeth: tuple[float, float], pressure_angle: float) -> float:
+    """The mean distance from the pitch point of the teeth in contact, by the module: p/2 (1 - e + e1^2 + e2^2), with
+    the base pitch p, and the contact ratio e = e1 + e2 by the parts of both tips. (Pairs share the force evenly: it is
+    the loss factor of Ohlendorf, 1958, in Niemann and Winter.)
+    """
+    pitch = math.pi * math.cos(pressure_angle)
+    tips = [math.sqrt((z / 2 + 1) ** 2 - (z / 2 * math.cos(pressure_angle)) ** 2) for z in teeth]
+    parts = [(tip - z / 2 * math.sin(pressure_angle)) / pitch for tip, z in zip(tips, teeth, strict=True)]
+    if not (1 <= sum(parts) <= 2 and max(parts) <= 1):
+        text = f"Gear `{name}`: the mean sliding of its teeth is known with one or two pairs in contact, and it has"
+        text += f" {sum(parts):.3g} in the mean. Give a `Coupling` with `sliding`."
+        raise ClearanceError(text).about(f"{name}.friction")
+    return pitch / 2 * (1 - sum(parts) + sum(part**2 for part in parts))
 
 
 def Rack(
-    name: str,
-    follower: str,
-    leader: str,
-    radius: Number,
-    *,
-    offset: Number = 0.0,
-    backlash: Number | None = None,
-    flank: AbstractNormalLaw | None = None,
-) -> Coupling:
+    name: str, follower: str, leader: str, radius: Number, *, offset: Number = 0.0,
+    backlash: Number | None = None, flank: AbstractNormalLaw | None = None,
+) -> Coupling:  # fmt: skip
     """A rack, the slide `follower`, moved by a pinion: x = radius q.
 
     **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `radius` [m]:
@@ -181,15 +193,9 @@ def Rack(
 
 
 def Screw(
-    name: str,
-    follower: str,
-    leader: str,
-    lead: Number,
-    *,
-    offset: Number = 0.0,
-    backlash: Number | None = None,
-    flank: AbstractNormalLaw | None = None,
-) -> Coupling:
+    name: str, follower: str, leader: str, lead: Number, *, offset: Number = 0.0,
+    backlash: Number | None = None, flank: AbstractNormalLaw | None = None,
+) -> Coupling:  # fmt: skip
     """A screw: the slide `follower` moves by the lead a turn of the leader: x = lead q / (2 pi).
 
     **Arguments:** `name`, `follower`, `leader`, `offset` [m], `backlash` [m], `flank`: as in `Coupling`; `lead` [m]:
@@ -257,10 +263,8 @@ def _solved(name: str, factors: Mapping[str, float], follower: str) -> Coupling:
 
 def without_backlash(couplings: Sequence[Coupling]) -> tuple[Coupling, ...]:
     """The couplings without backlash."""
-    return tuple(
-        dataclasses.replace(c, backlash=None, flank=None, base_radius=None) if c.backlash is not None else c
-        for c in couplings
-    )
+    firm: dict[str, None] = dict.fromkeys(("backlash", "flank", "base_radius", "friction", "sliding"))
+    return tuple(c if c.backlash is None else dataclasses.replace(c, **firm) for c in couplings)
 
 
 def check_couplings(

@@ -17,7 +17,7 @@ from jaxtyping import Array
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints.gap import Gap, Rub
+from clearance_jax.joints.gap import Gap, Rub, ToothGap
 from clearance_jax.laws.normal.flank import FlankSpring
 from clearance_jax.mechanism.actuators import DriveLoss, DriveSpring, JointFriction, Wave
 from clearance_jax.mechanism.body import Motion
@@ -122,7 +122,8 @@ def flanks_of(coupling: Coupling) -> tuple[str, ...]:
 
 class Teeth(Module):
     """Where flanks push two wheels apart: the bodies, and in the frame of the `carrier` the place `at` [m] where the
-    line of action crosses that of the centres, and the direction `normal` of the force on the wheel.
+    line of action crosses that of the centres, and the direction `normal` of the force on the wheel. `sliding` [m]:
+    what their flanks slide by the relative turn of both wheels; `None`: without friction.
     """
 
     carrier: str = eqx.field(static=True)
@@ -130,6 +131,7 @@ class Teeth(Module):
     wheel: str = eqx.field(static=True)
     at: Pair
     normal: Pair
+    sliding: Scalar | None = None
 
 
 def _of_teeth(
@@ -137,7 +139,9 @@ def _of_teeth(
 ) -> Iterator[CoordinateGap]:
     """The two flanks of a pair of gears. The depth of each along its line of action is s r (q2 - k q1 - o) + n (u1 -
     u2) - j / 2, with the base radius r of the follower and the offsets u of both wheels in their bearings. (So the gap
-    widens with the distance of the centres to first order.)
+    widens with the distance of the centres to first order.) Its slip is the mean over a pitch, by the relative turn of
+    both wheels, and its friction a moment between them, by the same lever: the mean work is right, the ripple of the
+    mesh is not there.
     """
     what, known = f"Coupling `{coupling.name}` has teeth (`base_radius`)", {joint.name: joint for joint in joints}
     wheel, pinion = (known.get(name) for name in (coupling.follower, coupling.leader))
@@ -171,9 +175,10 @@ def _of_teeth(
             inside = cos * normal[0] + sin * normal[1], cos * normal[1] - sin * normal[0]
             for play in joint.play_coordinates():
                 terms[play.name] = sign * (inside[0] if play.name.endswith("x") else inside[1])
-        flank = Gap(gap, coupling.flank, "upper")  # pyright: ignore[reportArgumentType]
+        kind = Gap if coupling.friction is None else ToothGap
+        flank = kind(gap, coupling.flank, "upper", coupling.friction)  # pyright: ignore[reportArgumentType]
         made = _gap(name, terms, side * radius * coupling.offset + 0.5 * gap, flank, by_name, "teeth")
-        teeth = Teeth(pinion.parent, pinion.child, wheel.child, at, normal)
+        teeth = Teeth(pinion.parent, pinion.child, wheel.child, at, normal, coupling.sliding)
         yield dataclasses.replace(made, turns=False, teeth=teeth)
 
 
@@ -192,22 +197,11 @@ def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[Co
             flank = actuator.flank if actuator.backlash is not None else FlankSpring(**vars(actuator.flank))
             width = 0.0 if actuator.backlash is None else actuator.backlash
             what: What = "elasticity" if actuator.backlash is None else "backlash"
-            made = _gap(
-                DRIVE.format(c.name),
-                {c.name: None},
-                actuator.rest,
-                Gap(width, flank, "spring" if actuator.backlash is None else "both"),
-                by_name,
-                what,
-            )
+            clearance = Gap(width, flank, "spring" if actuator.backlash is None else "both")
+            made = _gap(DRIVE.format(c.name), {c.name: None}, actuator.rest, clearance, by_name, what)
             driven = actuator.wave is not None and not by_name[motor_of(c.name)].motion.is_free
-            yield dataclasses.replace(
-                made,
-                wave=actuator.wave,
-                loss=actuator.loss,
-                motor=motor_of(c.name),
-                in_tree=made.in_tree and not driven,
-            )
+            more: Any = {"wave": actuator.wave, "loss": actuator.loss, "motor": motor_of(c.name)}
+            yield dataclasses.replace(made, in_tree=made.in_tree and not driven, **more)
         elif isinstance(actuator, JointFriction) and rubs(actuator, c.motion):
             name = FRICTION.format(c.name) + f"_{frictions}" * bool(frictions)
             yield _gap(name, {c.name: None} | motor, None, actuator.rub(), by_name, "friction")

@@ -236,7 +236,7 @@ def test_examples_of_friction_laws_are_read(word, tmp_path):
 
 
 # With which flanks have forces [N] and lengths [m].
-TEETH = ("module", "pressure_angle", "base_radius")
+TEETH = ("module", "pressure_angle", "base_radius", "friction", "sliding")
 # What contradicts other numbers of a flank.
 OTHER_FLANKS = ("damping_factor", "cubic", "efforts")
 

@@ -5,9 +5,12 @@ closed forms of their own.
 import dataclasses
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from places import refused
+from places import SCENES, refused
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import clearance_jax as cj
@@ -273,6 +276,112 @@ def test_a_settled_start_that_is_not_found_is_refused():
 def test_gears_whose_circles_overlap_are_refused():
     with refused("mesh.base_radius"):
         toothed(module=3.2e-3)
+
+
+MU, LAYER = 0.1, 2e-3
+
+
+def rubbing(whole, law, **teeth):
+    (mesh,) = whole.couplings
+    made = cj.Gear("mesh", "wheel", "pinion", (20, 40), backlash=1e-3, flank=mesh.flank, module=2e-3, friction=law)
+    return dataclasses.replace(whole, couplings=(dataclasses.replace(made, **teeth),))
+
+
+@pytest.mark.parametrize(("counts", "angle"), [((20, 40), 20.0), ((12, 90), 25.0), ((17, 17), 20.0)])
+def test_teeth_slide_by_the_mean_of_the_pairs_in_contact(counts, angle):
+    """Pairs of teeth, a base pitch apart, move along the path of contact and share the force evenly."""
+    angle, module = np.radians(angle), 2e-3
+    sliding = cj.Gear(
+        "mesh", "a", "b", counts, module=module, pressure_angle=angle, backlash=1e-3,
+        flank=cj.laws.Flank(1e7), friction=cj.laws.TanhCoulomb(MU, LAYER),
+    ).sliding  # fmt: skip
+    pitch = np.pi * module * np.cos(angle)
+    radii = module / 2 * np.asarray(counts, float)
+    ends = np.sqrt((radii + module) ** 2 - (radii * np.cos(angle)) ** 2) - radii * np.sin(angle)
+    at = np.linspace(0.0, pitch, 20_001)[:-1, None] + pitch * np.arange(-2, 2)
+    inside = (at > -ends[1]) & (at < ends[0])
+    pairs = inside.sum(axis=1)
+    assert set(pairs) == {1, 2}
+    assert float(sliding) == pytest.approx(np.mean((np.abs(at) * inside).sum(axis=1) / pairs), rel=1e-4)
+
+
+@pytest.mark.parametrize("law", [cj.laws.TanhCoulomb(MU, LAYER), cj.laws.LuGre(MU, MU, 0.01, 1e4, 10.0, 0.0)])
+def test_friction_of_teeth_takes_its_share_of_the_power(law):
+    """F (r_b2 - mu s) on the loaded wheel, F (r_b1 + mu s) on the driven pinion, whatever plays; the books close."""
+    base, slid = 2e-3 * 20 * np.cos(np.radians(20)), float(rubbing(toothed(), law).couplings[0].sliding)
+    force = 5.0 / (base - MU * slid)
+    for clearance in (None, 5e-5):
+        solution = cj.simulate(rubbing(toothed(clearance=clearance), law), 0.2, rtol=1e-7)
+        assert -float(solution["mesh_ahead.effort"]) == pytest.approx(force, rel=2e-5)
+        assert float(solution["mesh.torque"]) == pytest.approx(-5.0, rel=2e-5)
+        assert float(solution["pinion.drive_force"]) == pytest.approx(force * (base / 2 + MU * slid), rel=2e-5)
+        assert float(solution.energy_residual) < 1e-8
+
+
+def test_rubbing_teeth_move_as_by_an_equation_of_their_own():
+    """Both flanks, while the pinion swings and the wheel crosses the gap."""
+    law, swing = cj.laws.TanhCoulomb(MU, LAYER), cj.drives.Harmonic(0.2, 60.0)
+    whole = rubbing(toothed(torque=0.0, law=cj.laws.Flank(1e7, damping=300.0)), law)
+    pinion = dataclasses.replace(whole.joint("pinion"), motion=cj.Motion(swing))
+    whole = dataclasses.replace(whole, joints=(pinion, whole.joint("wheel")))
+    base, slid, end = 2e-3 * 20 * np.cos(np.radians(20)), float(whole.couplings[0].sliding), 0.15
+
+    def field(t, y):
+        turn, rate = 0.2 * np.sin(60 * t), 12 * np.cos(60 * t)
+        lag, drift = base * (y[0] + turn / 2), base * (y[1] + rate / 2)
+        torque = 0.0
+        for side in (1.0, -1.0):
+            depth = side * lag - base * 0.5e-3
+            elastic = 1e7 * max(depth, 0.0)
+            force = max(elastic + min(elastic, 300.0 * side * drift), 0.0) if depth > 0 else 0.0
+            torque += -side * base * force - slid * MU * force * np.tanh(slid * (y[1] - rate) / LAYER)
+        return [y[1], torque / 3e-4]
+
+    start = cj.simulate(whole, end, rtol=1e-10, save_at=np.linspace(0.0, end, 31))
+    first = [float(start["wheel.position"][0]), float(start["wheel.velocity"][0])]
+    own = solve_ivp(field, (0, end), first, "DOP853", start.time, rtol=1e-11, atol=1e-14, max_step=1e-5)
+    np.testing.assert_allclose(start["wheel.position"], own.y[0], atol=1e-9)
+    np.testing.assert_allclose(start["wheel.velocity"], own.y[1], atol=1e-6)
+    smooth = cj.simulate(rubbing(whole, cj.laws.TanhCoulomb(0.0, LAYER)), end, rtol=1e-8, save_at=start.time)
+    assert np.max(np.abs(smooth["wheel.velocity"] - own.y[1])) > 1e-3  # friction matters here
+    assert float(start.energy_residual) < 1e-9
+
+
+def test_derivatives_by_the_friction_of_teeth():
+    whole = rubbing(toothed(), cj.laws.TanhCoulomb(MU, LAYER))
+    names = ("mesh.friction.coefficient", "mesh.sliding")
+    at = jnp.asarray([float(cj.parameters(whole)[name].value) for name in names])
+
+    def place(values):
+        made = cj.replace(whole, dict(zip(names, values, strict=True)))
+        return cj.simulate(made, 2e-3, rtol=1e-10)["wheel.position"]
+
+    found, place = jax.jit(jax.grad(place))(at), jax.jit(place)
+    for k, step in enumerate(1e-3 * at):
+        ahead, back = (float(place(at.at[k].add(sign * step))) for sign in (1.0, -1.0))
+        assert float(found[k]) == pytest.approx((ahead - back) / (2 * float(step)), rel=1e-5)
+
+
+def test_friction_of_teeth_in_a_scene(tmp_path):
+    text = (SCENES / "gears.toml").read_text(encoding="utf-8")
+    rough = '\nfriction = { law = "tanh", coefficient = 0.1, transition_speed = "2 mm/s" }'
+    old = 'stiffness = "20 kN*m/rad"\ndamping = "2 N*m*s/rad"'
+    new = 'module = "2 mm"\nstiffness = "10 N/um"\ndamping = "300 N*s/m"'
+    path = tmp_path / "gears.toml"
+    path.write_text(text.replace(old, new + rough), encoding="utf-8")
+    (mesh,) = cj.load(path).couplings
+    assert mesh.friction == cj.laws.TanhCoulomb(MU, LAYER)
+    assert float(mesh.sliding) == pytest.approx(0.0020806615914449, rel=1e-12)
+    path.write_text(text.replace(old, old + rough), encoding="utf-8")
+    with refused("mesh.friction"):
+        cj.load(path)
+    law = cj.laws.TanhCoulomb(MU, LAYER)
+    with refused("mesh.friction"):  # of 14.5 degrees, more than two pairs are in contact
+        cj.Gear(
+            "mesh", "wheel", "pinion", (60, 60), module=2e-3, pressure_angle=np.radians(14.5), backlash=1e-3,
+            flank=cj.laws.Flank(1e7), friction=law,
+        )  # fmt: skip
+    assert rubbing(toothed(), law).intended().gaps == ()
 
 
 def test_what_acts_on_a_follower_of_a_driven_wheel_loads_its_teeth():

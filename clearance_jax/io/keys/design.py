@@ -93,9 +93,7 @@ LIMIT = table(
     "What a metric of the study must not exceed, by the metric's name.",
     bound=quantity("the bound", '"0.2 mm"', METRIC, above=0.0, required=True),
     cycles=Wholes(
-        "after how many cycles of wear it must hold, with a section `wear`; 0: as new too",
-        "[0, 20000]",
-        "as new only",
+        "after how many cycles of wear it must hold, with a section `wear`; 0: as new too", "[0, 20000]", "as new only"
     ),
 )
 VERIFY = table(

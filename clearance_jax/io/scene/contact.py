@@ -66,7 +66,7 @@ def _pin(table: TomlTable, usual: bool) -> joints.AbstractPin:
     table.refuse(*others, why="has no effect beside a `bearing`, which is a whole joint.")
     word, inner = table.variant("bearing", keys.BEARINGS)
     with naming(inner.where):
-        return BEARINGS_MADE[word](**inner.arguments("type"), friction=_friction(table))
+        return BEARINGS_MADE[word](**inner.arguments("type"), friction=friction_of(table))
 
 
 def _in_a_sleeve(make: Any, table: TomlTable, usual: bool) -> joints.AbstractPin:
@@ -170,7 +170,7 @@ def _fit(table: TomlTable, pin: float | None) -> tuple[Any, float, joints.Tolera
 
 def _laws(joint: TomlTable, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
     """Normal and friction law; `usual`: the default of the normal law, if there is one."""
-    return _normal(joint) if usual is None or joint.has("normal") else usual, _friction(joint)
+    return _normal(joint) if usual is None or joint.has("normal") else usual, friction_of(joint)
 
 
 def _normal(joint: TomlTable) -> AbstractNormalLaw:
@@ -194,7 +194,8 @@ def _normal(joint: TomlTable) -> AbstractNormalLaw:
     return make(stiffness=table.get("stiffness", provisional.units()), **values)
 
 
-def _friction(joint: TomlTable) -> AbstractFrictionLaw | None:
+def friction_of(joint: TomlTable) -> AbstractFrictionLaw | None:
+    """The friction law of a table, if it names one."""
     if not joint.has("friction") or joint.get("friction") in ("none", {}):
         return None
     word, table = joint.variant("friction", keys.FRICTION_TABLES)

@@ -14,6 +14,7 @@ from clearance_jax.io.files import read_toml
 from clearance_jax.io.keys import scene as keys
 from clearance_jax.io.keys.coupling import COUPLING_TABLES, COUPLINGS, FLANK_KEYS
 from clearance_jax.io.robot import ROBOTS, read_any_robot
+from clearance_jax.io.scene.contact import friction_of
 from clearance_jax.io.scene.joints import body_of, drive_of, joints_of, read_drive, robot_of
 from clearance_jax.io.table import TomlTable, variant
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
@@ -148,7 +149,9 @@ def _couplings(top: TomlTable, joints: Sequence[AbstractJoint]) -> Iterator[Coup
         if {"module", "base_radius"} & values.keys():
             table.words |= {"coordinate": "m", "effort": "N"}
         with naming(where):
-            given = table.arguments("type", *FLANK_KEYS)
+            given = table.arguments("type", "friction", *FLANK_KEYS)
+            if "friction" in table.values:
+                given["friction"] = friction_of(table)
             if word == "gear" and "module" not in table.values:
                 table.refuse("pressure_angle", why="has no effect without `module`.")
             if "backlash" in table.values:

@@ -85,13 +85,9 @@ class Flank(AbstractNormalLaw):
         "whether the damper is held within the spring's effort", "false", static=True, default=True
     )
     cubic: Scalar | None = physical(
-        "effort/coordinate^3",
-        "factor k3 of the third power of the depth",
-        '"500 MN*m/rad^3"',
-        "none",
-        least=0.0,
+        "effort/coordinate^3", "factor k3 of the third power of the depth", '"500 MN*m/rad^3"', "none", least=0.0,
         default=None,
-    )
+    )  # fmt: skip
     smooth_alternative: ClassVar[str] = "`limited` true"
 
     def demands(self):

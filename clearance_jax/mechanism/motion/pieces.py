@@ -51,13 +51,7 @@ Blocks = Float[Array, "..."]
 
 # The quintic on 0 <= x <= 1 with q = 0 at x = 0: its powers 3, 4 and 5 by (speed, acceleration, speed, acceleration) at
 # both ends and by the rise between them.
-HERMITE = np.array(
-    [
-        [-6.0, -1.5, -4.0, 0.5, 10.0],
-        [8.0, 1.5, 7.0, -1.0, -15.0],
-        [-3.0, -0.5, -3.0, 0.5, 6.0],
-    ]
-)
+HERMITE = np.array([[-6.0, -1.5, -4.0, 0.5, 10.0], [8.0, 1.5, 7.0, -1.0, -15.0], [-3.0, -0.5, -3.0, 0.5, 6.0]])
 # Integrals over x of the products of 6, 24 x and 60 x^2, the third derivatives of these powers.
 _JERK = np.array([[36.0, 72.0, 120.0], [72.0, 192.0, 360.0], [120.0, 360.0, 720.0]])
 _ELEMENT = HERMITE.T @ _JERK @ HERMITE

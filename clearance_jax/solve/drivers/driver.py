@@ -17,15 +17,7 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.settings import Settings
-from clearance_jax.solve.steps.attempt import (
-    Outcome,
-    SolveTask,
-    decide,
-    dense,
-    dense_info,
-    means_of,
-    start_records,
-)
+from clearance_jax.solve.steps.attempt import Outcome, SolveTask, decide, dense, dense_info, means_of, start_records
 from clearance_jax.solve.steps.control import Control, Means, first_end
 from clearance_jax.solve.steps.problem import Problem
 from clearance_jax.solve.steps.step import Trial, try_step
