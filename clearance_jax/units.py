@@ -104,12 +104,14 @@ def time_power(unit: str) -> int:
     return round(float(registry().Quantity(f"1 {whole}").dimensionality.get("[time]", 0)))
 
 
+# By unit: below which value another one is shown, with its factor and name.
+SHOWN = {"m": ((1e-3, 1e6, "um"), (1.0, 1e3, "mm")), "rad": ((0.03, 60 * math.degrees(1.0), "arcmin"),)}
+
+
 def format_quantity(value: float, unit: str, digits: int = 6) -> str:
-    """A quantity in SI for reading: lengths below a millimetre in um, below a metre in mm."""
-    if unit == "m" and abs(value) < 1:
-        small = abs(value) < 1e-3
-        return f"{value * (1e6 if small else 1e3):.{digits}g} {'um' if small else 'mm'}"
-    return f"{value:.{digits}g} {unit}".rstrip()
+    """A quantity in SI for reading: lengths below a metre in mm or um, angles below 0.03 rad in arcmin."""
+    factor, name = next(((by, word) for least, by, word in SHOWN.get(unit, ()) if abs(value) < least), (1.0, unit))
+    return f"{factor * value:.{digits}g} {name}".rstrip()
 
 
 def _check(value: str, unit: str, where: str) -> tuple[float, str]:

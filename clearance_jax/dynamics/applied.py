@@ -70,13 +70,10 @@ def exert_each(mechanism: PreparedMechanism, time: Scalar, state: State) -> list
 def exert_on_driven(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[Term, Term]]:
     """Efforts of actuators on followers of driven coordinates, by name, with the speeds."""
     led = [c for c in mechanism.coordinates() if isinstance(c.motion, Motion) and isinstance(c.motion.drive, Following)]
-    sources = [Acting(c.name, (c.name,), actuator) for c in led for _, actuator in acting(c.motion)]
-    seen = measure(mechanism, time, state) if sources else {}
-    out: dict[str, tuple[Term, Term]] = {}
-    for source in sources:
-        before = out.get(source.name, (0.0, 0.0))[0]
-        out[source.name] = plus(before, command(source, time, seen)[0]), seen[source.name][1]
-    return out
+    sources = {c.name: [Acting(c.name, (c.name,), actuator) for _, actuator in acting(c.motion)] for c in led}
+    seen = measure(mechanism, time, state) if any(sources.values()) else {}
+    each = {name: total(command(source, time, seen)[0] for source in by) for name, by in sources.items() if by}
+    return {name: (effort, seen[name][1]) for name, effort in each.items()}
 
 
 def integral_rates(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:

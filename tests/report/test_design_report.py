@@ -90,7 +90,7 @@ def test_the_class_of_each_variable_is_said():
     chosen = {name: design.ToleranceClass("standard", 0.0, 3e-3, unit="rad")}
     classes = dataclasses.replace(NONE_CHOSEN, chosen=chosen)
     page = render(made(dataclasses.replace(answer([piston_limit()]), classes=classes)))
-    assert [row[2] for row in rows_of(page, "variable")] == ["standard: 0 rad to 0.003 rad"]
+    assert [row[2] for row in rows_of(page, "variable")] == ["standard: 0 arcmin to 10.3132 arcmin"]
 
 
 def test_the_curve_of_a_reduced_signal_is_called_by_the_signal():
