@@ -8,6 +8,7 @@ import clearance_jax as cj
 from clearance_jax.design import ToleranceProblem
 from experiments.common import SCENES
 from experiments.publish import command
+from optimize.cma_method import CMA_ES
 from optimize.common import Allocation, allocate, cheapest
 from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
@@ -15,7 +16,7 @@ COSTS = {"crankpin.radial_clearance": 2e-4, "wrist.radial_clearance": 1e-4}
 """Cost times clearance [m]: the crankpin is dearer to make."""
 BOUND = 2e-4
 REVOLUTION = 2 * np.pi / 60.0
-METHODS = ("slsqp", AUGMENTED_LAGRANGIAN, "cobyqa", "cma-es")
+METHODS = ("slsqp", AUGMENTED_LAGRANGIAN, "cobyqa", CMA_ES)
 
 
 def problem(quick: bool = False) -> ToleranceProblem:

@@ -6,11 +6,12 @@ loads keep them pressed on.
 
 from typing import NamedTuple
 
-from clearance_jax.design import Design, ToleranceProblem
+from clearance_jax.design import Design, Method, ToleranceProblem
 from clearance_jax.design.search.scaling import optimality
 from experiments.common import output, table
 from experiments.publish import command
 from optimize import allocate_four_bar, allocate_planar_arm, allocate_slider_crank
+from optimize.cma_method import CMA_ES
 
 # Residual of the conditions of optimality that is asked for, and the part of the cost within which an answer is near.
 OPTIMAL, NEAR = 1e-6, 1e-3
@@ -46,7 +47,7 @@ def routes(problem: ToleranceProblem, quick: bool) -> dict[str, Route]:
     """The answers of one problem by every route."""
     found = {}
 
-    def take(name: str, method: str = "slsqp", poses: int = 0, **options) -> None:
+    def take(name: str, method: str | Method = "slsqp", poses: int = 0, **options) -> None:
         design = problem.solve(method, **options)
         cheap = design.program.cheap
         poses += 0 if cheap is None else cheap.solves
@@ -59,7 +60,7 @@ def routes(problem: ToleranceProblem, quick: bool) -> dict[str, Route]:
         posed = problem.solve(fidelity="quasi-static")
         take("SLSQP from the optimum of poses", start=posed.clearances, poses=posed.program.solves)
     if not quick and len(problem.specification.variables) <= FEW:
-        take("CMA-ES from the middle", "cma-es", most=MOST)
+        take("CMA-ES from the middle", CMA_ES, most=MOST)
     return found
 
 

@@ -31,6 +31,7 @@ from optimize import (
     yield_design,
 )
 from optimize import exponential_cost_closed_form as closed_form
+from optimize.cma_method import CMA_ES
 from optimize.optax_methods import PROJECTED_ADAM
 
 NAME = "wrist.radial_clearance"
@@ -56,7 +57,7 @@ def test_closed_form_allocations(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("method", "error"), [("trust-constr", 1e-4), ("cobyqa", 1e-5), (PROJECTED_ADAM, 2e-2), ("cma-es", 1e-3)]
+    ("method", "error"), [("trust-constr", 1e-4), ("cobyqa", 1e-5), (PROJECTED_ADAM, 2e-2), (CMA_ES, 1e-3)]
 )
 def test_the_other_solvers_agree(method, error):
     problem = closed_form.allocation("worst case", 3)

@@ -1,11 +1,9 @@
-"""Optimisers for a `Program`: SLSQP, trust-constr, stochastic approximation; COBYQA and CMA-ES without gradients.
+"""Optimisers for a `Program`: SLSQP, trust-constr, stochastic approximation; COBYQA without gradients.
 
 They return only why they stopped early: the program keeps every point, and its best feasible point is the answer, also
 after an interruption.
 """
 
-import tempfile
-import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -15,7 +13,6 @@ import numpy as np
 import optax
 import scipy.optimize
 
-from clearance_jax._basis.extras import require
 from clearance_jax.design.search.program import Program
 from clearance_jax.design.search.scaling import ScaledProgram, feasible_neighbour
 from clearance_jax.errors import unknown_name
@@ -63,7 +60,7 @@ class Method(NamedTuple):
     """An optimiser.
 
     - `name`; `solve`: `solve(program, start, **options)` returns why it stopped early, or nothing.
-    - `gradients`: whether it uses them; `extra`: the extra of this library that it needs.
+    - `gradients`: whether it uses them.
     - `slack`: the share of their bounds to which it meets limits; `is_mean`: whether its answer is a mean of many
       points, which is not to be improved on the program's own samples.
     """
@@ -71,7 +68,6 @@ class Method(NamedTuple):
     name: str
     solve: Callable[..., str | None]
     gradients: bool = True
-    extra: str = ""
     slack: float = 1e-3
     is_mean: bool = False
 
@@ -120,25 +116,6 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
     return "" if solution.success else f"{method} ended with: {solution.message}"
 
 
-def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: int = 1) -> None:
-    """Covariance matrix adaptation with an augmented Lagrangian (package `cma`): a baseline without gradients."""
-    import cma
-
-    scaled = ScaledProgram(program, start, False)
-    options: dict = {"bounds": [b.tolist() for b in scaled.bounds], "seed": seed, "verbose": -9}
-    options |= {"tolx": tolerance, "tolfun": tolerance**2}
-    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as scratch:
-        options["verb_filenameprefix"] = scratch + "/"  # its logger always makes a folder
-        warnings.filterwarnings("ignore", message=".*moarchiving")  # an optional package of cma that is not used
-        cma.fmin_con2(
-            lambda z: scaled.value(np.asarray(z))[0],
-            scaled.start.tolist(),
-            0.2,
-            constraints=lambda z: scaled.value(np.asarray(z))[1].tolist(),
-            options=options,
-        )
-
-
 METHODS = {
     method.name: method
     for method in (
@@ -146,7 +123,6 @@ METHODS = {
         Method("trust-constr", trust_constr),
         Method("stochastic-approximation", stochastic_approximation, is_mean=True),
         Method("cobyqa", cobyqa, gradients=False),
-        Method("cma-es", cma_es, gradients=False, extra="cma"),
     )
 }
 """The optimisers by their names."""
@@ -156,12 +132,9 @@ METHOD_CHOICES = (AUTO, *METHODS)
 
 
 def method_of(method: str | Method) -> Method:
-    """The method of a name. **Raises** `ClearanceError` if there is none, or its package is not installed."""
+    """The method of a name. **Raises** `ClearanceError` if there is none."""
     if isinstance(method, Method):
         return method
     if method not in METHODS:
         raise unknown_name(f"There is no design method {method!r}.", method, METHOD_CHOICES, "method")
-    known = METHODS[method]
-    if known.extra:
-        require(f"The method {method}", known.extra, known.extra)
-    return known
+    return METHODS[method]
