@@ -29,6 +29,10 @@ from clearance_jax.mechanism.state import layout, position_rates, vector
 THIN = 8
 
 
+class Unchanged(frozenset):
+    """The one argument of a function that a result of it is, as it is."""
+
+
 class Problem(Module):
     """The problem of a solve: a prepared mechanism, and the directions in which its numbers are varied.
 
@@ -36,14 +40,14 @@ class Problem(Module):
     `energy_balance`: whether the energy balance stands before them. `directions` is a tree like `model`: with a leading
     axis (one entry a direction) for a varied number, `None` for another; `None` as a whole where nothing is
     differentiated, and a state is then a flat vector. `sparsity`: for each varied number the directions that move it,
-    usually few of many.
+    usually few of many; a `range` where they move its entries one by one (the weights of a law, say).
     """
 
     mechanism: PreparedMechanism
     integrands: tuple = ()
     directions: Any = None
     energy_balance: bool = eqx.field(static=True, default=False)
-    sparsity: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
+    sparsity: tuple[tuple[int, ...] | range, ...] = eqx.field(static=True, default=())
 
     @property
     def varies(self) -> bool:
@@ -149,21 +153,27 @@ def _apply(value: Array, pulls: list[tuple], states: list[tuple], rows: int) -> 
     def total(terms: list[Array], nothing: tuple[int, ...]) -> Array:
         return functools.reduce(jnp.add, terms) if terms else jnp.zeros(nothing)
 
+    # Of entries that directions move one by one, the derivatives are the rows: no product.
+    units = [(pull.reshape(-1, *value.shape), by) for pull, _, by in pulls if isinstance(by, range)]
+    around = [(flat, [(1 + by.start, rows - 1 - by.stop), *[(0, 0)] * value.ndim]) for flat, by in units]
+    placed = [jnp.pad(flat, edges) for flat, edges in around]
+    pulls = [(pull, along, by) for pull, along, by in pulls if not isinstance(by, range)]
     if not value.ndim:
         # Without lanes everything by all directions: a row is one number, and costs more to place than to compute.
         products = [pull[None] * along for pull, along, _ in pulls] + [pull[None] * stack[1:] for pull, stack in states]
-        return jnp.concatenate([value[None], total([whole(p, 1) for p in products], (rows - 1,))])
+        terms = [whole(p, 1) for p in products] + [entries[1:] for entries in placed]
+        return jnp.concatenate([value[None], total(terms, (rows - 1,))])
     thin = [(pull, along, movers) for pull, along, movers in pulls if len(movers) <= THIN]
     wide = [(pull, jnp.pad(along, [(1, 0)] + [(0, 0)] * pull.ndim)) for pull, along, by in pulls if len(by) > THIN]
     everywhere = [*states, *wide]
-    out = total([whole(pull[None] * stack, 1) for pull, stack in everywhere], (rows, *value.shape))
+    out = total([*placed, *(whole(pull[None] * stack, 1) for pull, stack in everywhere)], (rows, *value.shape))
     first = jnp.arange(rows).reshape(-1, *[1] * value.ndim) == 0
     out = share(jnp.where(first, value, out))
     for row in range(1, rows):
         here = [whole(pull * along[row - 1], 0) for pull, along, movers in thin if row - 1 in movers]
         if here:
             # The whole row anew: to add to it, a compiler would copy the whole stack.
-            here += [whole(pull * stack[row], 0) for pull, stack in everywhere]
+            here += [whole(pull * stack[row], 0) for pull, stack in everywhere] + [entries[row] for entries in placed]
             out = jax.lax.dynamic_update_index_in_dim(out, total(here, ()), row, 0)
     return out
 
@@ -207,13 +217,15 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
     pushed = jax.vmap(lambda along: jax.jvp(flat, (varied,), (along,), has_aux=True), out_axes=(None, 0, None))
     _, rates, values = pushed(directions)
     reached = [by if moves else frozenset() for by, moves in zip(_reach(program), smooth, strict=True)]
+    given, ends = {v: Unchanged((i,)) for i, v in enumerate(program.jaxpr.invars)}, program.jaxpr.outvars
+    reached = [by if isinstance(v, Literal) else given.get(v, by) for by, v in zip(reached, ends, strict=True)]
     kept = [rate if by else None for rate, by in zip(rates, reached, strict=True)]
     movers = [by or None for by in reached]
     value = eqx.combine(jax.tree.unflatten(shape, values), rest)
     return value, jax.tree.unflatten(shape, kept), jax.tree.unflatten(shape, movers)
 
 
-def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
+def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...] | range, ...]:
     """For every moved number the directions that move it; `movers`: by leaf, the leaves on which it depends."""
 
     def of(direction) -> frozenset[int]:
@@ -222,8 +234,23 @@ def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
         constant = isinstance(direction, np.ndarray)
         return frozenset(np.flatnonzero(direction.reshape(count, -1).any(1)).tolist() if constant else range(count))
 
-    moving = [of(direction) for direction in jax.tree.leaves(directions)]
-    return tuple(tuple(sorted(frozenset().union(*(moving[i] for i in sources)))) for sources in jax.tree.leaves(movers))
+    def by(sources) -> tuple[int, ...] | range:
+        if isinstance(sources, Unchanged) and len(own := _own_directions(leaves[next(iter(sources))])) > THIN:
+            return own
+        return tuple(sorted(frozenset().union(*(moving[i] for i in sources))))
+
+    leaves = jax.tree.leaves(directions)
+    moving = [of(direction) for direction in leaves]
+    return tuple(by(sources) for sources in jax.tree.leaves(movers))
+
+
+def _own_directions(direction: Any) -> range:
+    """The directions of a number whose entries are moved one by one, in order; empty if they are not."""
+    if not (isinstance(direction, np.ndarray) and direction.size):
+        return range(0)
+    flat = direction.reshape(direction.shape[0], -1)
+    start = int(np.argmax(flat.any(1)))
+    return range(start, start + flat.shape[1]) if np.array_equal(flat, np.eye(*flat.shape, k=-start)) else range(0)
 
 
 def moves(function, problem: Problem) -> bool:

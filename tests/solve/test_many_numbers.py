@@ -1,0 +1,93 @@
+"""Derivatives by the entries of an array, which directions move one by one: the weights of a law, say."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+from places import SCENES
+
+import clearance_jax as cj
+from clearance_jax.laws._friction import along_slip
+from clearance_jax.solve.steps.problem import Unchanged, basis, sparsity
+
+COUNT, END = 12, 0.03
+
+
+class Table(cj.laws.AbstractFrictionLaw):
+    """A coefficient of friction by bumps of the slip, of which each has its height."""
+
+    heights: Array
+    width: Array
+    smoothness: ClassVar = "C2"
+
+    def traction(self, constants, slip, normal_force, memory):
+        at = jnp.linspace(-0.2, 0.2, COUNT)
+
+        def profile(v):
+            coefficient = jnp.sum(self.heights * jnp.exp(-(((v - at) / self.width) ** 2)))
+            return -normal_force * jnp.tanh(v / 0.01) * coefficient
+
+        return along_slip(profile, slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return ()
+
+
+@pytest.fixture(scope="module")
+def place():
+    """The place of the tip by the heights, the width, and the mass."""
+    arm = cj.load(SCENES / "arm.toml")
+    name = arm.clearance_joints()[0].name
+
+    def put(heights, width, mass):
+        joint = arm.joint(name)
+        rough = eqx.tree_at(lambda j: j.clearance.friction, joint, Table(heights, width), is_leaf=lambda x: x is None)
+        made = cj.replace(arm.with_joint(rough), {f"{arm.bodies[0].name}.mass": mass})
+        return cj.simulate(made, END, rtol=1e-8)["tip.position.x"]
+
+    return put
+
+
+HEIGHTS = 0.1 + 0.02 * np.sin(np.arange(COUNT))
+NUMBERS = (jnp.asarray(HEIGHTS), jnp.asarray(0.04), jnp.asarray(1.0))
+
+
+def test_each_entry_has_its_derivative(place):
+    found = jax.jit(jax.grad(place, (0, 1, 2)))(*NUMBERS)
+    value = jax.jit(place)
+    assert np.max(np.abs(found[0])) > 1e-6
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        along = [jnp.asarray(x * rng.uniform(-1, 1, np.shape(x))) for x in NUMBERS]
+        ends = [float(value(*(x + sign * 1e-3 * d for x, d in zip(NUMBERS, along, strict=True)))) for sign in (1, -1)]
+        slope = sum(float(jnp.sum(g * d)) for g, d in zip(found, along, strict=True))
+        assert slope == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=1e-5, abs=1e-9)
+    # One number at a time, each by itself: nothing is moved entry by entry there.
+    for k in (0, 7):
+        one = jax.jit(jax.grad(lambda x, k=k: place(NUMBERS[0].at[k].set(x), *NUMBERS[1:])))(NUMBERS[0][k])
+        assert float(found[0][k]) == pytest.approx(float(one), rel=1e-6, abs=1e-10)
+
+
+def test_a_batch_has_the_same_derivatives(place):
+    heights = jnp.stack([NUMBERS[0], 1.2 * NUMBERS[0], 0.5 * NUMBERS[0]])
+    slopes = jax.jit(jax.vmap(jax.grad(place, (0, 2)), (0, None, None)))(heights, *NUMBERS[1:])
+    one = jax.jit(jax.grad(place, (0, 2)))
+    for k in range(3):
+        alone = one(heights[k], *NUMBERS[1:])
+        np.testing.assert_allclose(slopes[0][k], alone[0], rtol=1e-6, atol=1e-10)
+        np.testing.assert_allclose(slopes[1][k], alone[1], rtol=1e-6)
+
+
+def test_what_moves_entry_by_entry_is_known():
+    directions = basis({"a": jnp.zeros(3), "b": jnp.zeros((4, 5)), "c": jnp.zeros(())})
+    own = [Unchanged((i,)) for i in range(3)]
+    assert sparsity(own, directions) == ((0, 1, 2), range(3, 23), (23,))
+    # A function of a number, and of two, may be moved by every direction of these.
+    assert sparsity([frozenset((1,)), frozenset((0, 2))], directions) == (tuple(range(3, 23)), (0, 1, 2, 23))
+    # Directions that are no unit ones, or not known when the program is made.
+    moved = dict(directions, b=2.0 * directions["b"])
+    assert sparsity(own[1:2], moved) == (tuple(range(3, 23)),)
