@@ -151,7 +151,7 @@ def test_what_is_said_of_chosen_classes(chosen):
     certificate = chosen.verify(sweep=2, solver="tsit5")
     assert certificate.holds
     assert certificate.least is not None
-    assert "With every clearance at the least of its class" in str(certificate)
+    assert "With every variable at the least of its class" in str(certificate)
     assert not dataclasses.replace(certificate, least=0.1).holds
     assert "no combination of classes is cheaper" in str(certificate)
     assert "Karush" not in str(certificate)

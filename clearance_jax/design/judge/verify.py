@@ -96,9 +96,10 @@ class Certificate:
         ]
         if self.least is not None:
             verdict, least = "the limits hold" if self.least <= HELD else not_held, f"{1 + self.least:.9f} of the bound"
-            lines.append(f"  With every clearance at the least of its class {verdict}: {least}.")
+            lines.append(f"  With every variable at the least of its class {verdict}: {least}.")
         if not self.among:
-            lines.append(f"  Scaled together, the clearances {met}.")
+            what = "clearances" if all(name.endswith("clearance") for name in self.names) else "variables"
+            lines.append(f"  Scaled together, the {what} {met}.")
         spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
         alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
         lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
