@@ -92,12 +92,12 @@ def _trapezoid(table) -> Drive:
             s = t - begin
             if s >= duration:
                 value += rise
-            elif s > 0:
+            elif s >= 0:  # where a rate jumps, it is the later one
                 grown, kept = min(s, ramp), min(max(s - ramp, 0.0), duration - 2 * ramp)
                 left = max(s - (duration - ramp), 0.0)
                 value += top * (0.5 * grown**2 / ramp + kept + left - 0.5 * left**2 / ramp)
                 rate += top * (grown - left) / ramp
-                second += top / ramp * (float(s < ramp) - float(s > duration - ramp))
+                second += top / ramp * (float(s < ramp) - float(s >= duration - ramp))
         return value, rate, second
 
     return Drive(at, tuple(breaks))
