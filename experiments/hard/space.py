@@ -54,8 +54,9 @@ def places(m: cj.Mechanism, y: np.ndarray) -> np.ndarray:
     """Pin's centre and axis across, (samples, 5), from the library's states."""
     names = [c.name for c in m.free_coordinates()]
     x, z, along, about_x, about_y = (y[:, names.index(f"joint.{name}")] for name in PLAY)
-    # First the turn about x, then that about the turned y.
-    return np.stack([x, z, along, np.sin(about_y), -np.sin(about_x) * np.cos(about_y)], -1)
+    # The tilts a and b turn by 2 atan |g| about g = (a, b, 0) / 2.
+    share = 1 / (1 + (about_x**2 + about_y**2) / 4)
+    return np.stack([x, z, along, share * about_y, -share * about_x], -1)
 
 
 def patterns(m: cj.Mechanism, end: float) -> dict[int, float]:
