@@ -73,7 +73,7 @@ def picture(path: Path, caption: str) -> None:
 
 
 def commit() -> str:
-    """The commit that is measured; with a mark where files differ from it (but for pages, which others wrote before)."""
+    """The commit that is measured; with a mark where files differ from it (pages aside, which others wrote)."""
 
     def git(*words: str) -> str:
         return subprocess.run(
