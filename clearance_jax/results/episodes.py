@@ -1,6 +1,6 @@
 """Contact episodes of a trace, their impacts, contact states, and works.
 
-Every touch and separation is a step end, so an episode is a span of step ends. Everything here is about one joint.
+Steps end just past every touch and separation, so an episode is a span of step ends. Everything is about one joint.
 Arrays have one entry per step end or per episode, and no function loops over either.
 
 A contact takes up work, and gives back a part of it. The ratio of the speeds after and before tells this part only if
@@ -14,6 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+# Halvings of a step, to the place in it where a contact begins or ends.
+HALVINGS = 60
+# Of the largest penetration, or distance: what changes by less over a step may be round-off.
+NOISE = 1e-12
 # A contact or a gap that is shorter than this is round-off [s].
 SHORTEST = 1e-12
 # An impact is over once the penetration rate has stayed below this part of the impact speed for as long as it lasted.
@@ -136,14 +140,31 @@ def contact_states(time: np.ndarray, penetration: np.ndarray, begins: np.ndarray
 
 def table(seen: StepEnds, spans: Spans) -> dict[str, np.ndarray]:
     """Start, end and speeds of every episode, from the step ends. A contact at the start has no impact speed."""
-    start, end = seen.time[spans.first], seen.time[spans.last]
-    speed, parting = seen.penetration_rate[spans.first], -seen.penetration_rate[spans.last]
+    (start, speed), (end, parting) = _crossed(seen, spans.first), _crossed(seen, spans.last)
     return {
         "episode_start": start,
         "episode_end": np.where(spans.lasting, np.nan, end),
         "impact_speed": np.where(spans.first > 0, speed, np.nan),
-        "separation_speed": np.where(spans.lasting, np.nan, parting),
+        "separation_speed": np.where(spans.lasting, np.nan, -parting),
     }
+
+
+def _crossed(seen: StepEnds, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """When the penetration passes zero in the steps with these ends, and its rate then: by the cubic through both ends
+    of a step, as one that was cut ends a little past the event.
+    """
+    h, finish = np.where(at > 0, seen.time[at] - seen.time[at - 1], 1.0), seen.penetration_rate[at]
+    (before, after), begin = seen.penetration[[at - 1, at]], seen.penetration_rate[at - 1]
+    bend = 2 * (before - after) + (begin + finish) * h
+    # Over a short step the change of a place is round-off, and the rates alone tell more.
+    cubic = np.where(np.abs(bend) > NOISE * np.max(np.abs(seen.penetration)), bend, 0.0) / h**3
+    square = (finish - begin + 3 * cubic * h**2) / (2 * h)
+    low, high = np.where((at > 0) & (before * after < 0), -h, 0.0), np.zeros(at.size)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        passed = (after + middle * (finish + middle * (square + middle * cubic)) > 0) == (after > 0)
+        low, high = np.where(passed, low, middle), np.where(passed, middle, high)
+    return seen.time[at] + high, finish + high * (2 * square + 3 * high * cubic)
 
 
 class ContactWarning(UserWarning):

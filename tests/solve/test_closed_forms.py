@@ -62,8 +62,8 @@ def test_hertz_impact(n, stiffness):
     trace = cj.trace(m, GAP / SPEED + 1.2 * duration, save_at=101, rtol=RTOL, solver="dopri8")
     table = cj.to_dataset(m, trace)
     assert table.sizes["episode"] == 1
-    # Touch and separation are step ends just past them, by up to sqrt(rtol) = 1e-5 of a step of some 1e-6 s.
-    assert float(table.episode_start[0]) == pytest.approx(GAP / SPEED, abs=1e-11)
+    # Steps end just past touch and separation, by up to sqrt(rtol) = 1e-5 of a step. Episodes begin and end at these.
+    assert float(table.episode_start[0]) == pytest.approx(GAP / SPEED, abs=1e-16)
     assert float((table.episode_end - table.episode_start)[0]) == pytest.approx(duration, rel=2e-8)
     assert float(table.impact_speed[0]) == pytest.approx(SPEED, rel=1e-12)
     assert float(table.peak_force[0]) == pytest.approx(force, rel=2e-8)

@@ -235,8 +235,8 @@ def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...] | range, ...
         return frozenset(np.flatnonzero(direction.reshape(count, -1).any(1)).tolist() if constant else range(count))
 
     def by(sources) -> tuple[int, ...] | range:
-        if isinstance(sources, Unchanged) and len(own := _own_directions(leaves[next(iter(sources))])) > THIN:
-            return own
+        if isinstance(sources, Unchanged) and len(alone := _own_directions(leaves[next(iter(sources))])) > THIN:
+            return alone
         return tuple(sorted(frozenset().union(*(moving[i] for i in sources))))
 
     leaves = jax.tree.leaves(directions)
