@@ -389,7 +389,7 @@ def test_what_acts_on_a_follower_of_a_driven_wheel_loads_its_teeth():
     stiffness = 1e8 * 0.0375**2
     whole = toothed(module=None, law=cj.laws.HuntCrossley(stiffness, 0.5 * 0.0375, 1.0))
     spring = cj.actuators.JointSpring(20.0)
-    wheel = whole.joint("wheel")
+    wheel: Any = whole.joint("wheel")
     wheel = dataclasses.replace(wheel, motion=cj.Motion(actuators=(*wheel.motion.actuators, spring)))
     whole = dataclasses.replace(whole, joints=(whole.joint("pinion"), wheel))
     times = np.array([0.0, 0.05, 0.1])

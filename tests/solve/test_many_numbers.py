@@ -1,6 +1,6 @@
 """Derivatives by the entries of an array, which directions move one by one: the weights of a law, say."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -45,7 +45,8 @@ def place():
 
     def put(heights, width, mass):
         joint = arm.joint(name)
-        rough = eqx.tree_at(lambda j: j.clearance.friction, joint, Table(heights, width), is_leaf=lambda x: x is None)
+        law: Any = Table
+        rough = eqx.tree_at(lambda j: j.clearance.friction, joint, law(heights, width), is_leaf=lambda x: x is None)
         made = cj.replace(arm.with_joint(rough), {f"{arm.bodies[0].name}.mass": mass})
         return cj.simulate(made, END, rtol=1e-8)["tip.position.x"]
 
