@@ -118,51 +118,53 @@ def exact_restitution(stiffness, restitution, **options) -> RestitutionLaw:
 
 
 def lankarani_nikravesh(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Lankarani and Nikravesh (1990, doi 10.1115/1.2912617). It delivers e = 0.69 for 0.4 and
-    0.91 for 0.9.
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Lankarani and Nikravesh (1990, doi 10.1115/1.2912617): e =
+    0.69 for 0.4, 0.91 for 0.9.
     """
     return RestitutionLaw(stiffness, restitution, ratios.lankarani_nikravesh_ratio, **options)
 
 
 def flores(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Flores et al. (2011, doi 10.1007/s11044-010-9237-4)."""
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Flores et al. (2011, doi 10.1007/s11044-010-9237-4)."""
     return RestitutionLaw(stiffness, restitution, ratios.flores_ratio, **options)
 
 
 def hunt_crossley(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Hunt and Crossley (1975, doi 10.1115/1.3423596) with the speed of the
-    last impact; `HuntCrossley` has a fixed factor. It delivers e = 0.66 for 0.5 and 0.91 for 0.9.
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Hunt and Crossley (1975, doi 10.1115/1.3423596) with the
+    speed of the last impact; `HuntCrossley` has a fixed factor. It delivers e = 0.66 for 0.5 and 0.91 for 0.9.
     """
     return RestitutionLaw(stiffness, restitution, ratios.hunt_crossley_ratio, **options)
 
 
 def herbert_mcwhannell(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Herbert and McWhannell (1977). It delivers e = 0.59 for 0.5 and 0.90 for 0.9."""
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Herbert and McWhannell (1977): e = 0.59 for 0.5,
+    0.90 for 0.9.
+    """
     return RestitutionLaw(stiffness, restitution, ratios.herbert_mcwhannell_ratio, **options)
 
 
 def lee_wang(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Lee and Wang (1983). It delivers e = 0.80 for 0.5 and 0.95 for 0.9."""
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Lee and Wang (1983): e = 0.80 for 0.5, 0.95 for 0.9."""
     return RestitutionLaw(stiffness, restitution, ratios.lee_wang_ratio, **options)
 
 
 def gonthier(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Gonthier et al. (2004). It delivers e = 0.49 for 0.5 and 0.88 for 0.9."""
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Gonthier et al. (2004): e = 0.49 for 0.5, 0.88 for 0.9."""
     return RestitutionLaw(stiffness, restitution, ratios.gonthier_ratio, **options)
 
 
 def zhiying_qishao(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Zhiying and Qishao (2006). It delivers e = 0.48 for 0.5 and 0.90 for 0.9."""
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Zhiying, Qishao (2006): e = 0.48 for 0.5, 0.90 for 0.9."""
     return RestitutionLaw(stiffness, restitution, ratios.zhiying_qishao_ratio, **options)
 
 
 def hu_guo(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Hu and Guo (2015). It delivers e = 0.49 for 0.5 and 0.90 for 0.9."""
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Hu and Guo (2015): e = 0.49 for 0.5, 0.90 for 0.9."""
     return RestitutionLaw(stiffness, restitution, ratios.hu_guo_ratio, **options)
 
 
 def gharib_hurmuzlu(stiffness, restitution, **options) -> RestitutionLaw:
-    """The `RestitutionLaw` of Gharib and Hurmuzlu (2012). It delivers e = 0.41 for 0.5 and 0.57 for 0.9: it is for
-    small ones.
+    """The `RestitutionLaw` (`stiffness`, `restitution`) of Gharib and Hurmuzlu (2012), for small ones: it delivers e =
+    0.41 for 0.5 and 0.57 for 0.9.
     """
     return RestitutionLaw(stiffness, restitution, ratios.gharib_hurmuzlu_ratio, **options)
