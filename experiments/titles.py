@@ -1,6 +1,9 @@
 """What each benchmark page holds, as its title: by the page's file, which is named after its command."""
 
 TITLES = {
+    "allocate_four_bar": "The cheapest clearances of a loaded four-bar",
+    "allocate_planar_arm": "The cheapest clearances of a planar arm",
+    "allocate_slider_crank": "The cheapest clearances of a loaded slider-crank",
     "allocations": "How many solves each optimiser needs for a tolerance allocation",
     "batches": "Batches: time per sample",
     "bifurcation": "Bifurcation diagram of a slider-crank over its clearance",
