@@ -27,7 +27,8 @@ from clearance_jax.spatial import Term, minus, plus, times
 class Balance(NamedTuple):
     """The solved equations of motion: frames, actions of clearance joints and of gaps (by name), wrench pairs of
     clearances, springs and loads, efforts of actuators and controllers, free accelerations, wrenches of the ideal
-    closures, and by coordinate the efforts of gaps, and of actuators on followers of driven coordinates.
+    closures, and by coordinate the efforts of gaps, and those of actuators on followers of driven coordinates with the
+    speeds.
     """
 
     motion: Frames
@@ -38,6 +39,7 @@ class Balance(NamedTuple):
     acceleration: list[Term]
     closing: list[Pair]
     in_gaps: dict[str, Term]
+    on_driven: dict[str, tuple[Term, Term]]
 
 
 def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance:
@@ -52,9 +54,8 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     pairs += teeth_pairs(mechanism, motion, actions)
     efforts, gaps = exert(mechanism, time, state), gap_efforts(mechanism, time, state, actions)
     acceleration, closing = accelerations(motion, pairs, added(efforts, gaps.free))
-    for name, (effort, _) in exert_on_driven(mechanism, time, state).items():
-        gaps.by_name[name] = plus(gaps.by_name.get(name, 0.0), effort)
-    return Balance(motion, pins, actions, pairs, efforts, share(acceleration), closing, gaps.by_name)
+    on_driven, acceleration = exert_on_driven(mechanism, time, state), share(acceleration)
+    return Balance(motion, pins, actions, pairs, efforts, acceleration, closing, gaps.by_name, on_driven)
 
 
 def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, PinMotion], actions: dict[str, Action]) -> list[Pair]:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Rows, Scalar
 from clearance_jax._compile.solo import whole
-from clearance_jax.dynamics.applied import exert_each, exert_on_driven, integral_rates, load_power
+from clearance_jax.dynamics.applied import exert_each, integral_rates, load_power
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.forms.coupled import CoupledFrames
 from clearance_jax.dynamics.forms.frames import Frames, rotors
@@ -47,8 +47,7 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
     dampers; loss in friction; and the sum of absolute powers (the energy exchanged, to judge a residual by).
     """
-    acting_on_driven = exert_on_driven(mechanism, time, state).values()
-    drive = total(times(effort, speed) for effort, speed in (*drive_forces(mechanism, now), *acting_on_driven))
+    drive = total(times(effort, speed) for effort, speed in (*drive_forces(mechanism, now), *now.on_driven.values()))
     for effort, speed in zip(now.efforts, state.v, strict=True):
         drive = plus(drive, times(effort, speed))
     drive = plus(drive, load_power(mechanism, time, now.motion))
@@ -80,14 +79,8 @@ def joint_losses(mechanism: PreparedMechanism, time: Scalar, state: State) -> tu
 
 def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:
     """Driving force and speed of every prescribed coordinate that follows no other."""
-    driven = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
-    if not driven:
-        return []
-    forces = dict(zip(driven, now.motion.drive_forces([*now.pairs, *now.closing], now.acceleration), strict=True))
-    for name in now.in_gaps.keys() & forces.keys():
-        effort, speed = forces[name]
-        forces[name] = minus(effort, now.in_gaps[name]), speed
-    if not mechanism.firm_couplings:
+    forces = _prescribed(mechanism, now)
+    if not (forces and mechanism.firm_couplings):
         return [*forces.values()]
     needed = carrying_efforts(mechanism, now, forces)
     for name, relation in relations_of(mechanism).items():
@@ -96,6 +89,16 @@ def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term,
             effort, speed = forces[leader]
             forces[leader] = plus(effort, times(relation.terms[leader], needed[name])), speed
     return [*forces.values()]
+
+
+def _prescribed(mechanism: PreparedMechanism, now: Balance) -> dict[str, tuple[Term, Term]]:
+    """By prescribed coordinate the effort that it needs beside those of its gaps and actuators, and its speed."""
+    driven = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
+    if not driven:
+        return {}
+    needed = zip(driven, now.motion.drive_forces([*now.pairs, *now.closing], now.acceleration), strict=True)
+    given = {name: plus(now.in_gaps.get(name, 0.0), now.on_driven.get(name, (0.0, 0.0))[0]) for name in driven}
+    return {name: (minus(effort, given[name]), speed) for name, (effort, speed) in needed}
 
 
 def carrying_efforts(
@@ -120,11 +123,7 @@ def carrying_efforts(
 
 def mesh_efforts(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> list[Term]:
     """By coupling what it exerts on its follower, with what that passes on to its own followers [N m or N]."""
-    driven = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
-    pairs = [*now.pairs, *now.closing]
-    forces = dict(zip(driven, now.motion.drive_forces(pairs, now.acceleration), strict=True)) if driven else {}
-    for name in now.in_gaps.keys() & forces.keys():
-        forces[name] = minus(forces[name][0], now.in_gaps[name]), forces[name][1]
+    forces = _prescribed(mechanism, now)
     whole = unfold(mechanism, time, state)
     alone = carrying_efforts(mechanism, now, forces, exert_each(whole.mechanism, time, whole.state))
     done: dict[str, Term] = {}
