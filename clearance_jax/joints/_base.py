@@ -228,6 +228,10 @@ class PreparedClearance(Module):
             out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
+    def unnoticed(self, now: ContactPoint, memory: Memory) -> Array:
+        """Whether the points touch `now`, and the laws, told at a step's start, do not remember it."""
+        return self._map(lambda p, m: (p.penetration > 0) & ~(self._parts(m)[2][0] > 0.5))(now, self._by_point(memory))
+
     def latch(self, memory: Memory, now: Relative, rate: Relative) -> Memory:
         """The memory at the start of a step, rewritten by the laws where contact has just begun or ended: from the
         relative motion `now` and its time derivative (`rate`).

@@ -226,6 +226,11 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
         return earliest(changed(signs(points(jnp.where(turns, grazes, 1.0)), before)) & turns, grazes)
 
     high = jnp.minimum(high, jax.lax.cond(jnp.any(turns), graze_fraction, lambda: jnp.full(lanes, jnp.inf)))
+    if clearance.remembers:
+        # The start may lie so little before the touch at which a step was cut, that the place where the regime is read
+        # lies behind it: the laws have not been told.
+        unnoticed = each_joint(PreparedClearance.unnoticed)(clearance, before, memory)
+        high = jnp.minimum(high, earliest(unnoticed.reshape(-1, *lanes), begin))
     low = share(-least(-jnp.where(places < high, places, begin[None])))
     # Most steps cross nothing.
     return jax.lax.cond(jnp.any(high <= 1), lambda: locate(beyond, (low, high), begin), lambda: high)
