@@ -1,5 +1,6 @@
-"""The state with which a motion begins: the tree by its initial values, then every loop closed as if it were ideal, by
-the smallest change in the norm of the kinetic energy: a mechanism that is free to move closes at many poses.
+"""The state with which a motion begins: the tree by its initial values, then every loop closed as if it and the drives
+were ideal, by the smallest change in the norm of the kinetic energy: a mechanism that is free to move closes at many
+poses.
 """
 
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .gears import MOTOR, Coupling, Form
 from .model import DIRECTIONS, HELD, Joint, Model
 from .quantities import Vector, about, cross, quaternion
 from .system import Now, System
@@ -18,12 +20,14 @@ def initial(system: System) -> Vector:
     """The state at t = 0."""
     model = system.model
     places = _tree(model)
-    # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity.
-    closed = System(model._replace(joints=tuple(_ideal(joint) for joint in model.joints)))
+    # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity; so do drives and flanks.
+    ties = _ties(model)
+    joints = tuple(_ideal(joint) for joint in model.joints)
+    closed = System(model._replace(joints=joints, couplings=(*model.couplings, *ties)))
     y, bodies, motors = np.zeros(closed.size), 13 * len(system.names), [model.motors[k] for k in system.turned]
     _fill(system, y, places)
     y[closed.motors : closed.held_efforts] = [*(motor.start for motor in motors), *(motor.rate for motor in motors)]
-    _close(closed, y)
+    _close(closed, y, len(ties))
     out = np.zeros(system.size)
     out[:bodies], out[system.motors : system.held_efforts] = y[:bodies], y[closed.motors : closed.held_efforts]
     return out
@@ -32,6 +36,15 @@ def initial(system: System) -> Vector:
 def _ideal(joint: Joint) -> Joint:
     axes = np.eye(3) if joint.play is None else joint.play.axes
     return joint._replace(held=HELD[joint.kind], play=None, eccentricity=axes @ joint.eccentricity)
+
+
+def _ties(model: Model) -> list[Coupling]:
+    """What holds links to motors and flanks to flanks."""
+    every = [*(c for joint in model.joints for c in joint.coordinates), *model.motors]
+    start = {one.name: one.start if one.drive is None else one.drive.at(0.0)[0] for one in every}
+    moved = [{name.removesuffix(MOTOR.format("")): 1.0, name: -1.0} for name in (one.name for one in model.motors)]
+    forms = [*moved, *(gap.form.terms for gap in model.gaps if len(gap.form.terms) > 1 and not gap.form.motor)]
+    return [Coupling("", Form(terms, sum(f * start[name] for name, f in terms.items())), False) for terms in forms]
 
 
 def _tree(model: Model) -> Places:
@@ -79,8 +92,10 @@ def _fill(system: System, y: Vector, places: Places) -> None:
         y[10 * n + 3 * i : 10 * n + 3 * i + 3] = turning
 
 
-def _close(system: System, y: Vector) -> None:
-    """Newton for places, then the nearest velocities that the constraints allow, in place; both by `_nearest`."""
+def _close(system: System, y: Vector, ties: int) -> None:
+    """Newton for places, then the nearest velocities that the constraints allow, in place; both by `_nearest`. What the
+    last `ties` of the couplings hold keeps its velocity.
+    """
     n, keep, turned = len(system.names), system.keep, len(system.turned)
     if not len(system.active) + len(system.follows):
         return
@@ -101,7 +116,9 @@ def _close(system: System, y: Vector) -> None:
     now = system.now(y)
     rows, rates, _ = _constraints(system, now)
     speeds = system.speeds(now)
-    speeds[keep] += _nearest(system, now, rates - rows @ speeds)
+    change = rates - rows @ speeds
+    change[len(change) - ties :] = 0.0
+    speeds[keep] += _nearest(system, now, change)
     y[system.motors + turned : system.held_efforts] = speeds[6 * n + 6 :]
     speeds = speeds[: 6 * n].reshape(n, 6)
     y[7 * n : 10 * n], y[10 * n : 13 * n] = speeds[:, :3].ravel(), speeds[:, 3:].ravel()
