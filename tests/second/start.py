@@ -47,8 +47,10 @@ def _ties(model: Model) -> list[Coupling]:
     return [Coupling("", Form(terms, sum(f * start[name] for name, f in terms.items())), False) for terms in forms]
 
 
-def _tree(model: Model) -> Places:
-    """Place of the origin, matrix, velocity of the origin and turning of every body that the tree places."""
+def _tree(model: Model, found: dict[str, tuple[Vector, Vector]] | None = None) -> Places:
+    """Place of the origin, matrix, velocity of the origin and turning of every body that the tree places, or of bodies
+    whose places and matrices were `found`.
+    """
     still = np.zeros(3)
     out: Places = {"ground": (still, np.eye(3), still, still)}
     for joint in model.joints:
@@ -74,10 +76,12 @@ def _tree(model: Model) -> Places:
             turned, spun = joint.ball[0], joint.ball[0] @ joint.ball[1]
         spin = turning + frame @ spun
         child = frame @ turned @ joint.on_child.T
-        at = place + frame @ slid
-        speed = velocity + cross(turning, at - origin) + frame @ fast
+        start = place + frame @ slid - child @ joint.at_child
+        if found:
+            start, child = found[joint.child]
         arm = child @ joint.at_child
-        out[joint.child] = at - arm, child, speed - cross(spin, arm), spin
+        speed = velocity + cross(turning, start + arm - origin) + frame @ fast
+        out[joint.child] = start, child, speed - cross(spin, arm), spin
     return out
 
 
@@ -113,6 +117,12 @@ def _close(system: System, y: Vector, ties: int) -> None:
             break
     if np.abs(step).max() > 1e-12:
         raise ValueError(f"The loops do not close: the last step is {np.abs(step).max():.1e}.")
+    # The rates that joints are given are those of the closed mechanism.
+    now = system.now(y)
+    found = {
+        name: (now.place[i] - now.matrix[i] @ system.centre[i], now.matrix[i]) for i, name in enumerate(system.names)
+    }
+    _fill(system, y, _tree(system.model, found))
     now = system.now(y)
     rows, rates, _ = _constraints(system, now)
     speeds = system.speeds(now)
