@@ -20,7 +20,7 @@ def initial(system: System) -> Vector:
     """The state at t = 0."""
     model = system.model
     places = _tree(model)
-    # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity; so do drives and flanks.
+    # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity, as do drives and flanks
     ties = _ties(model)
     joints = tuple(_ideal(joint) for joint in model.joints)
     closed = System(model._replace(joints=joints, couplings=(*model.couplings, *ties)))
