@@ -62,7 +62,7 @@ Which: TypeAlias = tuple[bool, ...] | None
 @eqx.filter_custom_jvp
 def flow(inputs: Inputs, *, options: Settings) -> Solution:
     """Solve; differentiable by every number of the mechanism, `y0`, `t1` and `save_at`."""
-    return _compiled_solve(inputs, options)
+    return compiled_solve(inputs, options)
 
 
 def plain_flow(inputs: Inputs, options: Settings) -> Solution:
@@ -88,7 +88,7 @@ def _flow_jvp(primals, tangents, *, options: Settings):
         value = _stack(inputs, None, options=options)
         moved = [jnp.zeros_like(x) for x in states_of(value)]
     if rates.t1 is not None or rates.save_at is not None:
-        moved = _later(inputs, rates, value, moved, options)
+        moved = later(inputs, rates, value, moved, options)
     time = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
         time = rates.t1[None]
@@ -110,7 +110,7 @@ def states_of(solution: Solution) -> list[Array]:
     return [solution.initial, solution.final, solution.y, *(pick.y for pick in solution.found)]
 
 
-def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Settings) -> list[Array]:
+def later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Settings) -> list[Array]:
     """The tangents plus the effect of moving the end or the sample times: the rate of the motion there."""
     problem = Problem(inputs.mechanism.prepare(), inputs.integrands, energy_balance=options.energy_balance)
     start, final, y, *picks = moved
@@ -135,18 +135,22 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
 
 def variations(inputs: Inputs, which: Which, options: Settings) -> tuple[Solution, list[Array]]:
     """The solution, and the derivatives of its states by each varied number (leading axis)."""
-    stacked = _stack(inputs, which, options=options)
-    stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
+    return unstacked(_stack(inputs, which, options=options))
+
+
+def unstacked(solution: Solution) -> tuple[Solution, list[Array]]:
+    """A solution whose states are stacks: that of the motion, and the derivatives of its states (leading axis)."""
+    stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(solution)]
     start, final, y, *picks = (stack[0] for stack in stacks)
     rest = iter(picks)
-    picked = tuple(None if pick is None else pick._replace(y=next(rest)) for pick in stacked.picked)
-    value = dataclasses.replace(stacked, initial=start, final=final, y=y, picked=picked)
+    picked = tuple(None if pick is None else pick._replace(y=next(rest)) for pick in solution.picked)
+    value = dataclasses.replace(solution, initial=start, final=final, y=y, picked=picked)
     return value, [stack[1:] for stack in stacks]
 
 
 @eqx.filter_custom_jvp
 def _stack(inputs, which, *, options):
-    return _compiled_solve(inputs, options, which)
+    return compiled_solve(inputs, options, which)
 
 
 @_stack.def_jvp
@@ -239,7 +243,7 @@ def solve_lanes(inputs: Inputs, options: Settings, which: Which = None) -> Solut
 # Inside the rule of differentiation: outside, a derivative would trace the motion's own solve in vain, and a rule of
 # batching has no reverse derivative.
 @kept_jit
-def _compiled_solve(inputs: Inputs, options: Settings, which: Which = None) -> Solution:
+def compiled_solve(inputs: Inputs, options: Settings, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
     def single(numbers):

@@ -59,7 +59,7 @@ MOST_SAMPLES = 1_000_000
 # Attempts at a step after which a solve gives up: more than any motion in the benchmarks takes, and few enough that a
 # search soon leaves numbers with which a motion does not end.
 MAX_STEPS = 1_000_000
-DERIVATIVES = ("controlled", "screening")
+DERIVATIVES = CONTROLLED, ADJOINT, SCREENING = "controlled", "adjoint", "screening"
 # Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall where a load presses them.
 STARTS = CENTRE, SETTLED = "centre", "settled"
 # Models of the motion, from the dearest to the cheapest.

@@ -16,13 +16,14 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf
+from clearance_jax.solve.adjoint import adjoint_flow
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers import effort
 from clearance_jax.solve.first_state import closed_start
 from clearance_jax.solve.flow import Inputs, flow, plain_flow
 from clearance_jax.solve.law_validity import warn_of_validity
 from clearance_jax.solve.quasi_static import quasi_static
-from clearance_jax.solve.settings import DYNAMICS, STATIC, Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import ADJOINT, CONTROLLED, DYNAMICS, STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import check_start
 
@@ -114,7 +115,10 @@ def _moved(mechanism, t1, settings: Settings, throw: bool, observers: tuple, int
         # Without states, the energy balance is the only thing to integrate.
         options = options._replace(energy_balance=True)
     inputs = Inputs(mechanism, settings.t0, t1, settings.save_at, settings.rtol, settings.atol, settings.y0, integrands)
-    solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
+    if options.derivatives == CONTROLLED:
+        solution = flow(inputs, options=options)
+    else:
+        solution = (adjoint_flow if options.derivatives == ADJOINT else plain_flow)(inputs, options)
     effort.count(solution.steps, solution.rejected)
     if throw and not isinstance(solution.final, Tracer) and int(solution.code) != int(Result.REACHED_END):
         if settings.y0 is None:

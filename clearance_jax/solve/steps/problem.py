@@ -133,7 +133,7 @@ def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
     inputs = (*leaves, *(stack[0] for stack in stacks))
     values, along = jax.linearize(flat, *inputs)
     out = []
-    for i, (value, reached) in enumerate(zip(values, _reach(jax.make_jaxpr(flat)(*inputs)), strict=True)):
+    for i, (value, reached) in enumerate(zip(values, reach(jax.make_jaxpr(flat)(*inputs)), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
         pulls = {j: share(pulls[j]) for j in sorted(reached)}
         pulled = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
@@ -216,7 +216,7 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
 
     pushed = jax.vmap(lambda along: jax.jvp(flat, (varied,), (along,), has_aux=True), out_axes=(None, 0, None))
     _, rates, values = pushed(directions)
-    reached = [by if moves else frozenset() for by, moves in zip(_reach(program), smooth, strict=True)]
+    reached = [by if moves else frozenset() for by, moves in zip(reach(program), smooth, strict=True)]
     given, ends = {v: Unchanged((i,)) for i, v in enumerate(program.jaxpr.invars)}, program.jaxpr.outvars
     reached = [by if isinstance(v, Literal) else given.get(v, by) for by, v in zip(reached, ends, strict=True)]
     kept = [rate if by else None for rate, by in zip(rates, reached, strict=True)]
@@ -261,7 +261,7 @@ def moves(function, problem: Problem) -> bool:
 
 def depends(function, argument) -> bool:
     """Whether any output of a function depends on its argument at all."""
-    return any(_reach(jax.make_jaxpr(function)(argument)))
+    return any(reach(jax.make_jaxpr(function)(argument)))
 
 
 def basis(varied: Any) -> Any:
@@ -273,7 +273,7 @@ def basis(varied: Any) -> Any:
     return jax.tree.unflatten(tree, blocks)
 
 
-def _reach(closed: ClosedJaxpr) -> list[frozenset[int]]:
+def reach(closed: ClosedJaxpr) -> list[frozenset[int]]:
     """For every output of a program, the arguments on which it depends."""
     program = closed.jaxpr
     nothing: frozenset[int] = frozenset()

@@ -53,6 +53,8 @@ def tableau_of(solver: Any) -> Tableau:
 
 
 _EPS = float(np.finfo(np.float64).eps)
+STAGE_BEFORE_END = 4 * _EPS
+"""Part of the time of a step's end by which stages there are earlier: at the end a drive may have jumped already."""
 
 
 class Trial(NamedTuple):
@@ -110,8 +112,7 @@ def try_step(
     def stage(i, carry):
         slopes, _ = carry
         y = combine(lower[i], slopes, slice(plan.size))
-        # At t1 a drive may have jumped already; the last stage ends before the break as other steps do.
-        now = jnp.where(nodes[i] == 1, t1 - 4 * _EPS * jnp.abs(t1), t0 + nodes[i] * h)
+        now = jnp.where(nodes[i] == 1, t1 - STAGE_BEFORE_END * jnp.abs(t1), t0 + nodes[i] * h)
         if problem.mechanism.has_manifold:
             y = jax.lax.cond(i == last, lambda y: _in_every_row(project, t1, y, problem), lambda y: y, y)
         with sharing_lanes(t0):
