@@ -16,6 +16,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, move, parts
 from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
+from clearance_jax.mechanism.variants import gives_way
 from clearance_jax.spatial import ZERO, Term, as_array, cross, dot, minus, plus, times
 
 # Factor on the inertia of a coordinate that is to stay. While a loop closes by a metre, it moves less than a nanometre.
@@ -107,11 +108,13 @@ def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Arra
     """The nearest state (in the kinetic norm) in which all loops are closed, with the remaining opening of each [m].
     The pin of a loop with clearance is at rest at its `eccentricity`.
 
-    The first iterations hold the pins in their sleeves; the last ones let them move, for loops that only play closes. A
-    pin that left its sleeve counts as an opening.
+    The first iterations hold pins in their sleeves, and drives that give way; the last ones let them move, for loops
+    that only play closes. A pin that left its sleeve counts as an opening.
     """
     plays = [part for part in parts(mechanism) if part.coordinate.play is not None]
-    played, sliding = [part.v.start for part in plays], [part for part in plays if part.coordinate.slides is not None]
+    springs = [part for part in parts(mechanism) if gives_way(part.coordinate.motion)]
+    played = [part.v.start for part in (*plays, *springs)]
+    sliding = [part for part in plays if part.coordinate.slides is not None]
 
     def once(k, carry):
         firm = {i: jnp.where(k < HELD, FIRM, 1.0) for i in played}

@@ -161,7 +161,9 @@ def _numbers(inputs: Inputs, which: Which) -> tuple[list[Array], Any]:
 
     def put(numbers):
         rest = iter(numbers)
-        return jax.tree.unflatten(tree, [next(rest) if v else leaf for v, leaf in zip(which or (), leaves, strict=True)])
+        return jax.tree.unflatten(
+            tree, [next(rest) if v else leaf for v, leaf in zip(which or (), leaves, strict=True)]
+        )
 
     return varied, put
 

@@ -59,9 +59,18 @@ def _without_commands(mechanism: PreparedMechanism, t0: Scalar, start: str) -> t
             return released(moved.mechanism, t0, y, moved.places), errors
         places = deflections(mechanism)
         y, errors = _without_commands(hold_drives(mechanism, places), t0, start)
-        return released(mechanism, t0, y, places, given=True), errors
+        y = released(mechanism, t0, y, places, given=True)
+        if any(coupling.backlash is not None for coupling in mechanism.couplings):
+            # What a follower is given beside its leaders opens loops again, but by less than its gap.
+            return _assembled(mechanism, t0, y, errors)
+        return y, errors
     plan, errors = layout(mechanism), StartErrors.nothing()
     y = jnp.concatenate([initial_values(mechanism), jnp.zeros(plan.remembered - plan.integrated - plan.held)])
+    return _assembled(mechanism, t0, y, errors)
+
+
+def _assembled(mechanism: PreparedMechanism, t0: Scalar, y: Array, errors: StartErrors) -> tuple[Array, StartErrors]:
+    """A state with loops assembled, if they are to be."""
     if mechanism.loops and mechanism.assemble:
         y, opened = assemble(t0, y, mechanism.as_small_program())
         errors = errors._replace(loops=opened)

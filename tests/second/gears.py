@@ -240,7 +240,7 @@ def gaps(scene: dict, every: tuple[Coupling, ...]) -> tuple[Gap, ...]:
         loss = None
         if "efficiency" in table:
             loss = Loss(1 - number(table["efficiency"]), number(table.get("efficiency_speed", 0.01)))
-        counts = slack or waves or loss is not None
+        counts = slack or waves or loss is not None or "efforts" in table  # corners make a contact of it
         out.append(Gap(f"{name}_drive", form, ends, flank(table), not slack, counts, loss))
     for name, joint in scene["joint"].items():
         if "stops" in joint:

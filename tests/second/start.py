@@ -18,16 +18,28 @@ Places = dict[str, tuple[Vector, Vector, Vector, Vector]]
 
 def initial(system: System) -> Vector:
     """The state at t = 0."""
-    model = system.model
-    places = _tree(model)
-    # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity, as do drives and flanks
+    model, extra = system.model, _extra(system.model)
+    joints = tuple(_ideal(_turning(joint, extra, -1.0)) for joint in model.joints)
+    # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity; drives and flanks stay.
     ties = _ties(model)
-    joints = tuple(_ideal(joint) for joint in model.joints)
     closed = System(model._replace(joints=joints, couplings=(*model.couplings, *ties)))
     y, bodies, motors = np.zeros(closed.size), 13 * len(system.names), [model.motors[k] for k in system.turned]
-    _fill(system, y, places)
+    _fill(system, y, _tree(model))
     y[closed.motors : closed.held_efforts] = [*(motor.start for motor in motors), *(motor.rate for motor in motors)]
-    _close(closed, y, len(ties))
+    if ties or len(closed.active) + len(closed.follows):
+        _close(closed, y)
+        # The rates that joints are given are those of the closed mechanism.
+        _fill(system, y, _tree(closed.model, _found(closed, y)))
+        _hasten(closed, y, len(ties))
+    if extra:
+        # Then what followers with backlash are given beside their leaders.
+        ties = ties[: len(model.motors)]
+        closed = System(closed.model._replace(couplings=(*model.couplings, *ties)))
+        still = tuple(_turning(joint, extra) for joint in joints)
+        faster = np.zeros_like(y)
+        _fill(system, faster, _tree(model._replace(joints=still), _found(closed, y)))
+        y[7 * len(system.names) : bodies] += faster[7 * len(system.names) : bodies]
+        _hasten(closed, y, len(ties))
     out = np.zeros(system.size)
     out[:bodies], out[system.motors : system.held_efforts] = y[:bodies], y[closed.motors : closed.held_efforts]
     return out
@@ -36,6 +48,25 @@ def initial(system: System) -> Vector:
 def _ideal(joint: Joint) -> Joint:
     axes = np.eye(3) if joint.play is None else joint.play.axes
     return joint._replace(held=HELD[joint.kind], play=None, eccentricity=axes @ joint.eccentricity)
+
+
+def _extra(model: Model) -> dict[str, float]:
+    """By follower with backlash the rate that it is given beside its leaders."""
+    every = [*(c for joint in model.joints for c in joint.coordinates), *model.motors]
+    rate = {one.name: one.rate if one.drive is None else one.drive.at(0.0)[1] for one in every}
+    forms = [gap.form.terms for gap in model.gaps if len(gap.form.terms) > 1 and not gap.form.motor]
+    return {next(iter(terms)): sum(factor * rate[name] for name, factor in terms.items()) for terms in forms}
+
+
+def _turning(joint: Joint, extra: dict[str, float], share: float = 0.0) -> Joint:
+    """The joint with a share of these rates more; without a share with these rates alone."""
+    if share:
+        rates = [c.rate + share * extra.get(c.name, 0.0) for c in joint.coordinates]
+        return joint._replace(
+            coordinates=tuple(c._replace(rate=r) for c, r in zip(joint.coordinates, rates, strict=True))
+        )
+    alone = tuple(c._replace(rate=extra.get(c.name, 0.0), drive=None) for c in joint.coordinates)
+    return joint._replace(coordinates=alone, ball=(joint.ball[0], np.zeros(3)))
 
 
 def _ties(model: Model) -> list[Coupling]:
@@ -96,13 +127,9 @@ def _fill(system: System, y: Vector, places: Places) -> None:
         y[10 * n + 3 * i : 10 * n + 3 * i + 3] = turning
 
 
-def _close(system: System, y: Vector, ties: int) -> None:
-    """Newton for places, then the nearest velocities that the constraints allow, in place; both by `_nearest`. What the
-    last `ties` of the couplings hold keeps its velocity.
-    """
+def _close(system: System, y: Vector) -> None:
+    """Newton for places, by `_nearest`, in place."""
     n, keep, turned = len(system.names), system.keep, len(system.turned)
-    if not len(system.active) + len(system.follows):
-        return
     step = np.zeros(6 * n + 6 + turned)
     for _ in range(12):
         now = system.now(y)
@@ -117,19 +144,27 @@ def _close(system: System, y: Vector, ties: int) -> None:
             break
     if np.abs(step).max() > 1e-12:
         raise ValueError(f"The loops do not close: the last step is {np.abs(step).max():.1e}.")
-    # The rates that joints are given are those of the closed mechanism.
+
+
+def _found(system: System, y: Vector) -> dict[str, tuple[Vector, Vector]]:
+    """Places of the origins and matrices of all bodies."""
     now = system.now(y)
-    found = {
+    return {
         name: (now.place[i] - now.matrix[i] @ system.centre[i], now.matrix[i]) for i, name in enumerate(system.names)
     }
-    _fill(system, y, _tree(system.model, found))
-    now = system.now(y)
+
+
+def _hasten(system: System, y: Vector, ties: int) -> None:
+    """The nearest velocities that the constraints allow, by `_nearest`, in place; what the last `ties` of the couplings
+    hold keeps its velocity.
+    """
+    now, n, keep = system.now(y), len(system.names), system.keep
     rows, rates, _ = _constraints(system, now)
     speeds = system.speeds(now)
     change = rates - rows @ speeds
     change[len(change) - ties :] = 0.0
     speeds[keep] += _nearest(system, now, change)
-    y[system.motors + turned : system.held_efforts] = speeds[6 * n + 6 :]
+    y[system.motors + len(system.turned) : system.held_efforts] = speeds[6 * n + 6 :]
     speeds = speeds[: 6 * n].reshape(n, 6)
     y[7 * n : 10 * n], y[10 * n : 13 * n] = speeds[:, :3].ravel(), speeds[:, 3:].ravel()
 
