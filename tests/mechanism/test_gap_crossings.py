@@ -52,6 +52,32 @@ def test_a_drive_with_backlash_in_a_loop_starts_in_the_middle_of_its_gap(off):
     np.testing.assert_allclose(speeds, [0.0, *rigid.initial[2:4]], atol=1e-7)
 
 
+def test_a_follower_with_backlash_in_a_loop_starts_with_the_loop_closed():
+    """Whatever velocity it is given beside its leader; one without leaves the velocities of the ideal coupling."""
+    bar = four_bar(cj.drives.Constant(0.7), compliance="rigid")
+    points = cj.Point("one", "coupler", P(0.3)), cj.Point("two", "rocker", P(0.25))
+    wheel = cj.Revolute("W", "ground", "wheel", motion=cj.Motion(position=0.35, velocity=6.0))
+    flank: Any = {"backlash": 2e-3, "flank": cj.laws.Flank(2e3, 1.0)}
+
+    def begun(velocity, **gap):
+        crank = dataclasses.replace(bar.joints[0], motion=cj.Motion(velocity=velocity))
+        whole = dataclasses.replace(
+            bar,
+            bodies=(*bar.bodies, cj.Body("wheel", 1.0, 2e-3)),
+            joints=(wheel, crank, *bar.joints[1:]),
+            couplings=(cj.Coupling("mesh", "A", "W", 2.0, **gap),),
+            points=points,
+        )
+        start = cj.simulate(whole, 1e-3, save_at=[0.0])
+        np.testing.assert_allclose(start["one.velocity"], start["two.velocity"], atol=1e-9)
+        np.testing.assert_allclose(start["one.position"], start["two.position"], atol=1e-12)
+        return [float(start[f"{name}.velocity"][0]) for name in ("W", "A")]
+
+    ideal, loose, faster = begun(0.0), begun(0.0, **flank), begun(3.0, **flank)
+    np.testing.assert_allclose(loose, ideal, rtol=1e-9)
+    assert faster[1] > 2.0 * faster[0] + 0.1
+
+
 def test_a_settled_drive_in_a_loop_stays_where_it_starts():
     still = four_bar(cj.drives.Constant(0.7))
     begun = cj.simulate(still, 0.3, start="settled", rtol=1e-9)
