@@ -20,7 +20,7 @@ from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measur
 from clearance_jax.parameters import replace, values_of
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers.batch import BatchReport, batch
-from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.settings import ADJOINT, Settings
 
 # The name under which it stands beside the metrics; no metric of a user can have it.
 ENDING = " ending"
@@ -107,6 +107,11 @@ class Question(Module):
         def at(point):
             return self._measure(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
 
+        if self.settings.derivatives == ADJOINT:
+            values, pull, ending = jax.vjp(lambda point: at(point), centre, has_aux=True)
+            rows = {name: _rows(pull, values, name) for name in wanted}
+            return values, rows, ending
+
         def along(direction):
             return jax.jvp(at, (centre,), (direction,), has_aux=True)
 
@@ -118,6 +123,14 @@ class Question(Module):
         mechanism = model if isinstance(model, Mechanism) else model.mechanism
         measured = measure_settings(mechanism, {**metrics, ENDING: Ending()}, self.t1, self.settings)
         return measured, measured.pop(ENDING)
+
+
+def _rows(pull: Callable, values: dict[str, Any], name: str) -> Any:
+    """Derivatives of each number of a value (last axis), one backward pass for each."""
+    flat, unravel = jax.flatten_util.ravel_pytree(values[name])
+    nothing = jax.tree.map(jnp.zeros_like, values)
+    rows = jax.vmap(lambda bar: pull({**nothing, name: unravel(bar)})[0])(jnp.eye(flat.size))
+    return jax.vmap(unravel, 1, -1)(rows)
 
 
 class Undifferentiated(AbstractMetric):

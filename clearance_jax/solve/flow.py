@@ -244,6 +244,7 @@ def solve_lanes(inputs: Inputs, options: Settings, which: Which = None) -> Solut
 # batching has no reverse derivative.
 @kept_jit
 def compiled_solve(inputs: Inputs, options: Settings, which: Which = None) -> Solution:
+    """A motion, or a stack of it and its derivatives by `which` numbers: alone, or under `jax.vmap` in chunks."""
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
     def single(numbers):

@@ -90,7 +90,10 @@ class SolveOptions(TypedDict, total=False):
       steps, and the error stays above a certain size.
     - `energy_balance`: integrate work and losses, for `energy_residual`.
     - `derivatives`: "controlled": a differentiated solve integrates the derivatives as well, and controls their error;
-      first derivatives only, in forward or reverse mode. "screening": JAX differentiates the program as it stands
+      first derivatives only, in forward or reverse mode. "adjoint": a pass backwards over the steps of one solve gives
+      the derivatives by any number of numbers in the time of a few solves, in reverse mode only (`jax.grad`,
+      `jax.vjp`); the errors of a few random directions are controlled, and a motion may have 131 072 steps.
+      "screening": JAX differentiates the program as it stands
       (forward mode only). This is cheaper, for a first look; if contacts begin or end, it is wrong by 1e-3 and more at
       any tolerance.
     - `max_steps`: the number of attempted steps after which a solve gives up (1 000 000).

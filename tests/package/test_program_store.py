@@ -29,7 +29,7 @@ from clearance_jax._compile.structure import Reader, Untold
 from clearance_jax.cli.main import app
 from clearance_jax.laws import HuntCrossley
 from clearance_jax.mechanism._base import AbstractMechanism
-from clearance_jax.solve.flow import _compiled_solve
+from clearance_jax.solve.flow import compiled_solve
 from clearance_jax.solve.steps import control
 
 PROGRAM = """
@@ -308,7 +308,7 @@ def test_surroundings_are_part_of_the_key(monkeypatch):
 @pytest.mark.slow
 def test_the_library_as_it_stands_in_memory_is_part_of_the_key(monkeypatch):
     def solved():
-        return _compiled_solve._key([], jax.tree.structure(()))
+        return compiled_solve._key([], jax.tree.structure(()))
 
     usual = solved()
     for where, name, value in ((control, "SAFETY_OF_THE_TEST", 0.5), (HuntCrossley, "NUMBER_OF_THE_TEST", 1.0)):
@@ -332,7 +332,7 @@ def test_the_library_as_it_stands_in_memory_is_part_of_the_key(monkeypatch):
 
 def test_a_property_of_the_librarys_that_is_replaced_is_seen(monkeypatch):
     def solved():
-        return _compiled_solve._key([], jax.tree.structure(()))
+        return compiled_solve._key([], jax.tree.structure(()))
 
     usual = solved()
     for where, name in ((AbstractMechanism, "is_plane"), (AbstractMechanism, "may_repeat")):
@@ -415,13 +415,13 @@ def test_the_key_does_not_depend_on_what_was_loaded_and_asked_before(tmp_path):
 @pytest.mark.parametrize("value", [control.factor, vars(cj.RevoluteClearance)["travel"]], ids=["function", "method"])
 def test_what_is_written_anew_in_its_place_is_seen(value, monkeypatch):
     """As an editor that reloads does."""
-    usual = _compiled_solve._key([], jax.tree.structure(()))
+    usual = compiled_solve._key([], jax.tree.structure(()))
     formula = inspect.unwrap(getattr(value, "method", value))
     own = formula.__code__
     with monkeypatch.context() as patch:
         patch.setattr(formula, "__code__", own.replace(co_consts=(*own.co_consts, 7.5)))
-        assert _compiled_solve._key([], jax.tree.structure(())) != usual
-    assert _compiled_solve._key([], jax.tree.structure(())) == usual
+        assert compiled_solve._key([], jax.tree.structure(())) != usual
+    assert compiled_solve._key([], jax.tree.structure(())) == usual
 
 
 # Holes that a key might have ----------------------------------------------------------------------------------------
@@ -533,7 +533,7 @@ def test_what_is_written_in_c_may_say_anything_of_itself():
 
 def test_what_the_library_was_patched_with_is_not_kept_later(folder, monkeypatch):
     """Even if a mapped program, which is not kept, was all that was traced with the patch."""
-    inner = kept_jit(lambda x: x + 1.0, made_of=(_compiled_solve.function,))
+    inner = kept_jit(lambda x: x + 1.0, made_of=(compiled_solve.function,))
     assert fresh() == (13.0, True)
     with monkeypatch.context() as patch:
         patch.setattr(control, "SAFETY_OF_THE_TEST", 0.5, raising=False)
@@ -585,7 +585,7 @@ def test_a_simulation_and_its_derivative_are_kept(folder, monkeypatch):
     kept = asked()
     made = len(list(folder.iterdir()))
     assert made == 2
-    for program in (_compiled_solve._programs, _compiled_solve._calls):
+    for program in (compiled_solve._programs, compiled_solve._calls):
         program.clear()
     monkeypatch.setattr(kept_jit, "_compile", None)  # nothing is to be traced
     again = asked()

@@ -150,13 +150,6 @@ def integrate(task: SolveTask, options: Settings, moving_breaks: bool = False, m
     return Outcome(out.ys[0][-1], out.ts[0][-1], sampled, record, code_of(out.result), *counts)
 
 
-def step_ends(task: SolveTask, options: Settings) -> tuple[Array, Array]:
-    """The start and the end of every step, then infinite; and the code with which the solve ends."""
-    out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)], False)
-    assert out.ts is not None
-    return out.ts[1], code_of(out.result)
-
-
 def _by_diffrax(task: SolveTask, options: Settings, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
     """Diffrax's solution: the end, and what `subs` save; `samples`: the controller takes the task's samples."""
     at = task.save_at if samples else None

@@ -90,7 +90,7 @@ def widths(problem: Problem) -> list[int]:
 
 
 # Traced once and called wherever a rate is wanted; XLA inlines the calls.
-@jax.jit
+@eqx.filter_jit
 def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
     """The rate of a state or stack, (..., size, *lanes), with its quadratures behind, zero where they do not count."""
 
@@ -112,7 +112,7 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
         return vector(rates(problem.model, tuple(y[i] for i in range(problem.size))))
     stacks = tuple(y[:, i] for i in range(problem.size))
     count = y.shape[0] - 1
-    outputs = jax.eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
+    outputs = eqx.filter_eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
     push = lift if len(outputs) - layout(problem.mechanism).free > count else vjp_rows
     with sharing_lanes(time):
         return by_component(push(rates, problem, stacks), time)

@@ -22,8 +22,8 @@ from clearance_jax.solve.steps.problem import Problem, field
 from clearance_jax.solve.steps.step import STAGE_BEFORE_END, Trial, latch, tableau_of, try_step
 
 
-class Moved(NamedTuple):
-    """A problem by the `numbers` that are varied, and by its other leaves; `moves`: by leaf whether it is one of these."""
+class ByNumbers(NamedTuple):
+    """A problem by the `numbers` that are varied and its `others`; `moves`: by leaf of its `tree` whether it varies."""
 
     numbers: list[Array]
     others: list[Any]
@@ -31,7 +31,7 @@ class Moved(NamedTuple):
     tree: Any
 
     @classmethod
-    def of(cls, problem: Problem, moves: tuple[bool, ...]) -> "Moved":
+    def of(cls, problem: Problem, moves: tuple[bool, ...]) -> "ByNumbers":
         """A problem of which some leaves are varied."""
         leaves, tree = jax.tree.flatten(problem)
         numbers, others = ([x for x, m in zip(leaves, moves, strict=True) if m is varied] for varied in (True, False))
@@ -51,13 +51,13 @@ class Bars(NamedTuple):
     slopes: Array
 
 
-def forth(moved: Moved, solver: Any, times: tuple[Scalar, Scalar], y: Array) -> Trial:
+def forth(moved: ByNumbers, solver: Any, times: tuple[Scalar, Scalar], y: Array) -> Trial:
     """The step, of the motion alone."""
     return try_step(moved.problem(moved.numbers), solver, times, y, jnp.zeros_like(y), True)
 
 
 def back(
-    moved: Moved, solver: Any, times: tuple[Scalar, Scalar], y: Array, trial: Trial, bars: Bars
+    moved: ByNumbers, solver: Any, times: tuple[Scalar, Scalar], y: Array, trial: Trial, bars: Bars
 ) -> tuple[Array, list[Array]]:
     """Derivatives by the state `y` at the start of a step and by the numbers."""
     (t0, t1), tableau = times, tableau_of(solver)
