@@ -1,7 +1,7 @@
 """Derivatives of a solve by any number of numbers: an adjoint over the steps of one solve.
 
-The solve integrates the motion and its derivatives along a few random directions, and controls the errors of all: the
-steps that random directions need are almost always those that any other needs. Then the steps are gone through
+The solve integrates the motion and its derivative along one random direction, and controls the error of both: the
+steps that a random direction needs are almost always those that any other needs. Then the steps are gone through
 backwards (`steps/pull`). The states at their starts are kept; of a long motion every so many, and the others are
 computed again. So the memory is bounded, and the time hardly depends on how many numbers vary.
 """
@@ -45,9 +45,9 @@ from clearance_jax.solve.steps.tolerances import SMALLEST
 
 # Steps whose times are kept; and states: of more steps than that every so many.
 TIMES, STATES = 2**17, 2**12
-# Directions of which the errors are controlled, within so much of the tolerance: others have larger errors. One
-# direction within the whole tolerance left errors of 1.5e-3 at rtol 1e-6, two within 0.3 of it 2e-4.
-SEED, PROBES, WITHIN = 20, 2, 0.3
+# Part of the tolerance within which the errors along a random direction are controlled: along others they are larger.
+# (Two directions would need less, but a compiler gives their products with a network's weights to a library.)
+SEED, WITHIN = 20, 0.15
 # The direction of an array without any number but zero.
 NOTHING = 1e-3
 
@@ -193,7 +193,7 @@ def _record(inputs: Inputs, options: Settings, which: Which) -> tuple[Solution, 
         inputs, options = eqx.combine(arrays, rest)
         numbers, _ = _numbers(inputs, which)
         rng, leaves = np.random.default_rng(SEED), iter(numbers)
-        probe = [_directions(next(leaves), rng) if varies else None for varies in which or ()]
+        probe = [_direction(next(leaves), rng)[None] if varies else None for varies in which or ()]
         closer = jnp.where(inputs.rtol < SMALLEST, inputs.rtol, jnp.maximum(WITHIN * inputs.rtol, SMALLEST))
         probes = jax.tree.unflatten(_leaves(inputs.varied)[1], probe)
         task = task_of(inputs._replace(rtol=closer), options, probes)
@@ -203,11 +203,11 @@ def _record(inputs: Inputs, options: Settings, which: Which) -> tuple[Solution, 
     return sequential_vmap(compute_once(single))(arrays)
 
 
-def _directions(number: Array, rng: np.random.Generator) -> Array:
-    """Random directions of a number: as far as it is large, and a zero as far as the others of its array."""
+def _direction(number: Array, rng: np.random.Generator) -> Array:
+    """A random direction of a number: as far as it is large, and a zero as far as the others of its array."""
     size = jnp.sqrt(jnp.mean(number**2))
     size = jnp.where(number == 0, jnp.where(size > 0, size, NOTHING), jnp.abs(number))
-    return size * rng.choice([-1.0, 1.0], (PROBES, *number.shape))
+    return size * rng.choice([-1.0, 1.0], number.shape)
 
 
 def _taped(task: SolveTask, options: Settings) -> tuple[Outcome, Tape]:

@@ -92,7 +92,7 @@ class SolveOptions(TypedDict, total=False):
     - `derivatives`: "controlled": a differentiated solve integrates the derivatives as well, and controls their error;
       first derivatives only, in forward or reverse mode. "adjoint": a pass backwards over the steps of one solve gives
       the derivatives by any number of numbers in the time of a few solves, in reverse mode only (`jax.grad`,
-      `jax.vjp`); the errors of a few random directions are controlled, and a motion may have 131 072 steps.
+      `jax.vjp`); the error along one random direction is controlled, and a motion may have 131 072 steps.
       "screening": JAX differentiates the program as it stands
       (forward mode only). This is cheaper, for a first look; if contacts begin or end, it is wrong by 1e-3 and more at
       any tolerance.
