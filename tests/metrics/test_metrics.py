@@ -29,12 +29,12 @@ def mechanism():
     return slider_crank()
 
 
-def at(metric, mechanism, clearance, rtol=1e-9, t1=T1):
-    return metric(cj.replace(mechanism, {CLEARANCE: clearance}), t1, rtol=rtol)
+def at(metric, mechanism, clearance, rtol=1e-9, t1=T1, solver="auto"):
+    return metric(cj.replace(mechanism, {CLEARANCE: clearance}), t1, rtol=rtol, solver=solver)
 
 
-def difference(metric, mechanism, clearance=5e-4, step=2e-8):
-    up, down = (at(metric, mechanism, clearance + s * step, rtol=1e-11) for s in (1, -1))
+def difference(metric, mechanism, clearance=5e-4, step=2e-8, **options):
+    up, down = (at(metric, mechanism, clearance + s * step, rtol=1e-11, **options) for s in (1, -1))
     return (up - down) / (2 * step)
 
 
@@ -56,17 +56,20 @@ def test_error_at_times_is_the_references_and_so_is_its_derivative(mechanism):
 @pytest.mark.slow
 def test_peak_is_between_samples_and_follows_its_top(mechanism):
     metric = metrics.Peak(ERROR, 3)
-    peaks, slopes = jax.jvp(lambda c: at(metric, mechanism, c), (5e-4,), (1.0,))
+    # By the solver of order five: in the long steps of the other one the state is interpolated less accurately than it
+    # is solved (the highest top to 1e-7 at rtol 1e-8).
+    short = {"solver": "tsit5"}
+    peaks, slopes = jax.jvp(lambda c: at(metric, mechanism, c, **short), (5e-4,), (1.0,))
     dense = at(metrics.At(ERROR, np.linspace(0, T1, 4001)), mechanism, 5e-4)
     tops = np.flatnonzero((dense[1:-1] > dense[:-2]) & (dense[1:-1] >= dense[2:])) + 1
     expected = np.sort(np.asarray(dense)[tops])[::-1][:3]
     assert np.all(np.asarray(peaks) >= expected - 1e-15)  # a sample is never higher than the top beside it
     np.testing.assert_allclose(peaks, expected, rtol=1e-4)
-    times = metric.times(cj.replace(mechanism, {CLEARANCE: 5e-4}), T1, rtol=1e-9)
+    times = metric.times(cj.replace(mechanism, {CLEARANCE: 5e-4}), T1, rtol=1e-9, **short)
     order = jnp.argsort(times)
-    _, fixed = jax.jvp(lambda c: at(metrics.At(ERROR, times[order]), mechanism, c), (5e-4,), (1.0,))
+    _, fixed = jax.jvp(lambda c: at(metrics.At(ERROR, times[order]), mechanism, c, **short), (5e-4,), (1.0,))
     np.testing.assert_allclose(slopes[order], fixed, rtol=1e-6)
-    np.testing.assert_allclose(slopes[0], difference(metric, mechanism)[0], rtol=1e-5)
+    np.testing.assert_allclose(slopes[0], difference(metric, mechanism, **short)[0], rtol=1e-5)
 
 
 SUMS = {"rms": metrics.Rms(ERROR), "mean": metrics.Mean(ERROR), "lost": metrics.EnergyLost()}
