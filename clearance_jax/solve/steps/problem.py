@@ -89,11 +89,13 @@ def widths(problem: Problem) -> list[int]:
     return [int(np.prod(jax.eval_shape(f, time, y, problem.mechanism).shape)) for f in problem.integrands]
 
 
-# Traced once and called wherever a rate is wanted; XLA inlines the calls.
-@eqx.filter_jit
 def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
     """The rate of a state or stack, (..., size, *lanes), with its quadratures behind, zero where they do not count."""
+    of_arrays = all(map(eqx.is_array_like, jax.tree.leaves(problem)))
+    return (_field_of_arrays if of_arrays else _field_of_any)(time, y, problem, counts)
 
+
+def _field(time: Each, y: Array, problem: Problem, counts: Flag | None) -> Array:
     def rows(time, y, problem):
         mechanism, integrands = problem.model
         rates = rate(time, y, mechanism, problem.energy_balance, counts)
@@ -116,6 +118,10 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
     push = lift if len(outputs) - layout(problem.mechanism).free > count else vjp_rows
     with sharing_lanes(time):
         return by_component(push(rates, problem, stacks), time)
+
+
+# Traced once and called wherever a rate is wanted; XLA inlines the calls.
+_field_of_arrays, _field_of_any = jax.jit(_field), eqx.filter_jit(_field)
 
 
 def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
