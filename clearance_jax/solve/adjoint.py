@@ -21,8 +21,7 @@ from clearance_jax._compile.once import compute_once
 from clearance_jax._compile.one_function import one_function
 from clearance_jax.dynamics.closures import project
 from clearance_jax.mechanism._base import drive_breaks
-from clearance_jax.solve.codes import Result
-from clearance_jax.solve.drivers.driver import StepSamples
+from clearance_jax.solve.drivers.tape import Tape, put_row, taped
 from clearance_jax.solve.first_state import initial
 from clearance_jax.solve.flow import (
     Inputs,
@@ -38,30 +37,16 @@ from clearance_jax.solve.flow import (
 )
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.steps.attempt import Outcome, SolveTask, attempt, dense, means_of, start_carry
-from clearance_jax.solve.steps.problem import Problem, depends, motion, reach, with_model
+from clearance_jax.solve.steps.attempt import dense
+from clearance_jax.solve.steps.problem import Problem, depends, reach
 from clearance_jax.solve.steps.pull import Bars, ByNumbers, back, forth
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
-# Steps whose times are kept; and states: of more steps than that every so many.
-TIMES, STATES = 2**17, 2**12
 # Part of the tolerance within which the errors along a random direction are controlled: along others they are larger.
 # (Two directions would need less, but a compiler gives their products with a network's weights to a library.)
 SEED, WITHIN = 20, 0.15
 # The direction of an array without any number but zero.
 NOTHING = 1e-3
-
-
-class Tape(NamedTuple):
-    """The steps of a solve: where they `begin` and `end` [s], shape (TIMES,), their `count`; and the states at their
-    begins, shape (STATES, n), of every `stride`-th step.
-    """
-
-    begin: Array
-    end: Array
-    count: Array
-    states: Array
-    stride: Array
 
 
 class StateBars(NamedTuple):
@@ -197,7 +182,7 @@ def _record(inputs: Inputs, options: Settings, which: Which) -> tuple[Solution, 
         closer = jnp.where(inputs.rtol < SMALLEST, inputs.rtol, jnp.maximum(WITHIN * inputs.rtol, SMALLEST))
         probes = jax.tree.unflatten(_leaves(inputs.varied)[1], probe)
         task = task_of(inputs._replace(rtol=closer), options, probes)
-        out, tape = one_function(_taped)(task, options)
+        out, tape = one_function(taped)(task, options)
         return unstacked(solution_of(task, out, inputs.t1, options))[0], tape
 
     return sequential_vmap(compute_once(single))(arrays)
@@ -208,59 +193,6 @@ def _direction(number: Array, rng: np.random.Generator) -> Array:
     size = jnp.sqrt(jnp.mean(number**2))
     size = jnp.where(number == 0, jnp.where(size > 0, size, NOTHING), jnp.abs(number))
     return size * rng.choice([-1.0, 1.0], number.shape)
-
-
-def _taped(task: SolveTask, options: Settings) -> tuple[Outcome, Tape]:
-    """The solve of a task, and its steps."""
-    problem, last, means = task.problem, task.t1, means_of(options, task.allowed)
-
-    def goes_on(state):
-        carry, _, (_, _, count, _) = state
-        tries = carry.accepted + carry.rejected
-        return (carry.time < last) & ~carry.collapsed & (tries < options.max_steps) & (count < TIMES)
-
-    def once(state):
-        carry, samples, (begin, end, count, states) = state
-        moved, trial, keep = attempt(carry, problem, options, means, last)
-        # What was not kept is overwritten by the next try.
-        begin, end = put(begin, carry.time, count), put(end, carry.end, count)
-        states = put(states, motion(problem, carry.y), jnp.minimum(count, STATES - 1))
-        if task.save_at is not None:
-            samples = samples.more(task.save_at, dense(options, trial, (carry.time, carry.end)), keep)
-        return moved, samples, (begin, end, count + keep, states)
-
-    carry = start_carry(problem, options, means, task.t0, last, task.start)._replace(collapsed=task.refused > 0)
-    samples = None if task.save_at is None else StepSamples.none(task.save_at, task.t0, last, task.start)
-    width = motion(problem, task.start).size
-    tape = jnp.zeros(TIMES), jnp.zeros(TIMES), jnp.zeros((), int), jnp.zeros((STATES, width))
-    carry, samples, (begin, end, count, states) = jax.lax.while_loop(goes_on, once, (carry, samples, tape))
-    code = jnp.where(carry.collapsed, int(Result.STEP_COLLAPSED), int(Result.MAX_STEPS))
-    code = jnp.where((carry.time < last) | carry.collapsed, code, int(Result.REACHED_END))
-    sampled = None
-    if samples is not None:
-        sampled = jnp.where(jnp.arange(samples.y.shape[0]) < samples.count, task.save_at, jnp.inf), samples.y
-    counts = carry.accepted, carry.rejected, carry.control.cuts
-    out = Outcome(carry.y, carry.time, sampled, carry.record, code, *counts)
-
-    # Of more steps than there is room for, states anew.
-    stride = -(-count // STATES)
-    plain = with_model(problem, problem.model)
-    alone = ByNumbers.of(plain, (False,) * len(jax.tree.leaves(plain)))
-
-    def again(i, carried):
-        y, states = carried
-        row = i // stride
-        states = put(states, jnp.where(i % stride == 0, y, states[row]), row)
-        return forth(alone, options.solver, (begin[i], end[i]), y).end, states
-
-    begun = motion(problem, task.start), states
-    _, states = jax.lax.fori_loop(0, jnp.where(stride > 1, count, 0), again, begun)
-    return out, Tape(begin, end, count, states, stride)
-
-
-def put(rows: Array, row: Array, place: Array | int) -> Array:
-    """Rows with one of them replaced."""
-    return jax.lax.dynamic_update_index_in_dim(rows, row, place, 0)
 
 
 # Backwards -----------------------------------------------------------------------------------------------------------
@@ -336,7 +268,7 @@ def _through(moved: ByNumbers, options: Settings, tape: Tape, bars: StateBars) -
         bar, more = back(moved, options.solver, times, y, trial, made)
         return bar, jax.tree.map(jnp.add, numbers, more), query
 
-    room = jnp.zeros((TIMES // STATES, tape.states.shape[1]))
+    room = jnp.zeros((tape.begin.size // tape.states.shape[0], tape.states.shape[1]))
 
     def stretch(k, carry):
         first = (chunks - 1 - k) * tape.stride
@@ -344,9 +276,9 @@ def _through(moved: ByNumbers, options: Settings, tape: Tape, bars: StateBars) -
 
         def fill(j, states):
             times = tape.begin[first + j - 1], tape.end[first + j - 1]
-            return put(states, forth(moved, options.solver, times, states[j - 1]).end, j)
+            return put_row(states, forth(moved, options.solver, times, states[j - 1]).end, j)
 
-        states = jax.lax.fori_loop(1, count, fill, put(room, tape.states[first // tape.stride], 0))
+        states = jax.lax.fori_loop(1, count, fill, put_row(room, tape.states[first // tape.stride], 0))
 
         def step(j, carry):
             i = count - 1 - j

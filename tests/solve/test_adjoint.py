@@ -14,7 +14,7 @@ from test_many_numbers import HEIGHTS, Table
 import clearance_jax as cj
 from clearance_jax.ask.question import Question, answer
 from clearance_jax.laws._friction import along_slip
-from clearance_jax.solve import adjoint
+from clearance_jax.solve.drivers import tape
 from clearance_jax.solve.settings import settings_of
 
 MODES = ("adjoint", "controlled")
@@ -123,15 +123,15 @@ def test_motions_of_more_steps_than_are_kept(monkeypatch):
         options = {"rtol": 1e-8, "derivatives": mode, "throw": False, "save_at": None if t1 == 0.02 else 2}
         return jnp.ravel(cj.simulate(rough_arm(heights), t1, **options)["tip.position.x"])[-1]
 
-    monkeypatch.setattr(adjoint, "TIMES", 2048)
-    monkeypatch.setattr(adjoint, "STATES", 16)
+    monkeypatch.setattr(tape, "TIMES", 2048)
+    monkeypatch.setattr(tape, "STATES", 16)
     heights = jnp.asarray(HEIGHTS)
     steps = int(cj.simulate(rough_arm(heights), 0.02, rtol=1e-8).steps)
     assert 64 < steps < 1024
     one, two = (jax.grad(place)(heights, mode) for mode in MODES)
     assert np.max(np.abs(two)) > 1e-9
     np.testing.assert_allclose(one, two, atol=1e-5 * np.max(np.abs(two)))
-    monkeypatch.setattr(adjoint, "TIMES", 64)
+    monkeypatch.setattr(tape, "TIMES", 64)
     far = jax.grad(lambda heights: place(heights, "adjoint", 0.0201))(heights)
     assert np.all(np.isnan(far))
 
