@@ -20,13 +20,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax._basis.module import Module
+from clearance_jax._basis.module import PLAIN, Module, is_foreign
 from clearance_jax._basis.types import Flag
 from clearance_jax.errors import ClearanceError, quote, require_float64, unknown_name, wrong_value
 from clearance_jax.units import resolve_unit, unit_in_words
 
-PLAIN = {"unit": ""}
-"""What is declared of an array in a class that is not the library's."""
 PARAMETER = "the parameter's"
 """Stands for a unit in the declarations of a study's keys: that of the parameter which the file names."""
 # Bounds of a number's field: key of its metadata, test, words.
@@ -40,7 +38,6 @@ def as_leaf(value: Any) -> Any:
     # A differentiated or mapped number may still be a Python float inside its tracer.
     if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple, Tracer)):
         require_float64()
-        # NumPy converts without a program, which JAX would compile.
         plain = isinstance(value, (int, float, np.ndarray, np.generic))
         return jnp.asarray(np.asarray(value, float) if plain else value, dtype=float)
     return value
@@ -159,7 +156,6 @@ def leaves(
     outer: str = "",
 ) -> Iterator[Leaf]:  # fmt: skip
     """Every number of `module` with name and path; `prefix`, `former`, `outer` (of lifted ones): begins of names."""
-    # Attribute lookup of a module is slow, its variables are not.
     owners, values = (*owners, module), vars(module)
     for field in _fields(type(module)):
         name = _extended(outer if field.metadata.get("lifted") else prefix, field)
@@ -168,7 +164,7 @@ def leaves(
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
             if value is not None:
                 yield Leaf(name[:-1], here, value, field.metadata, owners, before and before[:-1])
-        elif _is_foreign(type(module)) and eqx.is_inexact_array(value):
+        elif is_foreign(type(module)) and eqx.is_inexact_array(value):
             yield Leaf(name[:-1], here, value, PLAIN, owners, before and before[:-1])
         elif isinstance(value, eqx.Module) and field.metadata.get("apart"):
             for leaf in leaves(value, here):
@@ -199,15 +195,8 @@ def _fields(kind: type[eqx.Module]) -> tuple[dataclasses.Field, ...]:
     return tuple(field for field in dataclasses.fields(kind) if not field.metadata.get("static", False))
 
 
-@functools.cache
-def _is_foreign(kind: type[eqx.Module]) -> bool:
-    """Whether a class is none of the library's: all of its arrays are numbers, such as a network's weights."""
-    return kind.__module__.partition(".")[0] != __name__.partition(".")[0]
-
-
 def parameters(module: eqx.Module) -> dict[str, Leaf]:
-    """Every number of a model by its one dotted name, with its value, unit and bounds; also every array of floats of a
-    class of your own or of equinox, without a unit.
+    """Every number of a model by its one dotted name, with value, unit and bounds; arrays of other classes have none.
 
     **Arguments:** `module`: a mechanism, or a part of one.
     """
@@ -260,14 +249,11 @@ def replace(module: Any, values: Mapping[str, Any]) -> Any:
         leaf, index = find(known, name)
         given, (new, entries) = jnp.asarray(value, dtype=float), changed.get(leaf.path, (leaf.value, {}))
         new, entries = (given, {}) if index is None else (new, {**entries, index: given})
-        if np.ndim(new) < np.ndim(leaf.value):
+        other = leaf.metadata is PLAIN and np.shape(new)[np.ndim(new) - np.ndim(leaf.value) :] != np.shape(leaf.value)
+        if other or np.ndim(new) < np.ndim(leaf.value):
             text = f"a value of shape {np.shape(new)} was given. Name one entry as `{name}.0`."
             raise ClearanceError(f"`{name}` must have shape {np.shape(leaf.value)}, but {text}").about(name, new.shape)
-        if leaf.metadata is PLAIN and np.shape(new)[np.ndim(new) - np.ndim(leaf.value) :] != np.shape(leaf.value):
-            text = f"`{name}` must have shape {np.shape(leaf.value)}, but one of shape {np.shape(new)} was given."
-            raise ClearanceError(text).about(name, new.shape)
         changed[leaf.path] = new, entries
-    # All at once: `tree_at` goes through the whole tree.
     new = [jnp.asarray(x).at[np.array([*e])].set(jnp.stack([*e.values()])) if e else x for x, e in changed.values()]
     return eqx.tree_at(lambda m: [follow(m, path) for path in changed], module, new) if new else module
 

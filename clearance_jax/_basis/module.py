@@ -1,5 +1,6 @@
 """The base of the library's own modules: an `equinox.Module` with ordinary attribute lookup."""
 
+import functools
 import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -44,3 +45,13 @@ class structural_property:
     def _forget(self, key: int, gone: weakref.ref) -> None:
         if key in self._known and self._known[key][0] is gone:
             del self._known[key]
+
+
+PLAIN = {"unit": ""}
+"""What is declared of an array in a class that is not the library's."""
+
+
+@functools.cache
+def is_foreign(kind: type) -> bool:
+    """Whether a class is none of the library's: all of its arrays are numbers, such as a network's weights."""
+    return kind.__module__.partition(".")[0] != __name__.partition(".")[0]

@@ -228,15 +228,14 @@ class PreparedClearance(Module):
             out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
-    def unnoticed(self, now: ContactPoint, memory: Memory) -> Array:
-        """Whether the points touch `now`, and the laws, told at a step's start, do not remember it."""
-        return self._map(lambda p, m: (p.penetration > 0) & ~(self._parts(m)[2][0] > 0.5))(now, self._by_point(memory))
+    def remembered_touch(self, memory: Memory) -> Array:
+        """Above 0.5 where a point touched when the laws were told last."""
+        return self._by_point(memory)[-1]
 
     def latch(self, memory: Memory, now: Relative, rate: Relative) -> Memory:
         """The memory at the start of a step, rewritten by the laws where contact has just begun or ended: from the
         relative motion `now` and its time derivative (`rate`).
         """
-        # Structural zeros of the place stay absent.
         numbers, constants = eqx.partition(now, eqx.is_array)
 
         def moving(numbers):
@@ -303,7 +302,6 @@ class PreparedClearance(Module):
         growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
         return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
-    # Laws are written for one point; mapped over several they stand once in the program.
     def _map(self, function: Callable) -> Callable:
         if self.joint.count == 1:
             return function

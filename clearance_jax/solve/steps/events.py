@@ -229,7 +229,8 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     if clearance.remembers:
         # The start may lie so little before the touch at which a step was cut, that the place where the regime is read
         # lies behind it: the laws have not been told.
-        unnoticed = each_joint(PreparedClearance.unnoticed)(clearance, before, memory)
+        touched = each_joint(PreparedClearance.remembered_touch)(clearance, memory)
+        unnoticed = (before.penetration > 0) & ~(touched > 0.5)
         high = jnp.minimum(high, earliest(unnoticed.reshape(-1, *lanes), begin))
     low = share(-least(-jnp.where(places < high, places, begin[None])))
     # Most steps cross nothing.
