@@ -15,7 +15,15 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, as_metric
 from clearance_jax.parameters import check_values, replace, values_of
-from clearance_jax.solve.settings import ADJOINT, CONTROLLED, DERIVATIVES, SCREENING, SolveOptions, settings_of
+from clearance_jax.solve.settings import (
+    ADJOINT,
+    CONTROLLED,
+    DERIVATIVES,
+    DYNAMICS,
+    SCREENING,
+    SolveOptions,
+    settings_of,
+)
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
 # Entries of parameters for each number of the metric from which on an adjoint costs less than controlled derivatives.
@@ -84,13 +92,13 @@ def sensitivities(
     if mode == AUTO:
         asked = shapes_of(Question(mechanism, {"": metric}, t1, settings), ()).values[""]
         many = sum(number.size for number in values.values()) >= MANY * sum(x.size for x in jax.tree.leaves(asked))
-        mode = ADJOINT if many else CONTROLLED
+        mode = ADJOINT if many and settings.fidelity == DYNAMICS else CONTROLLED
     settings = settings._replace(derivatives=mode)
     solved, jacobian = _solved(Question(mechanism, {"": metric}, t1, settings, wrt))
     if not bool(jnp.all(jnp.isfinite(solved.values[""]))):
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     error = None
-    if mode == ADJOINT:
+    if mode == ADJOINT and settings.fidelity == DYNAMICS:
         finer = settings._replace(rtol=jnp.maximum(FINER * settings.rtol, SMALLEST))
         _, fine = _solved(Question(mechanism, {"": metric}, t1, finer, wrt))
         error = {name: COVERS * _furthest(fine[name] - jacobian[name], values[name].ndim) for name in wrt}

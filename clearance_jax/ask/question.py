@@ -20,7 +20,7 @@ from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measur
 from clearance_jax.parameters import replace, values_of
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers.batch import BatchReport, batch
-from clearance_jax.solve.settings import ADJOINT, Settings
+from clearance_jax.solve.settings import ADJOINT, DYNAMICS, Settings
 
 # The name under which it stands beside the metrics; no metric of a user can have it.
 ENDING = " ending"
@@ -107,10 +107,14 @@ class Question(Module):
         def at(point):
             return self._measure(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
 
-        if self.settings.derivatives == ADJOINT:
-            values, pull, ending = jax.vjp(lambda point: at(point), centre, has_aux=True)
-            rows = {name: _rows(pull, values, name) for name in wanted}
-            return values, rows, ending
+        if self.settings.derivatives == ADJOINT and self.settings.fidelity == DYNAMICS:
+
+            def chosen(point):
+                values, ending = at(point)
+                return {name: values[name] for name in wanted}, (values, ending)
+
+            asked, pull, (values, ending) = jax.vjp(chosen, centre, has_aux=True)
+            return values, {name: _rows(pull, asked, name) for name in wanted}, ending
 
         def along(direction):
             return jax.jvp(at, (centre,), (direction,), has_aux=True)

@@ -52,6 +52,22 @@ def test_metrics_of_all_kinds_have_the_controlled_derivatives(made):
         np.testing.assert_allclose(one, two, atol=(3e-5 if name == "peak" else 1e-6) * np.max(np.abs(two)))
 
 
+def test_metrics_without_derivatives_and_poses_beside_the_adjoint():
+    """Whole numbers stand beside what is differentiated; poses have their own derivatives."""
+    crank, names = cj.load(SCENES / "slider_crank.toml"), ("conrod.mass",)
+    settings = settings_of(crank, 2e-3, {"rtol": 1e-7, "derivatives": "adjoint"})
+    several = {"touches": cj.metrics.Impacts("wrist"), "at": METRICS["at"]}
+    found = answer(Question(crank, several, 2e-3, settings, names, ("at",)))
+    alone = answer(Question(crank, {"at": METRICS["at"]}, 2e-3, settings, names))
+    assert int(found.values["touches"]) > 0
+    np.testing.assert_allclose(found.slopes["at"], alone.slopes["at"], rtol=1e-9)
+    poses = [
+        cj.sensitivities(crank, METRICS["at"], names, 2e-3, mode=mode, fidelity="quasi-static").matrix()
+        for mode in MODES
+    ]
+    np.testing.assert_array_equal(*poses)
+
+
 def test_numbers_arrays_states_and_times_alone_and_in_a_batch():
     bar = cj.load(SCENES / "four_bar.toml")
     start = cj.simulate(bar, 1e-5).initial

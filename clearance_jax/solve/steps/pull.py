@@ -16,10 +16,9 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.conditions import choice
-from clearance_jax.dynamics.field import hand_over
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.steps.problem import Problem, field
-from clearance_jax.solve.steps.step import STAGE_BEFORE_END, Trial, latch, tableau_of, try_step
+from clearance_jax.solve.steps.step import STAGE_BEFORE_END, Trial, begun, tableau_of, try_step
 
 
 class ByNumbers(NamedTuple):
@@ -107,17 +106,8 @@ def back(
     start, _, numbers = jax.lax.fori_loop(first, last + 1, stage, (start, slopes, nothing))
     if not (layout(problem.mechanism).is_latched or (problem.energy_balance and problem.mechanism.has_payloads)):
         return start, numbers
-    _, pull = jax.vjp(lambda y, numbers: _begun(moved.problem(numbers), t0, y), y, moved.numbers)
+    _, pull = jax.vjp(
+        lambda y, numbers: begun(moved.problem(numbers), t0, y, jnp.zeros_like(y), True)[0], y, moved.numbers
+    )
     bar, more = pull(start)
     return bar, jax.tree.map(jnp.add, numbers, more)
-
-
-def _begun(problem: Problem, t0: Scalar, y: Array) -> Array:
-    """The state with laws latched and payloads handed over, as `try_step` begins."""
-    size, mechanism = problem.size, problem.mechanism
-    if layout(mechanism).is_latched:
-        slope = field(t0, y[:size], problem)
-        y = jnp.concatenate([latch(t0, y, slope, mechanism), y[size:]])
-    if problem.energy_balance and mechanism.has_payloads:
-        y = hand_over(t0, y, mechanism)
-    return y

@@ -90,7 +90,7 @@ def try_step(
     tableau, plan = tableau_of(solver), layout(problem.mechanism)
     h, last = t1 - t0, len(tableau.nodes) - 1
     lower, nodes = jnp.asarray(tableau.lower), jnp.asarray(tableau.nodes)
-    y0, slope, fresh = _start(problem, t0, y0, slope, fresh)
+    y0, slope, fresh = begun(problem, t0, y0, slope, fresh)
     if past_break is not False:
         moved = past_moving_break(t0, y0, problem)
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
@@ -133,7 +133,7 @@ def try_step(
     return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slopes[last], slopes)
 
 
-def _start(
+def begun(
     problem: Problem, t0: Each, y0: Array, slope: Array, fresh: EachFlag | bool
 ) -> tuple[Array, Array, EachFlag | bool]:
     """The state with its laws latched and its payloads handed over, the slope before, and whether it is fresh now."""
