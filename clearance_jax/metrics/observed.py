@@ -147,15 +147,15 @@ class _Landing(AbstractObserver):
         depth, _ = self._deepest(t0, motion(problem, y0), problem)
         return _Fall(jnp.where(depth > 0, -jnp.inf, jnp.inf), jnp.zeros((), bool), jnp.zeros((), int))
 
-    def __call__(self, record, times, ends, problem):
+    def __call__(self, record, step, problem):
         (_, rate_before), (depth, rate) = (
-            self._deepest(t, motion(problem, y), problem) for t, y in zip(times, ends[:2], strict=True)
+            self._deepest(t, motion(problem, y), problem) for t, y in zip(step.times, step.trial[:2], strict=True)
         )
         landed, touching = record.landed | (depth > 0), depth > 0
         turns = record.turns + (record.landed & (jnp.sign(rate_before) != jnp.sign(rate)))
         done = jnp.isinf(record.over) & landed & (~touching | (turns >= 2))
         # A pin that starts in contact is not overwritten: its fall was over before it began.
-        over = jnp.where(done & (record.over > 0), times[1], record.over)
+        over = jnp.where(done & (record.over > 0), step.times[1], record.over)
         return _Fall(over, landed, turns)
 
     def _deepest(self, time: Scalar, y: Array, problem: Problem) -> tuple[Array, Array]:

@@ -37,9 +37,9 @@ from clearance_jax.solve.flow import (
 )
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.steps.attempt import dense
 from clearance_jax.solve.steps.problem import Problem, depends, reach
 from clearance_jax.solve.steps.pull import Bars, ByNumbers, back, forth
+from clearance_jax.solve.steps.step import dense
 from clearance_jax.solve.steps.tolerances import SMALLEST
 
 # Part of the tolerance within which the errors along a random direction are controlled: along others they are larger.
@@ -251,7 +251,7 @@ def _through(moved: ByNumbers, options: Settings, tape: Tape, bars: StateBars) -
             time = bars.time[place]
 
             def at(start, end, slopes, numbers):
-                y = dense(options, trial._replace(start=start, end=end, slopes=slopes), times).evaluate(time)
+                y = dense(options.solver, trial._replace(start=start, end=end, slopes=slopes), times).evaluate(time)
                 return project(time, y, moved.problem(numbers).mechanism, 2) if closes else y
 
             _, pull = jax.vjp(at, trial.start, trial.end, trial.slopes, moved.numbers)

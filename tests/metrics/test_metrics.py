@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from catalogue import playful_servo
 from places import refused
+from scipy.optimize import brentq, minimize_scalar
 
 import clearance_jax as cj
 from clearance_jax import metrics
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.observed import JointWork, PeakInstants
-from clearance_jax.solve.settings import Settings
-from clearance_jax.solve.simulate import _in_order
+from clearance_jax.solve.settings import Settings, settings_of
+from clearance_jax.solve.simulate import _in_order, run
+from clearance_jax.solve.steps.observers import TouchCounter
 from experiments.common import slider_crank
+from experiments.hard.pin import GRAVITY, pin
 from experiments.reference.make import load_variation
 from experiments.trust.horizon import REGULAR
 from experiments.trust.scenes import scene
@@ -56,20 +59,44 @@ def test_error_at_times_is_the_references_and_so_is_its_derivative(mechanism):
 @pytest.mark.slow
 def test_peak_is_between_samples_and_follows_its_top(mechanism):
     metric = metrics.Peak(ERROR, 3)
-    # By the solver of order five: in the long steps of the other one the state is interpolated less accurately than it
-    # is solved (the highest top to 1e-7 at rtol 1e-8).
-    short = {"solver": "tsit5"}
-    peaks, slopes = jax.jvp(lambda c: at(metric, mechanism, c, **short), (5e-4,), (1.0,))
+    peaks, slopes = jax.jvp(lambda c: at(metric, mechanism, c), (5e-4,), (1.0,))
     dense = at(metrics.At(ERROR, np.linspace(0, T1, 4001)), mechanism, 5e-4)
     tops = np.flatnonzero((dense[1:-1] > dense[:-2]) & (dense[1:-1] >= dense[2:])) + 1
     expected = np.sort(np.asarray(dense)[tops])[::-1][:3]
     assert np.all(np.asarray(peaks) >= expected - 1e-15)  # a sample is never higher than the top beside it
     np.testing.assert_allclose(peaks, expected, rtol=1e-4)
-    times = metric.times(cj.replace(mechanism, {CLEARANCE: 5e-4}), T1, rtol=1e-9, **short)
+    times = metric.times(cj.replace(mechanism, {CLEARANCE: 5e-4}), T1, rtol=1e-9)
     order = jnp.argsort(times)
-    _, fixed = jax.jvp(lambda c: at(metrics.At(ERROR, times[order]), mechanism, c, **short), (5e-4,), (1.0,))
+    _, fixed = jax.jvp(lambda c: at(metrics.At(ERROR, times[order]), mechanism, c), (5e-4,), (1.0,))
     np.testing.assert_allclose(slopes[order], fixed, rtol=1e-6)
-    np.testing.assert_allclose(slopes[0], difference(metric, mechanism, **short)[0], rtol=1e-5)
+    np.testing.assert_allclose(slopes[0], difference(metric, mechanism)[0], rtol=1e-5)
+    # As accurate as the states: by steps of another length and another interpolation.
+
+    def both(rtol, solver):
+        return jax.jvp(lambda c: at(metric, mechanism, c, rtol, solver=solver), (5e-4,), (1.0,))
+
+    other = both(1e-11, "tsit5")
+    for rtol in (1e-8, 1e-10):
+        for (found, expected), error in zip(zip(both(rtol, "dopri8"), other, strict=True), (1, 30), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=rtol * error)
+
+
+@pytest.mark.slow
+def test_nearest_miss_of_a_throw_and_speed_of_its_touch():
+    """A pin thrown in a sleeve, in one long step: closed forms of how near it comes to the wall, and how fast it
+    reaches it below.
+    """
+    c, across, up = 1e-3, 0.03, 0.12
+    thrown = pin(cj.laws.Hertz(stiffness=1e9), c)
+    height = minimize_scalar(lambda t: -np.hypot(across * t, up * t - GRAVITY * t * t / 2), (0, 0.01, 0.02))
+    touch = brentq(lambda t: np.hypot(across * t, up * t - GRAVITY * t * t / 2) - c, 0.022, 0.1)
+    place, velocity = np.array([across * touch, up * touch - GRAVITY * touch**2 / 2]), [across, up - GRAVITY * touch]
+    for solver in ("tsit5", "dopri8"):
+        options = settings_of(thrown, 1.0, {"rtol": 1e-9, "solver": solver, "y0": np.array([0, 0, across, up])})
+        seen = run(thrown, touch + 1e-5, options, observers=(TouchCounter(0),)).records[0]
+        np.testing.assert_allclose(seen.nearest_miss, c + height.fun, rtol=1e-3)  # it is reported to three digits
+        np.testing.assert_allclose(seen.slowest, place @ velocity / c, rtol=1e-9)
+        assert int(seen.count) == 1
 
 
 SUMS = {"rms": metrics.Rms(ERROR), "mean": metrics.Mean(ERROR), "lost": metrics.EnergyLost()}

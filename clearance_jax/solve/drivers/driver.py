@@ -17,10 +17,10 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.settings import Settings
-from clearance_jax.solve.steps.attempt import Outcome, SolveTask, decide, dense, dense_info, means_of, start_records
+from clearance_jax.solve.steps.attempt import Outcome, SolveTask, decide, means_of, start_records
 from clearance_jax.solve.steps.control import Control, Means, first_end
 from clearance_jax.solve.steps.problem import Problem
-from clearance_jax.solve.steps.step import Trial, try_step
+from clearance_jax.solve.steps.step import Trial, dense, dense_info, try_step
 
 
 class Stepper(diffrax.AbstractAdaptiveSolver):
@@ -51,7 +51,7 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
         slope, fresh = solver_state
         past_break = made_jump if self.moving_breaks else False
         trial = try_step(args, self.options.solver, (t0, t1), y0, slope, fresh | jnp.asarray(made_jump), past_break)
-        info = dense_info(self.options, trial, (t0, t1))
+        info = dense_info(self.options.solver, trial, (t0, t1))
         return trial.end, trial, info, (trial.slope1, jnp.asarray(False)), diffrax.RESULTS.successful
 
 
@@ -121,10 +121,10 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         problem: Problem = args
         assert isinstance(y_error, Trial)  # this controller goes with `Stepper`
         control, record, samples = controller_state
-        decision, record = decide(problem, y_error, (t0, t1), self.means, control, self.options.observers, record)
+        decision, record = decide(problem, y_error, (t0, t1), self.means, control, self.options, record)
         result = diffrax.RESULTS.where(decision.collapsed, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful)
         if samples is not None:
-            samples = samples.more(self.at, dense(self.options, y_error, (t0, t1)), decision.keep)
+            samples = samples.more(self.at, dense(self.options.solver, y_error, (t0, t1)), decision.keep)
         state = DriverState(decision.control, record, samples)
         return decision.keep, decision.start, decision.end, decision.past_break, state, result
 

@@ -19,7 +19,8 @@ from clearance_jax._compile.one_function import one_function
 from clearance_jax._compile.platforms import by_platform
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.settings import Settings
-from clearance_jax.solve.steps.attempt import Carry, Outcome, SolveTask, attempt, dense, means_of, start_carry
+from clearance_jax.solve.steps.attempt import Carry, Outcome, SolveTask, attempt, means_of, start_carry
+from clearance_jax.solve.steps.step import dense
 
 # Numbers in one instruction (512 bits): a chunk of whole vectors leaves no lanes to do one by one.
 VECTOR = 8
@@ -81,7 +82,7 @@ def _integrate(task: SolveTask, options: Settings) -> Outcome:
 
 def _sample(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
     """The samples including those in the steps just kept, and the index and time of each lane's next sample."""
-    inside = each_lane(lambda time, trial, ends: dense(options, trial, ends).evaluate(time), ends[0])
+    inside = each_lane(lambda time, trial, ends: dense(options.solver, trial, ends).evaluate(time), ends[0])
 
     def now(due):
         return kept & (due <= ends[1])

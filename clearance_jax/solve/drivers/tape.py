@@ -9,9 +9,10 @@ from jaxtyping import Array
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers.driver import StepSamples
 from clearance_jax.solve.settings import Settings
-from clearance_jax.solve.steps.attempt import Outcome, SolveTask, attempt, dense, means_of, start_carry
+from clearance_jax.solve.steps.attempt import Outcome, SolveTask, attempt, means_of, start_carry
 from clearance_jax.solve.steps.problem import motion, with_model
 from clearance_jax.solve.steps.pull import ByNumbers, forth
+from clearance_jax.solve.steps.step import dense
 
 # Steps whose times are kept; and states: of more steps than that every so many.
 TIMES, STATES = 2**17, 2**12
@@ -45,7 +46,7 @@ def taped(task: SolveTask, options: Settings) -> tuple[Outcome, Tape]:
         begin, end = put_row(begin, carry.time, count), put_row(end, carry.end, count)
         states = put_row(states, motion(problem, carry.y), jnp.minimum(count, STATES - 1))
         if task.save_at is not None:
-            samples = samples.more(task.save_at, dense(options, trial, (carry.time, carry.end)), keep)
+            samples = samples.more(task.save_at, dense(options.solver, trial, (carry.time, carry.end)), keep)
         return moved, samples, (begin, end, count + keep, states)
 
     carry = start_carry(problem, options, means, task.t0, last, task.start)._replace(collapsed=task.refused > 0)

@@ -26,9 +26,9 @@ from clearance_jax.solve.settings import ALL, Settings, SolveOptions, settings_o
 from clearance_jax.solve.simulate import warn_of_energy
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import check_start, unresolved, why_stopped
-from clearance_jax.solve.steps.attempt import Carry, attempt, dense, means_of, start_carry
+from clearance_jax.solve.steps.attempt import Carry, attempt, means_of, start_carry
 from clearance_jax.solve.steps.problem import Problem
-from clearance_jax.solve.steps.step import Trial
+from clearance_jax.solve.steps.step import Trial, dense
 from clearance_jax.solve.steps.tolerances import Tolerances
 
 BLOCK = 4096
@@ -81,7 +81,7 @@ def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, optio
 
     def sample(time, k):
         step = jax.tree.map(lambda x: x[k], steps)
-        return dense(options, step.trial, (step.begin, step.end)).evaluate(time)
+        return dense(options.solver, step.trial, (step.begin, step.end)).evaluate(time)
 
     sampled = project_samples(problem, grid, jax.vmap(sample)(grid, place))
     inside = (grid > steps.begin[0]) & (grid <= jnp.where(count > 0, steps.end[count - 1], -jnp.inf))

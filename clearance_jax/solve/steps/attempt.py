@@ -19,7 +19,7 @@ from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.start import has_left, leaves_walls
 from clearance_jax.solve.steps.control import Control, Decision, Means, first_end, judge, next_step
 from clearance_jax.solve.steps.problem import Problem, motion
-from clearance_jax.solve.steps.step import Trial, tableau_of, try_step
+from clearance_jax.solve.steps.step import SolvedStep, Trial, try_step
 from clearance_jax.solve.steps.tolerances import Tolerances
 
 
@@ -72,7 +72,7 @@ def start_records(options: Settings, t0: Scalar, y0: Array, problem: Problem) ->
 
 @eqx.filter_jit
 def decide(
-    problem: Problem, trial: Trial, times: tuple, means: Means, control: Control, observers: tuple, record: tuple
+    problem: Problem, trial: Trial, times: tuple, means: Means, control: Control, options: Settings, record: tuple
 ) -> tuple[Decision, tuple]:
     """The second half of an attempt: decision and records. (Jitted: diffrax traces its loop three times.)"""
     with sharing_lanes(times[0]):
@@ -80,12 +80,12 @@ def decide(
     if leaves_walls(problem.mechanism):
         left = decision.keep & has_left(problem.mechanism, times[1], motion(problem, trial.end))
         decision = decision._replace(collapsed=decision.collapsed | left)
-    ends = trial.start, trial.end, trial.slope0, trial.slope1
 
-    def see(observers, record, times, ends, problem):
-        return tuple(observer(entry, times, ends, problem) for observer, entry in zip(observers, record, strict=True))
+    def see(observers, record, step, problem):
+        return tuple(observer(entry, step, problem) for observer, entry in zip(observers, record, strict=True))
 
-    seen = each_lane(see, times[0])(observers, record, times, ends, problem)
+    step = SolvedStep(times, trial, options.solver)
+    seen = each_lane(see, times[0])(options.observers, record, step, problem)
     return decision, jax.tree.map(lambda new, old: jnp.where(decision.keep, new, old), seen, record)
 
 
@@ -113,7 +113,7 @@ def attempt(
     """One attempt on the way to `last`: the new carry, the try, and whether it was kept."""
     times = carry.time, carry.end
     trial = try_step(problem, options.solver, times, carry.y, carry.slope, carry.fresh)
-    decision, record = decide(problem, trial, times, means, carry.control, options.observers, carry.record)
+    decision, record = decide(problem, trial, times, means, carry.control, options, carry.record)
     keep = decision.keep
     time = jnp.minimum(decision.start, last)
     # As diffrax does: a try that ends within a round-off of the last time ends there, or after a rejection halfway.
@@ -141,14 +141,3 @@ def start_carry(problem: Problem, options: Settings, means: Means, t0: Each, t1:
     yes, no, none = (jnp.full(jnp.shape(t0), value) for value in (True, False, 0))
     record = each_lane(start_records, t0)(options, t0, y0, problem)
     return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(t0), record, none, none, no)
-
-
-def dense_info(options: Settings, trial: Trial, times: tuple) -> dict[str, Array]:
-    """The data of the solver's own interpolation of a step."""
-    count = tableau_of(options.solver).stages
-    return {"y0": trial.start, "y1": trial.end, "k": (times[1] - times[0]) * trial.slopes[:count]}
-
-
-def dense(options: Settings, trial: Trial, times: tuple) -> Any:
-    """The solver's own interpolation of a step."""
-    return options.solver.interpolation_cls(t0=times[0], t1=times[1], **dense_info(options, trial, times))

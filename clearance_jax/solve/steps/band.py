@@ -9,10 +9,8 @@ from jaxtyping import Array
 
 from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.roots import bisect
-from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.steps.interpolate import between, tops
+from clearance_jax.solve.steps.interpolate import tops
 from clearance_jax.solve.steps.observers import PIECES, STEPS, AbstractObserver, Picked
-from clearance_jax.solve.steps.problem import motion
 
 # Bisections for the entry in a part of a step: enough for the last digit.
 HALVINGS = 50
@@ -54,17 +52,17 @@ class EntryFinder(AbstractObserver):
         # But a first entry needs a signal that has been outside.
         return Entry(jnp.asarray(False), t0, y0, jnp.asarray(-jnp.inf), jnp.asarray(self.first))
 
-    def __call__(self, record, times, ends, problem):
-        (t0, t1), plan = times, layout(problem.mechanism)
-        start, width, whole, bound = without_derivatives((t0, t1 - t0, problem, self.bound))
-        ends_now = tuple(motion(whole, end) for end in without_derivatives(ends))
+    def __call__(self, record, step, problem):
+        now, whole, bound = without_derivatives((step, problem, self.bound))
+        now, (start, _), width = now.of_motion(whole), now.times, now.size
+        t0, t1 = step.times
 
         def along(x):
-            y = between(ends_now, width, x, plan)
-            return jnp.asarray(self.signal(start + x * width, y, whole.mechanism), float) - bound
+            return jnp.asarray(self.signal(start + x * width, now.at(x, whole), whole.mechanism), float) - bound
 
         def at(x):
-            return jax.jvp(along, (x,), (jnp.ones_like(x),))
+            value, slope = now.rise(self.signal, x, whole)
+            return value - bound, slope
 
         begin = jnp.zeros(())
         if self.since is not None:
@@ -92,8 +90,8 @@ class EntryFinder(AbstractObserver):
             new &= ~record.entered
         return Entry(
             record.entered | new,
-            jnp.where(new, t0 + x * (t1 - t0), record.time),
-            jnp.where(new, between(ends, t1 - t0, x, plan), record.y),
+            jnp.where(new, t0 + x * step.size, record.time),
+            jnp.where(new, step.at(x, problem), record.y),
             jnp.where(new, jnp.where(crosses, rate / width, -jnp.inf), record.slope),
             (value[-1] <= 0) if self.since is None else (value[-1] <= 0) | (t1 <= self.since),
         )

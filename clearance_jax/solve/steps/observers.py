@@ -14,9 +14,9 @@ from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.steps.interpolate import between, tops
-from clearance_jax.solve.steps.problem import Problem, motion
+from clearance_jax.solve.steps.interpolate import tops
+from clearance_jax.solve.steps.problem import Problem
+from clearance_jax.solve.steps.step import SolvedStep
 
 
 class Picked(NamedTuple):
@@ -45,8 +45,8 @@ class AbstractObserver(Module):
         """The record before the first step."""
 
     @abc.abstractmethod
-    def __call__(self, record: Any, times: tuple, ends: tuple, problem: Problem) -> Any:
-        """The record after a step; `times` (t0, t1), `ends` (y0, y1, slope0, slope1)."""
+    def __call__(self, record: Any, step: SolvedStep, problem: Problem) -> Any:
+        """The record after a step."""
 
     def finish(self, record: Any) -> tuple[Any, Picked | None]:
         """The record for the solution, without states, and the picked states."""
@@ -195,24 +195,20 @@ class PeakFinder(AbstractObserver):
         # further copy of the signal.
         return PeakRecord(SignalPeaks(times, none, states), t0, none[0], jnp.asarray(jnp.inf), y0)
 
-    def __call__(self, record, times, ends, problem):
-        (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
+    def __call__(self, record, step, problem):
+        (t0, t1), h = step.times, step.size
         skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
         # The place of a peak needs no derivative: that of the signal at a fixed time is the peak's.
-        start, width, part, whole = without_derivatives((t0, h, skipped, problem))
-        ends_now = tuple(motion(whole, end) for end in without_derivatives(ends))
+        part, whole, now = without_derivatives((skipped, problem, step))
+        now = now.of_motion(whole)
 
         def inside(s, skipped):
             """Place in the step for a place in the part of it that counts."""
             return s if self.since is None else skipped + (1 - skipped) * s
 
         def at(s):
-            def along(s):
-                x = inside(s, part)
-                y = between(ends_now, width, x, plan)
-                return jnp.asarray(self.signal(start + x * width, y, whole.mechanism), float)
-
-            return jax.jvp(along, (s,), (jnp.ones_like(s),))
+            value, slope = now.rise(self.signal, inside(s, part), whole)
+            return value, (1 - part) * slope
 
         opens = counts = None
         if self.since is not None:
@@ -246,12 +242,12 @@ class PeakFinder(AbstractObserver):
         last_time, last_y = record.time, record.y
         if opens is not None:
             last_time = jnp.where(opens, t0 + skipped * h, last_time)
-            last_y = jnp.where(opens, between(ends, h, skipped, plan), last_y)
-        time, y = jnp.where(right, t0, last_time), jnp.where(right, ends[0], last_y)
+            last_y = jnp.where(opens, step.at(skipped, problem), last_y)
+        time, y = jnp.where(right, t0, last_time), jnp.where(right, step.trial.start, last_y)
         x = inside(seen.place, skipped)
-        states = jax.vmap(lambda x: between(ends, h, x, plan))(x)
+        states = jax.vmap(lambda x: step.at(x, problem))(x)
         peaks = record.peaks.highest(time[None], peak[None], y[None]).highest(t0 + x * h, seen.value, states)
-        return PeakRecord(peaks, t1, *seen.last, ends[1])
+        return PeakRecord(peaks, t1, *seen.last, step.trial.end)
 
     def among(self, times, y, mechanism):
         value = jax.vmap(lambda t, y: jnp.asarray(self.signal(t, y, mechanism), float))(times, y)
@@ -292,25 +288,35 @@ class TouchCounter(AbstractObserver):
     def start(self, t0, y0, problem):
         return Touches(jnp.zeros((), int), jnp.asarray(jnp.inf), jnp.asarray(jnp.inf))
 
-    def __call__(self, record, times, ends, problem):
-        (t0, t1), states = times, [motion(problem, y) for y in ends[:2]]
+    def __call__(self, record, step, problem):
+        (t0, t1), now = step.times, step.of_motion(problem)
         clearance = problem.mechanism.contacts()[self.joint].clearance
-        here, there = (
-            clearance.depths(relative_motions(t, y, problem.mechanism)[self.joint])
-            for t, y in zip(times, states, strict=True)
-        )
-        depth, rate = jnp.stack([here[0], there[0]]), jnp.stack([here[1], there[1]])
+        # The ends as they are: a step that ends with a touch ends a round-off behind it.
+        inner = jnp.arange(1, PIECES) / PIECES
+        states = jax.vmap(lambda x: now.at(x, problem))(inner)
+        states = jnp.concatenate([now.trial.start[None], states, now.trial.end[None]])
+        places = jnp.concatenate([t0[None], t0 + inner * step.size, t1[None]])
+
+        def depths(place):
+            return clearance.depths(relative_motions(*place, problem.mechanism)[self.joint])
+
+        depth, rate = jax.lax.map(depths, (places, states))
         # A joint with several points touches where the deepest one does.
         k = jnp.argmax(jnp.max(depth, axis=0))
-        value, slope = depth[:, k], rate[:, k]
-        met = jnp.all(depth[0] <= 0) & jnp.any(depth[1] > 0)
-        # The cubic through both ends of a step that stays apart has its top where the surfaces come nearest.
-        _, height, _ = tops(value, (t1 - t0) * slope)
-        missed = jnp.all(depth <= 0) & jnp.isfinite(height[0])
+        value, slope = depth[:, k], step.size / PIECES * rate[:, k]
+        met = jnp.all(depth[0] <= 0) & jnp.any(depth[-1] > 0)
+        # The step ends just behind the touch.
+        bend = 2 * slope[-2] + 4 * slope[-1] - 6 * (value[-1] - value[-2])
+        speed = (slope[-1] - bend * value[-1] / jnp.where(met, slope[-1], 1.0)) * PIECES / step.size
+        # On each part of a step that stays apart the cubic through both ends has its top where the surfaces come
+        # nearest.
+        _, height, _ = tops(value, slope)
+        nearest = jnp.max(height)
+        missed = jnp.all(depth <= 0) & jnp.isfinite(nearest)
         if self.since is not None:
             met, missed = met & (t1 > self.since), missed & (t1 > self.since)
         return Touches(
             record.count + met,
-            jnp.where(met, jnp.minimum(record.slowest, slope[1]), record.slowest),
-            jnp.where(missed, jnp.minimum(record.nearest_miss, jnp.abs(height[0])), record.nearest_miss),
+            jnp.where(met, jnp.minimum(record.slowest, speed), record.slowest),
+            jnp.where(missed, jnp.minimum(record.nearest_miss, jnp.abs(nearest)), record.nearest_miss),
         )

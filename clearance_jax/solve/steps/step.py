@@ -20,6 +20,7 @@ from clearance_jax.dynamics.field import hand_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.steps.interpolate import between
 from clearance_jax.solve.steps.problem import Problem, field, lift, motion, split, with_model
 
 
@@ -66,6 +67,68 @@ class Trial(NamedTuple):
     slope0: Array
     slope1: Array
     slopes: Array
+
+
+def dense_info(solver: Any, trial: Trial, times: tuple) -> dict[str, Array]:
+    """The data of the solver's own interpolation of a step."""
+    count = tableau_of(solver).stages
+    return {"y0": trial.start, "y1": trial.end, "k": (times[1] - times[0]) * trial.slopes[:count]}
+
+
+def dense(solver: Any, trial: Trial, times: tuple) -> Any:
+    """The solver's own interpolation of a step."""
+    return solver.interpolation_cls(t0=times[0], t1=times[1], **dense_info(solver, trial, times))
+
+
+class SolvedStep(NamedTuple):
+    """A step as one sees it who looks inside: its times, its try, and the solver."""
+
+    times: tuple[Scalar, Scalar]
+    trial: Trial
+    solver: Any
+
+    @property
+    def size(self) -> Scalar:
+        return self.times[1] - self.times[0]
+
+    def at(self, x: Any, problem: Problem) -> Array:
+        """The state or stack at a fraction `x`: by the solver's own interpolation if that is a polynomial of stages,
+        as of `Dopri8`; else by the quintic, which is more accurate than those of solvers of order 5.
+        """
+        trial, h = self.trial, self.size
+        powers = getattr(self.solver.interpolation_cls, "eval_coeffs", None)
+        if powers is None:
+            ends = trial.start, trial.end, trial.slope0, trial.slope1
+            return between(ends, h, x, layout(problem.mechanism))
+
+        def inside(x):
+            # (Diffrax's product of matrices is a library's call, for which a compiled loop is cut in pieces.)
+            weights = functools.reduce(lambda w, c: w * x + c, powers.T) * x
+            return trial.start + h * _weighted_sum(weights, trial.slopes[: len(powers)], x)
+
+        if not problem.mechanism.has_manifold:
+            return inside(x)
+        # It knows nothing of the projection at the step's end, where a signal must not jump.
+        return inside(x) + x * x * (3 - 2 * x) * (trial.end - inside(jnp.ones_like(x)))
+
+    def rise(self, signal: Callable, x: Any, problem: Problem) -> tuple[Array, Array]:
+        """The value of a signal of (time, state, mechanism) at a fraction `x`, and its rate by `x`, of a step
+        `of_motion`. Places have the rate of their speeds, more accurate than that of the interpolated places.
+        """
+        h, places = self.size, problem.places
+        y, rate = jax.jvp(lambda x: self.at(x, problem), (x,), (jnp.ones_like(x),))
+        rate = jnp.concatenate([h * problem.place_rates(y), rate[places.stop :]])
+
+        def value(time, y):
+            return jnp.asarray(signal(time, y, problem.mechanism), float)
+
+        return jax.jvp(value, (self.times[0] + x * h, y), (h, rate))
+
+    def of_motion(self, problem: Problem) -> "SolvedStep":
+        """The step of the motion alone."""
+        error, slopes = self.trial.error, jax.vmap(lambda slope: motion(problem, slope))(self.trial.slopes)
+        ends = (motion(problem, y) for y in (self.trial.start, self.trial.end, error, *self.trial[3:5]))
+        return self._replace(trial=Trial(*ends, slopes))
 
 
 @eqx.filter_jit
