@@ -26,8 +26,9 @@ from clearance_jax.units import format_quantity
 from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
 
-# The part of the force that the pressures of the sectors may miss: round-off and the tolerance of a search.
-MISSED = 1e-6
+# The part of the force that the pressures of the sectors may miss: round-off and the tolerance of a search. Forces that
+# are fainter than this part of the largest, as just after a touch, count as if they were as large.
+MISSED = FAINT = 1e-6
 # Half steps are cut, into PARTS at most, until a patch moves between nodes by at most JUMPED times the sum of a sector
 # and its own half width.
 PARTS, JUMPED = 64, 0.25
@@ -280,6 +281,8 @@ def accumulate(
     """What wears off along a motion, and the largest part of a force that its pressures do not bear."""
     inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
+    strongest = jnp.max(seen.force, initial=0.0)
+    faintest = jnp.where(strongest > 0, FAINT * strongest, 1.0)
 
     def section(worn, length, force, angle, speed, traction, place):
         spread = pressure.prepare(Section(sleeve.geometry, worn))
@@ -296,7 +299,7 @@ def accumulate(
 
             rate, by_pressure = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
             lacks = jnp.abs(field.borne * length - force)
-            lacks = jnp.where(force > 0, lacks / jnp.where(force > 0, force, 1.0), 0.0)
+            lacks = jnp.where(force > 0, lacks / jnp.maximum(force, faintest), 0.0)
             # A law may have no slope at no pressure (p^0.5).
             relief = relief + weight * jnp.where(means > 0, by_pressure, 0.0) * pressure.rises
             return (depth + weight * rate, relief, jnp.maximum(missed, lacks)), None
