@@ -165,7 +165,7 @@ def test_the_command_writes_a_store_that_can_grow(tmp_path):
     text = f"""
 scene = "{SCENE}"
 t1 = "0.5 ms"
-solve = {{ rtol = 1e-6, max_steps = 82 }}
+solve = {{ rtol = 1e-6, solver = "tsit5", max_steps = 82 }}
 sweep.quantities = ["guide.velocity"]
 sweep.axis."wrist.radial_clearance" = {{ kind = "values", values = ["0.1 mm", "0.2 mm", "0.4 mm", "0.5 mm"] }}
 """
