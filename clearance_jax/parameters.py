@@ -71,9 +71,7 @@ def physical(
 
 
 def describe(help: str, example: str, absent: str = "", *, least: int = 0, most: int = 10**9, **field):
-    """A field that is no physical number, with its text for the reference of scene files (see `physical`); a whole
-    number is from `least` to `most`.
-    """
+    """A field that is no physical number, with texts as of `physical`; a whole number is from `least` to `most`."""
     metadata = {"help": help, "example": example, "absent": absent, "least": least, "most": most}
     return eqx.field(metadata=metadata, **field)
 
@@ -161,11 +159,11 @@ def leaves(
         name = _extended(outer if field.metadata.get("lifted") else prefix, field)
         value, here = values[field.name], (*path, field.name)
         before = None if former is None else _extended(former, field)
-        if "unit" in field.metadata and not isinstance(value, eqx.Module):
+        declared = "unit" in field.metadata and not isinstance(value, eqx.Module)
+        if declared or (is_foreign(type(module)) and eqx.is_inexact_array(value)):
             if value is not None:
-                yield Leaf(name[:-1], here, value, field.metadata, owners, before and before[:-1])
-        elif is_foreign(type(module)) and eqx.is_inexact_array(value):
-            yield Leaf(name[:-1], here, value, PLAIN, owners, before and before[:-1])
+                metadata = field.metadata if declared else PLAIN
+                yield Leaf(name[:-1], here, value, metadata, owners, before and before[:-1])
         elif isinstance(value, eqx.Module) and field.metadata.get("apart"):
             for leaf in leaves(value, here):
                 yield dataclasses.replace(leaf, name=name + leaf.name)
@@ -214,7 +212,7 @@ def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
     """The leaf with a name, and the entry (`name.i`) of an array. **Raises** `ClearanceError` if there is none."""
     leaf, entry = lookup(known, name)
     if leaf is None:
-        raise unknown_name(f"There is no parameter `{name}`.", name, known)
+        raise unknown_name(f"There is no parameter `{name}`.", str(name), known)
     shape = np.shape(leaf.value)
     if entry is not None and not (len(shape) == 1 and entry < shape[0]):
         raise ClearanceError(f"`{name.rpartition('.')[0]}` has shape {shape}: there is no entry {entry}.")
@@ -227,7 +225,7 @@ def lookup(known: Mapping[str, Leaf], name: str) -> tuple[Leaf | None, int | Non
     def leaf(name: str) -> Leaf | None:
         return known.get(name) or next((leaf for leaf in known.values() if leaf.former == name), None)
 
-    whole, (head, _, tail) = leaf(name), name.rpartition(".")
+    whole, (head, _, tail) = leaf(name), str(name).rpartition(".")
     if whole is None and tail.isdecimal() and len(tail) < 10:
         return leaf(head), int(tail)
     return whole, None
@@ -239,11 +237,12 @@ def replace(module: Any, values: Mapping[str, Any]) -> Any:
     **Arguments:**
 
     - `module`: the mechanism, or another model; it stays as it is.
-    - `values`: dotted name to number or array, in SI units; tracers are allowed. A name may end in `.i` for one entry
-      of an array.
+    - `values`: dotted name to number or array, in SI units, traced or not; `name.i` names one entry of an array.
 
     **Raises:** `ClearanceError` for an unknown name.
     """
+    if not isinstance(values, Mapping):
+        raise wrong_value("`values`", "numbers by name", values)
     known, changed = parameters(module), {}
     for name, value in values.items():
         leaf, index = find(known, name)

@@ -1,11 +1,16 @@
 """The base of the library's own modules: an `equinox.Module` with ordinary attribute lookup."""
 
 import functools
+import inspect
+import types
+import typing
 import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+
+from clearance_jax.errors import quote, wrong_value
 
 
 class Module(eqx.Module):
@@ -16,8 +21,46 @@ class Module(eqx.Module):
     Here a method is an ordinary bound method. Give `eqx.filter_jit` a function or a lambda, not such a method.
     """
 
+    def __check_init__(self):
+        for name, (kinds, many) in _members(type(self)).items():
+            value = getattr(self, name)
+            for part in value if many and isinstance(value, tuple | list) else (value,):
+                if not isinstance(part, kinds):
+                    raise _wrong_member(self, name, part, kinds)
+
     if not TYPE_CHECKING:  # a type checker would let a class with this method have any attribute
         __getattribute__ = object.__getattribute__
+
+
+@functools.cache
+def _members(kind: type) -> dict[str, tuple[tuple[type, ...], bool]]:
+    """By field of a class that holds nothing but modules: their classes, and whether it holds several."""
+    members = {}
+    for base in reversed(kind.__mro__):
+        for name, hint in inspect.get_annotations(base).items():
+            many = typing.get_origin(hint) is tuple
+            kinds = tuple(_kinds(typing.get_args(hint)[0] if many else hint))
+            # A field of any type is still what its base class says.
+            if kinds and all(one is types.NoneType or issubclass(one, Module) for one in kinds):
+                members[name] = kinds, many
+            elif hint is not Any:
+                members.pop(name, None)
+    return {name: held for name, held in members.items() if name in getattr(kind, "__dataclass_fields__", ())}
+
+
+def _wrong_member(module: Module, name: str, part: Any, kinds: tuple[type, ...]) -> Exception:
+    none, own = types.NoneType in kinds, [kind.__name__ for kind in kinds if kind is not types.NoneType]
+    # What is prepared is the library's own affair.
+    words = [f"a module `{word}`" for word in own if not word.startswith("Prepared")] + ["`None`"] * none
+    fix = f"Give it its numbers: `{part.__name__}(...)`." if isinstance(part, type) else ""
+    return wrong_value(f"`{name}` of `{type(module).__name__}`", " or ".join(words), part, quote(part), fix, name)
+
+
+def _kinds(hint: Any) -> list[type]:
+    """The classes of a hint; one that is no class stands as `object`."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType, eqx.AbstractVar):
+        return [kind for part in typing.get_args(hint) for kind in _kinds(part)]
+    return [hint if isinstance(hint, type) and typing.get_origin(hint) is None else object]
 
 
 class structural_property:

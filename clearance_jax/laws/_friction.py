@@ -16,7 +16,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.numerics import corner, safe_sqrt
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.barriers import share
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.laws._base import AbstractLaw, Bristles, Memory, OfLaw, Slip, Smoothness, Touch
 from clearance_jax.laws.geometry import Geometry, Local
 from clearance_jax.parameters import Demand, flatten, physical
@@ -101,7 +101,12 @@ class PreparedFriction(Module):
         return self if local is None else PreparedFriction(self.law, self.law.localise(self.constants, local))
 
     def traction(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Slip:
-        return self.law.traction(self.constants, slip, normal_force, self._split(memory, slip))
+        traction = self.law.traction(self.constants, slip, normal_force, self._split(memory, slip))
+        is_several = hasattr(traction, "__len__") and getattr(traction, "ndim", 1)
+        if not is_several or len(traction) != len(slip):
+            allowed = f"a tuple as long as the slip ({len(slip)})"
+            raise wrong_value(f"`traction` of `{type(self.law).__name__}`", allowed, traction)
+        return tuple(traction)
 
     def event_functions(
         self, slip: Slip, normal_force: Scalar, memory: Memory, presses: Flag, before: Slip

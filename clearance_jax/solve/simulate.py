@@ -10,8 +10,10 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from clearance_jax._basis.module import is_foreign
 from clearance_jax._compile.solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors
+from clearance_jax.dynamics.field import BALANCE_TERMS
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -157,14 +159,28 @@ class EnergyWarning(UserWarning):
 
 
 def doubt(solution: Solution) -> str:
-    """Why a single solve that reached its end cannot be trusted, in words; empty if its energy balance closes."""
+    """Why a single solve that reached its end cannot be trusted, in words; empty if its energy balance closes, and no
+    contact has given energy.
+    """
     residual = float(solution.energy_residual)
-    if int(solution.code) != int(Result.REACHED_END) or not residual > DOUBTFUL:
+    if int(solution.code) != int(Result.REACHED_END) or not np.isfinite(residual):
         return ""
-    return (
-        f"The energy balance does not close: {residual:.1e} of the energy exchanged is missing (more than "
-        f"{DOUBTFUL:g}). Do not trust this motion: lower `rtol`."
-    )
+    if residual > DOUBTFUL:
+        return (
+            f"The energy balance does not close: {residual:.1e} of the energy exchanged is missing (more than "
+            f"{DOUBTFUL:g}). Do not trust this motion: lower `rtol`."
+        )
+    size = layout(solution.mechanism).size
+    _, absorbed, friction, exchanged = map(float, solution.final[size : size + len(BALANCE_TERMS)])
+    given = -min(absorbed, friction)
+    if not given > DOUBTFUL * exchanged:
+        return ""
+    joints = solution.mechanism.clearance_joints()
+    laws = {joint.name: (joint.clearance.normal, joint.clearance.friction) for joint in joints}
+    # Those of the library take energy.
+    own = [f"`{name}`" for name, pair in laws.items() if any(map(is_foreign, map(type, filter(None, pair))))]
+    where = " of " + ", ".join(own) if own else ""
+    return f"Contact laws{where} have given {given:.3g} J to the motion: a law must take energy. Look at its signs."
 
 
 def warn_of_energy(solution: Solution) -> None:
