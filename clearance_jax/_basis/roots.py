@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 
 
@@ -16,7 +17,7 @@ def newton(step: Callable, start: Any, count: int, *numbers: Any, last: int = 1,
     also give the second derivatives, if `step` hides its slope from differentiation. `unrolled`: without a loop in the
     program, for few short steps in a vector field.
     """
-    x, still = jax.lax.stop_gradient((start, numbers))
+    x, still = without_derivatives((start, numbers))
     if unrolled:
         for _ in range(count):
             x = step(x, *still)

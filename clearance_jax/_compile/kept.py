@@ -57,14 +57,14 @@ def keep_in(folder: Path | None) -> None:
 
 
 class kept_jit:
-    """A function as `jit` (by default `eqx.filter_jit`) makes it, whose programs are kept where possible.
+    """A function as `eqx.filter_jit` makes it, whose programs are kept where possible.
 
     The function must depend on nothing but its arguments and this library. Its name identifies it, together with those
     of the functions in `made_of` that it is made of. Positional arguments only.
     """
 
-    def __init__(self, function: Callable, jit: Callable = eqx.filter_jit, made_of: tuple[Callable, ...] = ()):
-        self.function, self.plain, self.filtered = function, solo_jit(function, jit), jit is eqx.filter_jit
+    def __init__(self, function: Callable, made_of: tuple[Callable, ...] = ()):
+        self.function, self.plain = function, solo_jit(function)
         self._made_of = function, *made_of
         self._programs: dict[str, tuple[Any, Any]] = {}
         self._calls: dict[Any, tuple[Any, Any]] = {}
@@ -101,7 +101,7 @@ class kept_jit:
             key = self._key(leaves, tree)
         except (Untold, RecursionError):
             return None, None
-        if not (self.filtered or all(map(eqx.is_array, leaves))) or files.unsafe(RUNTIME.folder):
+        if files.unsafe(RUNTIME.folder):
             return None, None
         if key not in self._programs:
             self._programs[key] = _read(key) or self._compile(key, arguments)

@@ -19,12 +19,12 @@ _core: Any = jax_core  # whose last function a type checker does not count as ex
 
 
 class solo_jit:
-    """A function as `jit` (by default `eqx.filter_jit`) makes it, for one motion: called alone it compiles quickly.
-    Inside another program or a batch it is compiled with that, as usual.
+    """A function as `eqx.filter_jit` makes it, for one motion: called alone it compiles quickly. Inside another program
+    or a batch it is compiled with that, as usual.
     """
 
-    def __init__(self, function: Callable, jit: Callable = eqx.filter_jit):
-        self.within, self.alone = jit(function), jit(function, compiler_options=SOLO) if SOLO else jit(function)
+    def __init__(self, function: Callable):
+        self.within, self.alone = (eqx.filter_jit(function, **how) for how in ({}, {"compiler_options": SOLO}))
         functools.update_wrapper(self, function)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:

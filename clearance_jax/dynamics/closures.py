@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -172,7 +173,7 @@ def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
     return Mobility(plan.free, kept.size, int(np.sum(kept > 0)))
 
 
-@jax.jit
+@eqx.filter_jit
 def _independence(ready: PreparedMechanism, time: Scalar) -> Array:
     """By condition of the closures: 1 where it is independent, 0 where others imply it."""
     plan = layout(ready)

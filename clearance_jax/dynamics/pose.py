@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax._compile.alike import side_by_side
 from clearance_jax.dynamics.closures import StartErrors, project
@@ -111,7 +112,7 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
 
 def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> StaticPose:
     """The poses at increasing times, without derivatives, stacked; `ideal`: the ideal mechanism's states then."""
-    times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.without_sampling(), ideal))
+    times, mechanism, ideal = without_derivatives((times, mechanism.without_sampling(), ideal))
     if any(map(is_searched, mechanism.clearance_joints())):
         return _searched(times, mechanism, ideal)
     cold, middles = jnp.asarray(False), tuple(map(middle, mechanism.clearance_joints()))

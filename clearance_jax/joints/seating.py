@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.small_matrices import small_eigh, small_inverse
 from clearance_jax._basis.types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PreparedClearance
@@ -160,7 +161,7 @@ def seat(
     that nothing resists stays there. `turned`: how the load changes as the pin moves (`None`: it does not).
     """
     smooth = clearance.without_friction()
-    still, begun, slope = jax.lax.stop_gradient(((smooth, load), start, turned))
+    still, begun, slope = without_derivatives(((smooth, load), start, turned))
     size = size_of(still[0].joint.play())
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=slope)
     search = whole._replace(counts=whole.more_than_round_off())
@@ -306,7 +307,7 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     constant.
     """
     smooth, size = clearance.without_friction(), size_of(clearance.joint.play())
-    joint, at, size = jax.lax.stop_gradient((smooth, place, size))
+    joint, at, size = without_derivatives((smooth, place, size))
     free = Seating(joint, SeatLoad(ZERO, ZERO), size, jnp.zeros(len(size), bool), at)
     return value_and_jacobian(free.residual, at / size)[1]
 
@@ -314,7 +315,7 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
 def held_stiffness(clearance: PreparedClearance, place: Values, load: SeatLoad) -> Array:
     """`stiffness_at` where the pin bears a `load`; zero along what contacts hold less firmly than springs."""
     smooth, size = clearance.without_friction(), size_of(clearance.joint.play())
-    still = jax.lax.stop_gradient((smooth, load, size))
+    still = without_derivatives((smooth, load, size))
     pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])
     pin = pin._replace(counts=pin.more_than_round_off())
     slope = value_and_jacobian(pin.residual, pin.start)[1]

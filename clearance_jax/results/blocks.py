@@ -69,7 +69,7 @@ def _batch(function):
     def block(mechanism, *arrays):
         return jax.vmap(partial(function, mechanism.prepare().as_small_program()))(*arrays)
 
-    return kept_jit(block, jax.jit, (function,))
+    return kept_jit(block, (function,))
 
 
 def _observe(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:

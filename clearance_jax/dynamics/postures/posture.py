@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.postures.chain import AbstractChain, Aim, PreparedChain, look_at
 from clearance_jax.mechanism.motion.paths import PreparedPath, matrix_of
@@ -134,7 +135,7 @@ def solve(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions)
     """`find` with derivatives by the mechanism's numbers, the aim and the time (not by the start): those of the
     implicit function, by one more Newton step.
     """
-    solution = jax.lax.stop_gradient(find(*jax.lax.stop_gradient((chain, aim, time, start))))
+    solution = jax.lax.stop_gradient(find(*without_derivatives((chain, aim, time, start))))
     jacobian = jnp.where(solution.at_limit[None], 0.0, solution.jacobian)
     left = look_at(chain, aim, time, solution.q).gap - solution.gap
     step = _damped_step(jacobian, left, jnp.zeros(())) * chain.units

@@ -169,9 +169,9 @@ def trace(
     at, known, last, end, number = jax.device_put((grid[done], sampled[done], y[-1], time[-1], np.asarray(int(code))))
     counts = carry.accepted, carry.rejected, carry.control.cuts
     asked = {"seated": errors.seated, "sampled": settings.save_at is not None}
-    solution = Solution(at, known, first, last, number, *counts, residual, end, **asked)
+    solution = Solution(at, known, first, last, number, *counts, residual, end, **asked).of(mechanism)
     warn_of_energy(solution)
-    return Trace(solution.of(mechanism), time, y, words(code))
+    return Trace(solution, time, y, words(code))
 
 
 def _code(carry: Carry, t1: float, max_steps: int, problem: Problem) -> Result:
