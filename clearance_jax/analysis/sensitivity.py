@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
@@ -80,6 +81,8 @@ def sensitivities(
       for each number of the metric, otherwise "controlled".
     - `options`: as `simulate`'s.
 
+    It works under jit and vmap; a solve that fails is NaN there.
+
     **Raises:** `ClearanceError` for an unknown name, mode or option, a law of class C-1, and a metric without
     derivative; `RuntimeError` if the solve fails.
     """
@@ -95,7 +98,8 @@ def sensitivities(
         mode = ADJOINT if many and settings.fidelity == DYNAMICS else CONTROLLED
     settings = settings._replace(derivatives=mode)
     solved, jacobian = _solved(Question(mechanism, {"": metric}, t1, settings, wrt))
-    if not bool(jnp.all(jnp.isfinite(solved.values[""]))):
+    reached = jnp.all(jnp.isfinite(solved.values[""]))
+    if not isinstance(reached, Tracer) and not reached:
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     error = None
     if mode == ADJOINT and settings.fidelity == DYNAMICS:

@@ -304,7 +304,7 @@ def _joint_step(clearance: PreparedClearance, start: Array, load: SeatLoad, free
     """A Newton step of a joint: its play, whether a load presses it, the unborne part, and the part of play moved."""
     size = size_of(clearance.joint.play())
     whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, free)
-    x, fixed = play / jax.lax.stop_gradient(size), jax.lax.stop_gradient(whole)
+    x, fixed = play / jax.lax.stop_gradient(size), without_derivatives(whole)
     fixed = fixed._replace(counts=fixed.more_than_round_off())
     left = whole._replace(counts=fixed.counts, size=fixed.size).residual(x)
     change = fixed.inverse(jax.lax.stop_gradient(x)) @ left

@@ -185,7 +185,7 @@ def doubt(solution: Solution) -> str:
 
 def warn_of_energy(solution: Solution) -> None:
     """Warn if a single solve cannot be trusted (not inside JAX transforms)."""
-    traced = any(isinstance(x, Tracer) for x in (solution.energy_residual, solution.code))
+    traced = any(isinstance(x, Tracer) for x in (solution.energy_residual, solution.code, solution.final))
     message = "" if traced else doubt(solution)
     if message:
         warnings.warn(message, EnergyWarning, stacklevel=3)

@@ -122,7 +122,8 @@ class Solution(Module):
         width = layout(self.mechanism).size + (len(BALANCE_TERMS) if self.energy_balance else 0)
         values = _evaluate(self.numbers, self.structure, quantity.variable, self.time, self.y[..., :width])
         # The axes of `time` come before the entry that is meant.
-        return self._over_time(values[(slice(None),) * self.time.ndim + quantity.index])
+        value = self._over_time(values[(slice(None),) * self.time.ndim + quantity.index])
+        return _scale(value) if quantity.variable == "exchanged" else value
 
     def state(self, name: str) -> Array:
         """A state by name [SI]: a free coordinate (`wrist.play_x`), its rate (`wrist.play_x.velocity`), a law's memory
@@ -156,6 +157,19 @@ class Solution(Module):
 
 def _whole(numbers: Any, structure: Any) -> Mechanism:
     return numbers if structure is None else eqx.combine(numbers, structure)
+
+
+@jax.custom_jvp
+def _scale(exchanged: Array) -> Array:
+    return exchanged
+
+
+@_scale.defjvp
+def _scale_jvp(primals, tangents):
+    raise ClearanceError(
+        "`exchanged` is a scale by which residuals are judged, a sum of absolute powers, without accurate derivatives. "
+        "Use `drive_work`, `friction_loss` or `damping_loss`."
+    )
 
 
 @solo_jit

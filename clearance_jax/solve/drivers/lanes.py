@@ -116,16 +116,18 @@ def _put_one_by_one(samples: Array, times: Array, states: Array, here: Array, pl
 
 
 def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
-    """`solve` of a batch of `count` (first axis) chunk by chunk; copies of the last lane fill the last chunk."""
-    chunks = -(-count // lanes)
-    width = min(lanes, VECTOR * -(-count // (chunks * VECTOR)))
+    """`solve` of a batch of `count` (first axis; any number in an exported program) chunk by chunk; copies of the last
+    lane fill the last chunk.
+    """
+    chunks, is_known = -(-count // lanes), isinstance(count, int)
+    width = min(lanes, VECTOR * -(-count // (chunks * VECTOR))) if is_known else lanes
 
     def cut(x):
         filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (chunks * width - count, *x.shape[1:]))])
         return filled.reshape(chunks, width, *x.shape[1:])
 
     filled = jax.tree.map(cut, batch)
-    if chunks == 1:
+    if is_known and chunks == 1:
         out = jax.tree.map(lambda x: x[None], solve(jax.tree.map(lambda x: x[0], filled)))
     else:
         out = jax.lax.map(solve, filled)
@@ -145,7 +147,7 @@ def batch_by(single: Callable, together: Callable) -> Callable:
     @jax.custom_batching.custom_vmap
     def many(batch):
         count = jax.tree.leaves(batch)[0].shape[0]
-        if count <= LANES:
+        if isinstance(count, int) and count <= LANES:
             return together(batch)
 
         def chunks(lanes):
