@@ -115,7 +115,7 @@ def _put_one_by_one(samples: Array, times: Array, states: Array, here: Array, pl
     return samples, place, due
 
 
-def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
+def over_chunks(solve: Callable, batch: Any, count: Any, lanes: int) -> Any:
     """`solve` of a batch of `count` (first axis; any number in an exported program) chunk by chunk; copies of the last
     lane fill the last chunk.
     """
