@@ -22,6 +22,7 @@ TITLES = {
     "hard": "Cases that are difficult for contact solvers",
     "impacts": "Impacts by every law: errors of derivatives, solves that end early",
     "largest_clearance": "The largest clearance of a robot's joint",
+    "learning": "Gradients by the weights of a network",
     "memory": "Laws with memory: steps and rejected steps",
     "mimic": "Robots whose joints follow others, compared with pinocchio",
     "mjcf": "Accelerations of MJCF models, compared with MuJoCo",

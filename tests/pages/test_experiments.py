@@ -37,6 +37,7 @@ from experiments import (
 from experiments.hard import __main__ as hard
 from experiments.hard import crank, pin, rubbing, several
 from experiments.hard.case import Solved, examine
+from experiments.learning import __main__ as learning
 from experiments.work_precision.pictures import draw
 from experiments.work_precision.points import Point, cheapest
 
@@ -397,6 +398,17 @@ def test_calibrations_of_a_pendulum_that_shares_no_code():
     # The friction of a wrong model is wrong, and every answer says that it may be.
     assert wrong.friction == 0
     assert (wrong.silent, wrong.doubted) == (0, 1)
+
+
+@pytest.mark.slow
+def test_gradients_by_weights():
+    (row,) = learning.main(quick=True)
+    # A single run is no measure of time.
+    assert [text for text in learning.broken([row]) if "takes" not in text] == []
+    assert row.weights == 15
+    key = learning.Key("adjoint", learning.RTOL, learning.factor())
+    wrong = row._replace(difference=1e-7, runs=row.runs | {key: row.runs[key]._replace(error=1e-3, seconds=9.0)})
+    assert len(learning.broken([wrong])) == 4
 
 
 @pytest.mark.slow
