@@ -41,17 +41,17 @@ def _members(kind: type) -> dict[str, tuple[tuple[type, ...], bool]]:
             many = typing.get_origin(hint) is tuple
             kinds = tuple(_kinds(typing.get_args(hint)[0] if many else hint))
             # A field of any type is still what its base class says.
-            if kinds and all(one is types.NoneType or issubclass(one, Module) for one in kinds):
+            if kinds and all(member is types.NoneType or issubclass(member, Module) for member in kinds):
                 members[name] = kinds, many
             elif hint is not Any:
                 members.pop(name, None)
-    return {name: held for name, held in members.items() if name in getattr(kind, "__dataclass_fields__", ())}
+    return {name: kinds for name, kinds in members.items() if name in getattr(kind, "__dataclass_fields__", ())}
 
 
 def _wrong_member(module: Module, name: str, part: Any, kinds: tuple[type, ...]) -> Exception:
-    none, own = types.NoneType in kinds, [kind.__name__ for kind in kinds if kind is not types.NoneType]
+    none, classes = types.NoneType in kinds, [kind.__name__ for kind in kinds if kind is not types.NoneType]
     # What is prepared is the library's own affair.
-    words = [f"a module `{word}`" for word in own if not word.startswith("Prepared")] + ["`None`"] * none
+    words = [f"a module `{word}`" for word in classes if not word.startswith("Prepared")] + ["`None`"] * none
     fix = f"Give it its numbers: `{part.__name__}(...)`." if isinstance(part, type) else ""
     return wrong_value(f"`{name}` of `{type(module).__name__}`", " or ".join(words), part, quote(part), fix, name)
 

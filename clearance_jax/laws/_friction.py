@@ -105,7 +105,7 @@ class PreparedFriction(Module):
         is_several = hasattr(traction, "__len__") and getattr(traction, "ndim", 1)
         if not is_several or len(traction) != len(slip):
             allowed = f"a tuple as long as the slip ({len(slip)})"
-            raise wrong_value(f"`traction` of `{type(self.law).__name__}`", allowed, traction)
+            raise wrong_value(f"`traction` of `{type(self.law).__name__}`", allowed, traction, name="traction")
         return tuple(traction)
 
     def event_functions(

@@ -178,8 +178,8 @@ def doubt(solution: Solution) -> str:
     joints = solution.mechanism.clearance_joints()
     laws = {joint.name: (joint.clearance.normal, joint.clearance.friction) for joint in joints}
     # Those of the library take energy.
-    own = [f"`{name}`" for name, pair in laws.items() if any(map(is_foreign, map(type, filter(None, pair))))]
-    where = " of " + ", ".join(own) if own else ""
+    suspects = [f"`{name}`" for name, pair in laws.items() if any(map(is_foreign, map(type, filter(None, pair))))]
+    where = " of " + ", ".join(suspects) if suspects else ""
     return f"Contact laws{where} have given {given:.3g} J to the motion: a law must take energy. Look at its signs."
 
 

@@ -71,7 +71,7 @@ class Told(AbstractFrictionLaw):
 
 @pytest.mark.parametrize("said", [lambda slip, n: -0.1 * n, lambda slip, n: None, lambda slip, n: (0 * n, 0 * n)])
 def test_a_traction_is_as_long_as_the_slip(said):
-    with pytest.raises(cj.ClearanceError, match="`traction` of `Told` must be a tuple as long as the slip"):
+    with refused("traction"):
         cj.simulate(crank_with(Told(said)), 1e-4)
 
 
