@@ -276,11 +276,9 @@ def main(quick: bool = False) -> list[Row]:
         print(rows[-1], flush=True)
     show(rows, quick)
     missed = broken(rows)
-    adjoint = (
-        f"adjoint at rtol {RTOL:.0e} within {MOST_ERROR:.0e} and {MOST_VALUES:g} values, its error falling with rtol"
-    )
+    limits = f"models within {AGREE:.0e}; adjoint at rtol {RTOL:.0e} within {MOST_ERROR:.0e} and {MOST_VALUES:g} values"
     verdict = [f"NOT HELD: {text}." for text in missed] or ["All hold."]
-    say(f"Required: models within {AGREE:.0e}; {adjoint}.", *verdict)
+    say(f"Required: {limits}, its error falling with rtol.", *verdict)
     for row in rows:
         less = row.runs.get(Key("adjoint", RTOL, LESS * factor()))
         if less and not less.error <= MOST_ERROR:

@@ -88,9 +88,11 @@ def ours(derivatives: str) -> Solve:
     (wrist,) = (joint.clearance for joint in crank.clearance_joints())
     assert wrist is not None
 
+    law: Any = Learned
+
     def solve(net, rtol, damping):
         normal = cj.laws.HuntCrossley(wrist.prepare().normal.constants, damping)
-        play = cj.RevoluteClearance(wrist.radial_clearance, wrist.pin_radius, normal, Learned(net))
+        play = cj.RevoluteClearance(wrist.radial_clearance, wrist.pin_radius, normal, law(net))
         s = cj.simulate(
             crank.with_clearance("wrist", play),
             END,
