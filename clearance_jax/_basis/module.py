@@ -9,8 +9,14 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
 
 from clearance_jax.errors import quote, wrong_value
+
+# Numbers of an array up to which it is printed.
+FEW = 8
 
 
 class Module(eqx.Module):
@@ -27,6 +33,9 @@ class Module(eqx.Module):
             for part in value if many and isinstance(value, tuple | list) else (value,):
                 if not isinstance(part, kinds):
                     raise _wrong_member(self, name, part, kinds)
+
+    def __repr__(self):
+        return eqx.tree_pformat(jax.tree.map(_shown, self))
 
     if not TYPE_CHECKING:  # a type checker would let a class with this method have any attribute
         __getattribute__ = object.__getattribute__
@@ -46,6 +55,12 @@ def _members(kind: type) -> dict[str, tuple[tuple[type, ...], bool]]:
             elif hint is not Any:
                 members.pop(name, None)
     return {name: kinds for name, kinds in members.items() if name in getattr(kind, "__dataclass_fields__", ())}
+
+
+def _shown(leaf: Any) -> Any:
+    """A leaf as it is printed: a few numbers as such, more of them by their shape."""
+    is_number = isinstance(leaf, jax.Array | np.ndarray) and not isinstance(leaf, Tracer)
+    return leaf.tolist() if is_number and leaf.size <= FEW else leaf
 
 
 def _wrong_member(module: Module, name: str, part: Any, kinds: tuple[type, ...]) -> Exception:

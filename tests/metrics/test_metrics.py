@@ -1,5 +1,7 @@
 """Metrics and sensitivities: against the independent reference, dense samples, and differences."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -88,8 +90,8 @@ def test_nearest_miss_of_a_throw_and_speed_of_its_touch():
     """
     c, across, up = 1e-3, 0.03, 0.12
     thrown = pin(cj.laws.Hertz(stiffness=1e9), c)
-    height = minimize_scalar(lambda t: -np.hypot(across * t, up * t - GRAVITY * t * t / 2), (0, 0.01, 0.02))
-    touch = brentq(lambda t: np.hypot(across * t, up * t - GRAVITY * t * t / 2) - c, 0.022, 0.1)
+    height: Any = minimize_scalar(lambda t: -np.hypot(across * t, up * t - GRAVITY * t * t / 2), (0, 0.01, 0.02))
+    touch: Any = brentq(lambda t: np.hypot(across * t, up * t - GRAVITY * t * t / 2) - c, 0.022, 0.1)
     place, velocity = np.array([across * touch, up * touch - GRAVITY * touch**2 / 2]), [across, up - GRAVITY * touch]
     for solver in ("tsit5", "dopri8"):
         options = settings_of(thrown, 1.0, {"rtol": 1e-9, "solver": solver, "y0": np.array([0, 0, across, up])})

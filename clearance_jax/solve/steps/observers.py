@@ -298,7 +298,8 @@ class TouchCounter(AbstractObserver):
         places = jnp.concatenate([t0[None], t0 + inner * step.size, t1[None]])
 
         def depths(place):
-            return clearance.depths(relative_motions(*place, problem.mechanism)[self.joint])
+            time, y = place
+            return clearance.depths(relative_motions(time, y, problem.mechanism)[self.joint])
 
         depth, rate = jax.lax.map(depths, (places, states))
         # A joint with several points touches where the deepest one does.

@@ -126,9 +126,9 @@ class SolvedStep(NamedTuple):
 
     def of_motion(self, problem: Problem) -> "SolvedStep":
         """The step of the motion alone."""
-        error, slopes = self.trial.error, jax.vmap(lambda slope: motion(problem, slope))(self.trial.slopes)
-        ends = (motion(problem, y) for y in (self.trial.start, self.trial.end, error, *self.trial[3:5]))
-        return self._replace(trial=Trial(*ends, slopes))
+        *ends, slopes = self.trial
+        ends = [motion(problem, y) for y in ends]
+        return self._replace(trial=Trial._make([*ends, jax.vmap(lambda slope: motion(problem, slope))(slopes)]))
 
 
 @eqx.filter_jit
