@@ -48,7 +48,8 @@ def _members(kind: type) -> dict[str, tuple[tuple[type, ...], bool]]:
     for base in reversed(kind.__mro__):
         for name, hint in inspect.get_annotations(base).items():
             many = typing.get_origin(hint) is tuple
-            kinds = tuple(_kinds(typing.get_args(hint)[0] if many else hint))
+            parts = [part for part in typing.get_args(hint) if part is not ...] if many else [hint]
+            kinds = tuple(kind for part in parts for kind in _kinds(part))
             # A field of any type is still what its base class says.
             if kinds and all(member is types.NoneType or issubclass(member, Module) for member in kinds):
                 members[name] = kinds, many

@@ -178,10 +178,12 @@ def doubt(solution: Solution) -> str:
         return ""
     joints = solution.mechanism.clearance_joints()
     laws = {joint.name: (joint.clearance.normal, joint.clearance.friction) for joint in joints}
-    # Those of the library take energy.
+    # Those of the library take energy: what has given it is another part that may, such as a mesh with an error.
     suspects = [f"`{name}`" for name, pair in laws.items() if any(map(is_foreign, map(type, filter(None, pair))))]
-    where = " of " + ", ".join(suspects) if suspects else ""
-    return f"Contact laws{where} have given {given:.3g} J to the motion: a law must take energy. Look at its signs."
+    if not suspects:
+        return ""
+    given = f"Contact laws of {', '.join(suspects)} have given {given:.3g} J to the motion"
+    return f"{given}: a law must take energy. Look at its signs."
 
 
 def warn_of_energy(solution: Solution) -> None:
