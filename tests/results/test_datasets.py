@@ -51,21 +51,26 @@ def crank():
     return mechanism, cj.trace(mechanism, 4e-3, save_at=21)
 
 
+def compiled(block: Any) -> int:
+    """How many programs of a block's function there are."""
+    return block.plain.alone._cached._cache_size()
+
+
 def test_a_dataset_of_any_length_runs_the_same_programs(crank):
     mechanism, trace = crank
     samples: Any = blocks.observed
-    before = samples.plain.alone._cache_size()
+    before = compiled(samples)
     cj.to_dataset(mechanism, trace)
     # Few samples are observed by the program of the step ends.
-    assert samples.plain.alone._cache_size() == before
+    assert compiled(samples) == before
     programs: list[Any] = [blocks.observed, blocks.observed_with_rates, blocks.inside]
-    compiled = [program.plain.alone._cache_size() for program in programs]
+    before = [compiled(program) for program in programs]
     other = cj.replace(mechanism, {"conrod.mass": 0.2})
     for steps, samples in ((100, 5), (trace.time.size // 2, 11)):
         numbers = trace.time[:steps], trace.y[:steps], trace.solution.time[:samples], trace.solution.y[:samples]
         part = eqx.tree_at(lambda t: (t.time, t.y, t.solution.time, t.solution.y), trace, numbers)
         assert cj.to_dataset(other, part).sizes["step"] == steps
-    assert [program.plain.alone._cache_size() for program in programs] == compiled
+    assert [compiled(program) for program in programs] == before
 
 
 def test_many_samples_are_observed_by_a_program_of_their_own(crank, monkeypatch):
@@ -74,9 +79,9 @@ def test_many_samples_are_observed_by_a_program_of_their_own(crank, monkeypatch)
     monkeypatch.setattr(blocks, "SHARED", 0)
     monkeypatch.setattr(RUNTIME, "folder", None)  # a kept program is not counted
     samples: Any = blocks.observed
-    before = samples.plain.alone._cache_size()
+    before = compiled(samples)
     many = cj.to_dataset(mechanism, trace)
-    assert samples.plain.alone._cache_size() == before + 1
+    assert compiled(samples) == before + 1
     for name, values in few.items():
         np.testing.assert_allclose(many[name], values, rtol=1e-12, atol=1e-15, err_msg=name)
 
