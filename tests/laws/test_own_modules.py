@@ -103,6 +103,9 @@ class LearnedDrive(AbstractDrive):
         return q, v, a
 
 
+learned_drive: Any = LearnedDrive
+
+
 class LearnedControl(AbstractController):
     """Accelerations that lead to the targets, with a correction by a network."""
 
@@ -146,8 +149,7 @@ def arm(motion, controllers=()):
 
 
 def driven():
-    drive: Any = LearnedDrive
-    return arm(cj.Motion(drive(network())))
+    return arm(cj.Motion(learned_drive(network())))
 
 
 def controlled():
