@@ -103,9 +103,6 @@ class LearnedDrive(AbstractDrive):
         return q, v, a
 
 
-learned_drive: Any = LearnedDrive
-
-
 class LearnedControl(AbstractController):
     """Accelerations that lead to the targets, with a correction by a network."""
 
@@ -121,6 +118,9 @@ class LearnedControl(AbstractController):
             goal, rate, acceleration = reference.target(time)
             wanted.append(acceleration + 2500 * (goal - q) + 100 * (rate - v) + self.net(jnp.stack([q])))
         return wanted
+
+
+learned_control: Any = LearnedControl
 
 
 class LearnedWear(cj.wear.AbstractWearLaw):
@@ -149,12 +149,12 @@ def arm(motion, controllers=()):
 
 
 def driven():
-    return arm(cj.Motion(learned_drive(network())))
+    return arm(cj.Motion(LearnedDrive(network())))
 
 
 def controlled():
     goal = cj.controllers.Reference("hip", cj.drives.Harmonic(0.3, 20.0))
-    return arm(cj.Motion(), (LearnedControl("control", (goal,), network()),))
+    return arm(cj.Motion(), (learned_control("control", (goal,), network()),))
 
 
 @pytest.mark.parametrize("made", [driven, controlled])
