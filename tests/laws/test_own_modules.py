@@ -49,8 +49,9 @@ def test_a_part_of_another_class_is_refused():
     for wrong in ({"normal": friction}, {"friction": law}, {"friction": 0.1}, {"others": (law, friction)}):
         with refused(next(iter(wrong))):
             Rim(**{"normal": law, **wrong})
-    with pytest.raises(cj.ClearanceError, match=r"its numbers: `HuntCrossley\(\.\.\.\)`"):
+    with refused("normal") as caught:
         Rim(HuntCrossley)
+    assert "Give it its numbers: `HuntCrossley(...)`." in str(caught.value)
 
 
 def crank_with(friction):
