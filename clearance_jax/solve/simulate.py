@@ -182,8 +182,8 @@ def doubt(solution: Solution) -> str:
     suspects = [f"`{name}`" for name, pair in laws.items() if any(map(is_foreign, map(type, filter(None, pair))))]
     if not suspects:
         return ""
-    given = f"Contact laws of {', '.join(suspects)} have given {given:.3g} J to the motion"
-    return f"{given}: a law must take energy. Look at its signs."
+    giving = f"Contact laws of {', '.join(suspects)} have given {given:.3g} J to the motion"
+    return f"{giving}: a law must take energy. Look at its signs."
 
 
 def warn_of_energy(solution: Solution) -> None:

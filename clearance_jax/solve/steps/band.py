@@ -54,15 +54,15 @@ class EntryFinder(AbstractObserver):
 
     def __call__(self, record, step, problem):
         now, whole, bound = without_derivatives((step, problem, self.bound))
-        now, (start, _), width = now.of_motion(whole), now.times, now.size
+        start, width, rise = now.times[0], now.size, now.of_motion(whole).rise(self.signal, whole)
         t0, t1 = step.times
 
-        def along(x):
-            return jnp.asarray(self.signal(start + x * width, now.at(x, whole), whole.mechanism), float) - bound
-
         def at(x):
-            value, slope = now.rise(self.signal, x, whole)
+            value, slope = rise(x)
             return value - bound, slope
+
+        def along(x):
+            return at(x)[0]
 
         begin = jnp.zeros(())
         if self.since is not None:
@@ -91,7 +91,7 @@ class EntryFinder(AbstractObserver):
         return Entry(
             record.entered | new,
             jnp.where(new, t0 + x * step.size, record.time),
-            jnp.where(new, step.at(x, problem), record.y),
+            jnp.where(new, step.curve(problem)(x)[0], record.y),
             jnp.where(new, jnp.where(crosses, rate / width, -jnp.inf), record.slope),
             (value[-1] <= 0) if self.since is None else (value[-1] <= 0) | (t1 <= self.since),
         )

@@ -200,14 +200,14 @@ class PeakFinder(AbstractObserver):
         skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
         # The place of a peak needs no derivative: that of the signal at a fixed time is the peak's.
         part, whole, now = without_derivatives((skipped, problem, step))
-        now = now.of_motion(whole)
+        rise, states = now.of_motion(whole).rise(self.signal, whole), step.curve(problem)
 
         def inside(s, skipped):
             """Place in the step for a place in the part of it that counts."""
             return s if self.since is None else skipped + (1 - skipped) * s
 
         def at(s):
-            value, slope = now.rise(self.signal, inside(s, part), whole)
+            value, slope = rise(inside(s, part))
             return value, (1 - part) * slope
 
         opens = counts = None
@@ -242,11 +242,11 @@ class PeakFinder(AbstractObserver):
         last_time, last_y = record.time, record.y
         if opens is not None:
             last_time = jnp.where(opens, t0 + skipped * h, last_time)
-            last_y = jnp.where(opens, step.at(skipped, problem), last_y)
+            last_y = jnp.where(opens, states(skipped)[0], last_y)
         time, y = jnp.where(right, t0, last_time), jnp.where(right, step.trial.start, last_y)
         x = inside(seen.place, skipped)
-        states = jax.vmap(lambda x: step.at(x, problem))(x)
-        peaks = record.peaks.highest(time[None], peak[None], y[None]).highest(t0 + x * h, seen.value, states)
+        picked = t0 + x * h, seen.value, jax.vmap(lambda x: states(x)[0])(x)
+        peaks = record.peaks.highest(time[None], peak[None], y[None]).highest(*picked)
         return PeakRecord(peaks, t1, *seen.last, step.trial.end)
 
     def among(self, times, y, mechanism):
@@ -293,7 +293,8 @@ class TouchCounter(AbstractObserver):
         clearance = problem.mechanism.contacts()[self.joint].clearance
         # The ends as they are: a step that ends with a touch ends a round-off behind it.
         inner = jnp.arange(1, PIECES) / PIECES
-        states = jax.vmap(lambda x: now.at(x, problem))(inner)
+        curve = now.curve(problem)
+        states = jax.vmap(lambda x: curve(x)[0])(inner)
         states = jnp.concatenate([now.trial.start[None], states, now.trial.end[None]])
         places = jnp.concatenate([t0[None], t0 + inner * step.size, t1[None]])
 

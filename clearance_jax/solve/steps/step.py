@@ -20,7 +20,7 @@ from clearance_jax.dynamics.field import hand_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism._base import drive_breaks
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.steps.interpolate import between
+from clearance_jax.solve.steps.interpolate import between, polynomial
 from clearance_jax.solve.steps.problem import Problem, field, lift, motion, split, with_model
 
 
@@ -91,38 +91,40 @@ class SolvedStep(NamedTuple):
     def size(self) -> Scalar:
         return self.times[1] - self.times[0]
 
-    def at(self, x: Any, problem: Problem) -> Array:
-        """The state or stack at a fraction `x`: by the solver's own interpolation if that is a polynomial of stages,
-        as of `Dopri8`; else by the quintic, which is more accurate than those of solvers of order 5.
+    def curve(self, problem: Problem) -> Callable[[Any], tuple[Array, Array]]:
+        """The state or stack inside the step, and its rate, as a function of the fraction of the step: by the solver's
+        own interpolation if that is a polynomial of stages, as of `Dopri8`; else by the quintic, which is more accurate
+        than those of solvers of order 5.
         """
         trial, h = self.trial, self.size
         powers = getattr(self.solver.interpolation_cls, "eval_coeffs", None)
         if powers is None:
-            ends = trial.start, trial.end, trial.slope0, trial.slope1
-            return between(ends, h, x, layout(problem.mechanism))
+            ends, plan = (trial.start, trial.end, trial.slope0, trial.slope1), layout(problem.mechanism)
+            return lambda x: jax.jvp(lambda x: between(ends, h, x, plan), (x,), (jnp.ones_like(x),))
+        # (Diffrax's product of matrices is a library's call, for which a compiled loop is cut in pieces.)
+        stages = trial.slopes[: len(powers)]
+        coefficients = [trial.start, *(h * _weighted_sum(column, stages, h) for column in jnp.asarray(powers.T[::-1]))]
+        if problem.mechanism.has_manifold:
+            # They know nothing of the projection at the step's end, where a signal must not jump.
+            off = trial.end - functools.reduce(jnp.add, coefficients)
+            coefficients[2], coefficients[3] = coefficients[2] + 3 * off, coefficients[3] - 2 * off
+        return lambda x: polynomial(coefficients, x)
 
-        def inside(x):
-            # (Diffrax's product of matrices is a library's call, for which a compiled loop is cut in pieces.)
-            weights = functools.reduce(lambda w, c: w * x + c, powers.T) * x
-            return trial.start + h * _weighted_sum(weights, trial.slopes[: len(powers)], x)
-
-        if not problem.mechanism.has_manifold:
-            return inside(x)
-        # It knows nothing of the projection at the step's end, where a signal must not jump.
-        return inside(x) + x * x * (3 - 2 * x) * (trial.end - inside(jnp.ones_like(x)))
-
-    def rise(self, signal: Callable, x: Any, problem: Problem) -> tuple[Array, Array]:
-        """The value of a signal of (time, state, mechanism) at a fraction `x`, and its rate by `x`, of a step
-        `of_motion`. Places have the rate of their speeds, more accurate than that of the interpolated places.
+    def rise(self, signal: Callable, problem: Problem) -> Callable[[Any], tuple[Array, Array]]:
+        """A signal of (time, state, mechanism), and its rate, as a function of the fraction of a step `of_motion`.
+        Places have the rate of their speeds, more accurate than that of the interpolated places.
         """
-        h, places = self.size, problem.places
-        y, rate = jax.jvp(lambda x: self.at(x, problem), (x,), (jnp.ones_like(x),))
-        rate = jnp.concatenate([h * problem.place_rates(y), rate[places.stop :]])
+        h, places, curve = self.size, problem.places, self.curve(problem)
 
         def value(time, y):
             return jnp.asarray(signal(time, y, problem.mechanism), float)
 
-        return jax.jvp(value, (self.times[0] + x * h, y), (h, rate))
+        def at(x):
+            y, rate = curve(x)
+            rate = jnp.concatenate([h * problem.place_rates(y), rate[places.stop :]])
+            return jax.jvp(value, (self.times[0] + x * h, y), (h, rate))
+
+        return at
 
     def of_motion(self, problem: Problem) -> "SolvedStep":
         """The step of the motion alone."""
