@@ -3,7 +3,7 @@
 Every function here is tested for its value, its gradient at the kink, a mixed batch, and arguments of 1e-12.
 """
 
-from typing import Any
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from clearance_jax._compile.barriers import share
 
 Real = Float[Array, "..."]
+Tree = TypeVar("Tree")
 
 # pi/2 in two parts (Cody and Waite): the first has 33 significant bits, so that n * part is exact for |n| < 2**19.
 _HALF_PI_HIGH = float.fromhex("0x1.921fb54400000p+0")
@@ -63,7 +64,7 @@ def _sincos_jvp(primals, tangents):
     return (sine, cosine), (cosine * rate, -sine * rate)
 
 
-def without_derivatives(tree: Any) -> Any:
+def without_derivatives(tree: Tree) -> Tree:
     """The same tree, its numbers without derivatives."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
