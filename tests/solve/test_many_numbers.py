@@ -25,7 +25,7 @@ class Table(cj.laws.AbstractFrictionLaw):
     smoothness: ClassVar = "C2"
 
     def traction(self, constants, slip, normal_force, memory):
-        at = jnp.linspace(-0.2, 0.2, COUNT)
+        at = jnp.linspace(-0.2, 0.2, self.heights.size)
 
         def profile(v):
             coefficient = jnp.sum(self.heights * jnp.exp(-(((v - at) / self.width) ** 2)))
@@ -92,3 +92,45 @@ def test_what_moves_entry_by_entry_is_known():
     # Directions that are no unit ones, or not known when the program is made.
     moved = dict(directions, b=2.0 * directions["b"])
     assert sparsity(own[1:2], moved) == (tuple(range(3, 23)),)
+
+
+VIA = np.linspace(0.0, END, 12)
+DRIVES = {
+    "quintic": cj.drives.Quintic,
+    "spline": cj.drives.Spline,
+    "table": lambda times, values: cj.drives.Quintic(times, values, jnp.gradient(values, times)),
+}
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_via_points_have_their_derivatives(kind):
+    """A step sees the pieces beside it only, of which the derivatives by all points are made."""
+    arm = cj.load(SCENES / "arm.toml")
+
+    def place(values):
+        moved = arm.with_drives({"hip": DRIVES[kind](VIA, values)})
+        return cj.simulate(moved, END, save_at=(0.5 * END, END), rtol=1e-9)["tip.position.x"]
+
+    values, value = jnp.asarray(0.2 * np.sin(VIA / END * 3)), jax.jit(place)
+    slopes = jax.jit(jax.jacfwd(place))(values)
+    assert np.max(np.abs(slopes)) > 0.01
+    rng = np.random.default_rng(1)
+    for _ in range(2):
+        d = rng.normal(size=len(VIA))
+        ends = [value(values + step * d) for step in (2e-7, -2e-7)]
+        np.testing.assert_allclose(slopes @ d, (ends[0] - ends[1]) / 4e-7, rtol=2e-6, atol=1e-8)
+
+
+def test_samples_of_many_derivatives_leave_a_solve_one_function():
+    """A long product of matrices among them would be a library's, for which the loop is cut in pieces."""
+    arm = cj.load(SCENES / "arm.toml")
+    law: Any = Table
+    joint = arm.joint(arm.clearance_joints()[0].name)
+
+    def place(heights):
+        rough = eqx.tree_at(lambda j: j.clearance.friction, joint, law(heights, 0.04), is_leaf=lambda x: x is None)
+        return cj.simulate(arm.with_joint(rough), END, save_at=(0.5 * END, END))["tip.position.x"][0]
+
+    text = jax.jit(jax.grad(place)).lower(jnp.ones(150)).as_text()
+    assert 'xla_cpu_small_call = "true"' in text
+    assert 'xla_cpu_small_call = "false"' not in text

@@ -40,6 +40,16 @@ class AbstractMotionLaw(Module):
         return self
 
 
+class AbstractTable(AbstractMotionLaw):
+    """A motion law with rows of numbers, of which a time sees few."""
+
+    @abc.abstractmethod
+    def window(self, time: Scalar) -> tuple[Array, tuple[int, ...]] | None:
+        """The first row that counts at a time, and how many rows of each array say all about the motion there; `None`:
+        all of them.
+        """
+
+
 class AbstractDrive(AbstractMotionLaw):
     """A drive: a coordinate as a function of time."""
 
@@ -160,7 +170,7 @@ class Spline(AbstractDrive):
         return self.times
 
 
-class PreparedSpline(AbstractMotionLaw):
+class PreparedSpline(AbstractTable):
     """A cubic spline whose q'' at the knots is known: a `Spline` in a solve, or a `HeldSpline` with its `end_speed`."""
 
     times: Values = physical("s")
@@ -179,9 +189,15 @@ class PreparedSpline(AbstractMotionLaw):
         before = (time < last) | moves
         return jnp.where(before, q, self.values[-1]), jnp.where(before, v, 0.0), jnp.where(before, a, 0.0)
 
+    def window(self, time):
+        return None if self.end_speed is not None else (self._before(time), (2, 2, 2, 0))
+
+    def _before(self, time: Scalar) -> Array:
+        return jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
+
     def _within(self, time: Scalar) -> Motion3:
         """The motion by the table alone."""
-        i = jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
+        i = self._before(time)
         h, u = self.times[i + 1] - self.times[i], time - self.times[i]
         ya, yb, ma, mb = self.values[i], self.values[i + 1], self.curvature[i], self.curvature[i + 1]
         slope = (yb - ya) / h - h * (2 * ma + mb) / 6

@@ -12,11 +12,11 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
-from clearance_jax.mechanism.motion.motion_laws import AbstractMotionLaw, Motion3, Values
+from clearance_jax.mechanism.motion.motion_laws import AbstractTable, Motion3, Values
 from clearance_jax.parameters import physical
 
 
-class Pieces(AbstractMotionLaw):
+class Pieces(AbstractTable):
     """Piecewise polynomials: a drive as a solve evaluates it.
 
     **Arguments:** `coefficients` (n + 1, powers), lowest power first, of the time since a piece began (of the first,
@@ -42,6 +42,10 @@ class Pieces(AbstractMotionLaw):
         for k in reversed(range(self.coefficients.shape[1])):  # Horner's rule for the polynomial and its derivatives
             q, v, a = powers[k] + u * q, q + u * v, 2 * v + u * a
         return q, v, a
+
+    def window(self, time):
+        several = len(self.times) > 1
+        return (jnp.maximum(jnp.sum(time >= self.times) - 1, 0), (2, 1)) if several else None
 
     def breaks(self):
         return self.times

@@ -18,10 +18,11 @@ from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 from jaxtyping import Array
 
 from clearance_jax._basis.module import Module
-from clearance_jax._basis.types import Each, Flag, Rows
+from clearance_jax._basis.types import Each, Flag, Rows, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import by_component, each_lane, sharing_lanes
 from clearance_jax.dynamics.field import rate, where_it_counts
+from clearance_jax.mechanism.motion.motion_laws import AbstractTable
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates, vector
 
@@ -114,6 +115,8 @@ def _field(time: Each, y: Array, problem: Problem, counts: Flag | None) -> Array
         return vector(rates(problem.model, tuple(y[i] for i in range(problem.size))))
     stacks = tuple(y[:, i] for i in range(problem.size))
     count = y.shape[0] - 1
+    if not jnp.ndim(time):
+        problem = _near(problem, time)
     outputs = eqx.filter_eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
     push = lift if len(outputs) - layout(problem.mechanism).free > count else vjp_rows
     with sharing_lanes(time):
@@ -122,6 +125,31 @@ def _field(time: Each, y: Array, problem: Problem, counts: Flag | None) -> Array
 
 # Traced once and called wherever a rate is wanted; XLA inlines the calls.
 _field_of_arrays, _field_of_any = jax.jit(_field), eqx.filter_jit(_field)
+
+
+def _near(problem: Problem, time: Scalar) -> Problem:
+    """The problem with those rows alone of its drives' tables that count at a time: the others are not pulled back."""
+
+    def is_table(part):
+        return isinstance(part, AbstractTable)
+
+    def cut(part, direction):
+        start, counts = (is_table(part) and part.window(time)) or (None, ())
+
+        def rows(tree, axis):
+            arrays, shape = jax.tree.flatten(tree, is_leaf=lambda x: x is None)
+            each = [(lambda x, n=n: jax.lax.dynamic_slice_in_dim(x, start, n, axis)) for n in counts]
+            return jax.tree.unflatten(shape, [x if x is None else f(x) for x, f in zip(arrays, each, strict=True)])
+
+        return (part, direction) if start is None else (rows(part, 0), rows(direction, 1))
+
+    parts, shape = jax.tree.flatten(problem.model, is_leaf=is_table)
+    both = [cut(*pair) for pair in zip(parts, shape.flatten_up_to(problem.directions), strict=True)]
+    model, directions = (jax.tree.unflatten(shape, [pair[k] for pair in both]) for k in (0, 1))
+    was, now = jax.tree.leaves(problem.directions), jax.tree.leaves(directions)
+    same = (old.shape == new.shape for old, new in zip(was, now, strict=True))
+    movers = tuple(by if kept else tuple(by) for by, kept in zip(problem.sparsity, same, strict=True))
+    return Problem(model[0], model[1], directions, problem.energy_balance, movers)
 
 
 def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
