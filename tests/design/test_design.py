@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.stats
 from catalogue import slider_crank
 from places import refused
 
@@ -67,61 +66,6 @@ def test_the_other_solvers_agree(method, error):
     assert -1e-8 <= program.best.objective / problem.cost - 1 <= error
 
 
-@pytest.mark.parametrize("target", [0.9, 0.99])
-def test_stochastic_approximation_finds_the_best_yield(target):
-    """Of normal scatters a sum's conditional value at risk is its mean and so many standard deviations."""
-    scatter, problem = np.array([0.05, 0.1, 0.02]), closed_form.allocation("worst case", 3)
-    deviations = scipy.stats.norm.pdf(scipy.stats.norm.ppf(target)) / (1 - target)
-
-    def point(x, limits, row):
-        costs = problem.factors / x
-        return design.Evaluation(x, float(costs.sum()), limits, -costs / x, row[None] / closed_form.BOUND)
-
-    def exact(x, gradient):
-        spread = np.linalg.norm(problem.weights * scatter * x)
-        row = problem.weights + deviations * (problem.weights * scatter) ** 2 * x / spread
-        return point(x, np.array([row @ x / closed_form.BOUND - 1]), row)
-
-    def fresh(x, samples, seed):
-        rows = problem.weights * (1 + scatter * np.random.default_rng(seed).standard_normal((samples, 3)))
-        worst = rows @ x / closed_form.BOUND - 1
-        weights = design.Yield({}, target, confidence=0.0).weights(worst)
-        return point(x, weights[None] @ worst, weights @ rows)
-
-    def program(**options):
-        return design.Program(exact, ["a", "b", "c"], np.full(3, 1e-4), np.ones(3), ["yield"], **options)
-
-    known, sampled, start = program(), program(fresh=fresh), np.full(3, 0.005)
-    assert design.run(known, "slsqp", start) == ""
-    assert design.run(sampled, "stochastic-approximation", start) == ""
-    best, found = known.best, sampled.best
-    assert best is not None
-    assert found is not None
-    assert sampled.gradients < 220
-    np.testing.assert_allclose(found.x, best.x, rtol=0.03)
-    assert best.objective * (1 - 1e-6) <= found.objective <= 1.01 * best.objective
-    assert len(sampled.history) <= 14  # the start, and the answer made to hold the limit
-    looser = sampled.with_bound("yield", 2.0).fresh(start, 50, 1).limits
-    np.testing.assert_allclose(looser, (1 + sampled.fresh(start, 50, 1).limits) / 2 - 1)
-    with refused("manufacture=Yield(...)"):
-        design.run(known, "stochastic-approximation", start)
-
-
-def test_an_interrupted_stochastic_approximation_has_its_mean_so_far():
-    def point(x, *_):
-        return design.Evaluation(x, float(1 / x[0]), x / 0.3 - 1, -1 / x**2, np.array([[1 / 0.3]]))
-
-    def fresh(x, samples, seed):
-        if seed == 20:
-            raise KeyboardInterrupt
-        return point(x)
-
-    program = design.Program(point, ["a"], np.array([1e-3]), np.array([1.0]), ["yield"], fresh=fresh)
-    assert design.run(program, "stochastic-approximation", np.array([0.05])) == "interrupted"
-    assert program.best is not None
-    assert 0.1 < program.best.x[0] < 0.3
-
-
 def test_a_model_of_manufacture_is_one_class():
     """Parts with their titles and numbers, and what of all limits of them is judged, come from the class alone."""
 
@@ -150,23 +94,6 @@ def test_a_model_of_manufacture_is_one_class():
     assert [part.is_design for part in design.AsDesigned().parts((NAME,))] == [True]
     with refused("no"):
         asked(manufacture=design.Yield({"no": 0.1}))
-
-
-@pytest.mark.slow
-def test_fresh_samples_are_simulated():
-    """The worst half of four fresh samples, by solves of their own."""
-    sampled = design.Yield({NAME: 0.1, "slider.mass": 0.1}, target=0.5, samples=2)
-    program = design.formulate(asked(manufacture=sampled).specification)
-    found = program.fresh(np.array([5e-4]), 4, 3)
-    draws = sampled.draws((NAME,), 4, 3)
-    mass = float(cj.parameters(slider_crank())["slider.mass"].value)
-    errors = [
-        float(PEAK(cj.replace(slider_crank(), {NAME: 5e-4 * a, "slider.mass": mass * b}), 1e-3))
-        for a, b in zip(draws[NAME], draws["slider.mass"], strict=True)
-    ]
-    np.testing.assert_allclose(found.limits, np.mean(sorted(errors)[2:]) / 1e-4 - 1, rtol=1e-6)
-    assert program.history == []
-    assert program.gradients == 1
 
 
 def test_costs():

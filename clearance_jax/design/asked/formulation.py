@@ -1,6 +1,5 @@
 """Build the program of a specification: objective, scaled limits and their derivatives at a point."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -74,18 +73,12 @@ def _program(specification: Specification, simulations: Simulations, **options: 
         limits = simulations.together(first, every, False)[0].reshape(len(scenarios), len(points), -1)
         return [_point(specification, x, limits[:, i], None) for i, x in enumerate(points)]
 
-    drawn = dataclasses.replace(specification, manufacture=specification.manufacture.without_margin)
-
-    def fresh(x, samples, seed):
-        return _evaluate(drawn, x, True, scenarios_of(drawn, samples, seed), simulations)
-
     program = Program(
         evaluate,
         specification.names,
         *specification.bounds,
         titles,
         groups=groups,
-        fresh=fresh if specification.manufacture.is_sampled else None,
         several=None if place is None else several,
         fidelity=specification.judge,
         leaders=_leaders(specification, simulations, len(titles)),

@@ -52,11 +52,6 @@ class AbstractManufacture(abc.ABC):
     doubt: ClassVar[str] = ""
     """A sentence on why the design may miss its target, if that is known before the search; else empty."""
 
-    @property
-    def without_margin(self) -> "AbstractManufacture":
-        """The same without a margin for few samples, for methods that draw new samples at every step."""
-        return self
-
     def check(self) -> None:
         """Raise `ClearanceError` for numbers that are not allowed."""
         return
@@ -192,10 +187,6 @@ class Yield(AbstractManufacture):
             f"{yields.samples_needed(self.target, self.confidence)} `samples`, or leave them out "
             f"({yields.samples_to_search(self.target)})."
         )
-
-    @property
-    def without_margin(self):
-        return dataclasses.replace(self, confidence=0.0)
 
     def check(self):
         if not 0 < self.target < 1 or not 0 <= self.confidence < 1 or (self.samples is not None and self.samples < 1):

@@ -1,4 +1,4 @@
-"""Optimisers for a `Program`: SLSQP, trust-constr, stochastic approximation; COBYQA without gradients.
+"""Optimisers for a `Program`: SLSQP, trust-constr; COBYQA without gradients.
 
 They return only why they stopped early: the program keeps every point, and its best feasible point is the answer, also
 after an interruption.
@@ -7,53 +7,12 @@ after an interruption.
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-import optax
 import scipy.optimize
 
 from clearance_jax.design.search.program import Program
-from clearance_jax.design.search.scaling import ScaledProgram, feasible_neighbour
+from clearance_jax.design.search.scaling import ScaledProgram
 from clearance_jax.errors import unknown_name
-
-# The weight of a violated limit over the objective: if half of the batches violate it, both balance.
-PULL = 2.0
-
-
-def stochastic_approximation(
-    program: Program, start: np.ndarray, steps: int = 200, samples: int = 100, rate: float = 0.05, seed: int = 0
-) -> None:
-    """Adam (Kingma and Ba 2015, optax's) on the objective and the conditional values at risk of fresh samples
-    (stochastic approximation: Robbins and Monro 1951).
-
-    Other methods use a fixed set of samples, for which their design is slightly too good. Here each step draws a few
-    new samples, whose noise averages out over the steps. A penalty on the most violated limit holds the limits. The
-    rate of the steps falls to zero. The answer is the mean over the second half of the steps (Polyak and Juditsky
-    1992). If this mean violates a limit on the problem's own samples, all variables are made smaller until it does not.
-
-    **Arguments:** `samples` of each step; fewer than 1 / (1 - target) have too little of the tail, and are optimistic;
-    `rate` of the first step, in logarithms of the variables.
-    """
-    scaled = ScaledProgram(program, start)
-    optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    z = mean = scaled.start
-    state, improve = optimiser.init(jnp.asarray(z)), jax.jit(optimiser.update)
-    try:
-        for step in range(steps):
-            _, limits, gradient, jacobian = scaled.slopes_of(program.fresh(np.exp(z), samples, seed + step))
-            k = int(np.argmax(limits))
-            if limits[k] > 0:
-                steepness = np.linalg.norm(gradient) / max(np.linalg.norm(jacobian[k]), 1e-12)
-                gradient = gradient + PULL * steepness * jacobian[k]
-            update, state = improve(jnp.asarray(gradient), state, jnp.asarray(z))
-            z = np.clip(z + np.asarray(update), *scaled.bounds)
-            mean = mean + (z - mean) / max(step - steps // 2, 1)
-    except KeyboardInterrupt:
-        feasible_neighbour(program, np.exp(mean), gradient=True)
-        raise
-    # No other point is kept: the best of many on fixed samples would be biased towards these samples.
-    feasible_neighbour(program, np.exp(mean), gradient=True)
 
 
 class Method(NamedTuple):
@@ -61,15 +20,13 @@ class Method(NamedTuple):
 
     - `name`; `solve`: `solve(program, start, **options)` returns why it stopped early, or nothing.
     - `gradients`: whether it uses them.
-    - `slack`: the share of their bounds to which it meets limits; `is_mean`: whether its answer is a mean of many
-      points, which is not to be improved on the program's own samples.
+    - `slack`: the share of their bounds to which it meets limits.
     """
 
     name: str
     solve: Callable[..., str | None]
     gradients: bool = True
     slack: float = 1e-3
-    is_mean: bool = False
 
 
 def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
@@ -121,7 +78,6 @@ METHODS = {
     for method in (
         Method("slsqp", slsqp),
         Method("trust-constr", trust_constr),
-        Method("stochastic-approximation", stochastic_approximation, is_mean=True),
         Method("cobyqa", cobyqa, gradients=False),
     )
 }

@@ -87,7 +87,6 @@ class Program:
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
     - `known`: points evaluated before.
-    - `fresh`: `(x, samples, seed) -> Evaluation`, the same by so many fresh samples of manufacture, with gradients.
     - `several`: `(points) -> Evaluations`, without gradients, where many at once are cheaper than one by one.
     - `fidelity`: the model of the motion that evaluates; a record may hold points of several.
     - `cheap`: the same problem by a cheaper model, whose points are counted by themselves (`None`: there is none).
@@ -109,7 +108,6 @@ class Program:
         most: int = 1_000_000,
         progress: Callable[[Evaluation], None] | None = None,
         known: Sequence[Evaluation] = (),
-        fresh: Callable[[np.ndarray, int, int], Evaluation] | None = None,
         several: Callable[[list[np.ndarray]], list[Evaluation]] | None = None,
         fidelity: str = DYNAMICS,
         cheap: "Program | None" = None,
@@ -123,7 +121,7 @@ class Program:
             if not 0 < low < high < math.inf:
                 text = f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold."
                 raise ClearanceError(text).about(name, (float(low), float(high)))
-        self._evaluate, self._fresh, self._several = evaluate, fresh, several
+        self._evaluate, self._several = evaluate, several
         self._most, self._progress, self.fidelity, self.cheap, self.inside = most, progress, fidelity, cheap, inside
         self.leaders = np.arange(len(self.limit_names)) if leaders is None else leaders
         self._record = None if record is None else Journal(record)
@@ -184,15 +182,6 @@ class Program:
         if self._progress is not None:
             self._progress(point)
         return point
-
-    def fresh(self, x: np.ndarray, samples: int, seed: int) -> Evaluation:
-        """The evaluation at `x` by fresh samples, with gradients. It is not kept, as it is random."""
-        if self._fresh is None:
-            text = "Only a problem with `manufacture=Yield(...)` has samples to be drawn afresh. Take another method."
-            raise ClearanceError(text)
-        self._spend()
-        self.gradients += 1
-        return self._fresh(np.clip(np.asarray(x, float), self.lower, self.upper), samples, seed)
 
     def _spend(self) -> None:
         if self.solves >= self._most:
@@ -263,14 +252,12 @@ class Program:
         """A program that evaluates through this one, with other limits or other `variables` (names, least and greatest
         values). `whole` converts its points to this program's, `shown` converts evaluations back.
         """
-        fresh = None if self._fresh is None else lambda x, samples, seed: shown(self.fresh(whole(x), samples, seed))
         return Program(
             lambda x, gradient: shown(self.at(whole(x), gradient)),
             *variables,
             self.limit_names,
             self.groups,
             known=[shown(point) for point in known],
-            fresh=fresh,
             fidelity=self.fidelity,
             cheap=cheap,
             leaders=self.leaders,

@@ -74,7 +74,7 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
     # Solvers end on either side of a limit, and the best feasible point may be an early and poor one.
     if (best := scaling.nearly_best(program)) is not None:
         scaling.feasible_neighbour(program, best.x, method.gradients)
-    went_on = not method.is_mean and by_values(program, method)
+    went_on = by_values(program, method)
     if still:
         # It is an optimum if a limit is active.
         best = program.best
