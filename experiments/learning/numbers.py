@@ -62,7 +62,7 @@ def of_via_points(drive: Callable) -> tuple[Callable[[str], Callable], Any, Any]
     def loss(derivatives):
         return lambda angles, rtol, _: speeds(crank.with_drives({"main": drive(VIA, angles)}), rtol, derivatives)
 
-    return loss, jnp.asarray(CRANK_SPEED * VIA), 1e-4
+    return loss, jnp.asarray(CRANK_SPEED * VIA), 1e-6
 
 
 def questions() -> Questions:
