@@ -26,7 +26,7 @@ _APART = {"custom_call", "scatter", "sort", "fft", "infeed", "outfeed", "replica
 _APART |= {"all_gather", "all_reduce", "all_to_all", "collective_permute", "reduce_scatter"}
 # XLA leaves long reductions and products of matrices to a library (`ynn_support.cc` of XLA): from so many numbers
 # (measured), and from so many rows, columns or terms.
-_LONG, _WIDE = 4096, 8
+LONG, _WIDE = 4096, 8
 # The reductions of which it has kernels, each as XLA does not recognise it, with the same bits.
 _DISGUISED = {
     "stablehlo.add": lambda a, b: hlo.subtract(a, hlo.negate(b)),
@@ -135,7 +135,7 @@ def _is_apart(operation: Any) -> bool:
     rows, columns = math.prod(value.shape) // each, math.prod(others) // each
     # XLA writes outer products, and products with a vector, as sums of products.
     matrices = min(rows, columns, terms) > 1 and max(rows, columns, terms) >= _WIDE
-    return matrices or each * rows * columns >= _LONG
+    return matrices or each * rows * columns >= LONG
 
 
 def _is_long(operation: Any) -> bool:
@@ -143,7 +143,7 @@ def _is_long(operation: Any) -> bool:
     if operation.name != "stablehlo.reduce" or len(operation.results) > 1:
         return False
     value = ir.RankedTensorType(operation.operands[0].type)
-    return isinstance(value.element_type, ir.FloatType) and math.prod(value.shape) >= _LONG
+    return isinstance(value.element_type, ir.FloatType) and math.prod(value.shape) >= LONG
 
 
 def _disguise(reduction: Any) -> None:

@@ -13,6 +13,7 @@ from jaxtyping import Array
 from clearance_jax._basis.types import Each, EachFlag, Scalar
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import component_axis, components, each_lane, sharing_lanes
+from clearance_jax._compile.one_function import LONG
 from clearance_jax.dynamics.applied import renew
 from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.conditions import choice
@@ -56,6 +57,8 @@ def tableau_of(solver: Any) -> Tableau:
 _EPS = float(np.finfo(np.float64).eps)
 STAGE_BEFORE_END = 4 * _EPS
 """Part of the time of a step's end by which stages there are earlier: at the end a drive may have jumped already."""
+# Slopes of so many numbers are added one by one, which compilers vectorise; fewer by a reduction (measured).
+LONG_STACK = 200
 
 
 class Trial(NamedTuple):
@@ -76,7 +79,7 @@ def dense_info(solver: Any, trial: Trial, times: tuple) -> dict[str, Array]:
 
 
 class DenseStep(NamedTuple):
-    """The solver's own interpolation of a step between its times."""
+    """The solver's own interpolation of a step between its times, of a long stack."""
 
     t0: Scalar
     t1: Scalar
@@ -84,19 +87,22 @@ class DenseStep(NamedTuple):
     solver: Any
 
     def evaluate(self, time: Scalar) -> Array:
-        """The state or stack at a time: diffrax's polynomial, but as a sum. (Its product of matrices is a library's
-        call if a stack is long, for which a compiled loop is cut in pieces.)
-        """
-        info = dense_info(self.solver, self.trial, (self.t0, self.t1))
-        terms = jnp.concatenate([info["y0"][None], info["y1"][None], info["k"]])
-        units = jnp.eye(len(terms))
+        """The state or stack at a time."""
+        stages = tableau_of(self.solver).stages
+        units = jnp.eye(2 + stages)
         step = self.solver.interpolation_cls(t0=self.t0, t1=self.t1, y0=units[0], y1=units[1], k=units[2:])
-        return _weighted_sum(step.evaluate(time), terms, time)
+        start, end, *weights = step.evaluate(time)
+        inside = _weighted_sum(jnp.stack(weights), self.trial.slopes[:stages], time)
+        return start * self.trial.start + end * self.trial.end + (self.t1 - self.t0) * inside
 
 
-def dense(solver: Any, trial: Trial, times: tuple) -> DenseStep:
-    """The solver's own interpolation of a step."""
-    return DenseStep(times[0], times[1], trial, solver)
+def dense(solver: Any, trial: Trial, times: tuple) -> Any:
+    """The solver's own interpolation of a step: diffrax's, a product of matrices. A long one would be a library's call,
+    for which a compiled loop is cut in pieces: of a long stack it is a sum.
+    """
+    if trial.slopes.size >= LONG:
+        return DenseStep(times[0], times[1], trial, solver)
+    return solver.interpolation_cls(t0=times[0], t1=times[1], **dense_info(solver, trial, times))
 
 
 class SolvedStep(NamedTuple):
@@ -243,7 +249,7 @@ def _in_every_row(function: Callable, time: Each, y: Array, problem: Problem) ->
 
 def _weighted_sum(weights: Array, slopes: Array, time: Each) -> Array:
     """The weighted sum of the stages' slopes (first axis)."""
-    if not jnp.ndim(time):
+    if not jnp.ndim(time) and slopes.size < LONG_STACK:
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
     with sharing_lanes(time):
         return share(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
