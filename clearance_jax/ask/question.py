@@ -46,6 +46,8 @@ class Ending(AbstractMetric):
 OPTIONS = {"t1": "s", "rtol": ""}
 
 
+# With more numbers a metric's derivatives are pulled back: their rule then moves the entries of arrays one by one.
+MANY = 30
 # The value of `differentiated` that means every metric.
 ALL = ("*",)
 
@@ -107,7 +109,8 @@ class Question(Module):
         def at(point):
             return self._measure(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
 
-        if self.settings.derivatives == ADJOINT and self.settings.fidelity == DYNAMICS:
+        backwards = self.settings.derivatives == ADJOINT or centre.size > MANY
+        if backwards and self.settings.fidelity == DYNAMICS:
 
             def chosen(point):
                 values, ending = at(point)

@@ -41,8 +41,7 @@ class Confidence(NamedTuple):
 
     - `covariance` (n, n), `deviations` (n,), `intervals` (n, 2) of the probability `LEVEL`, `correlation` (n, n); huge
       values where the data say nothing.
-    - `axes` (n, n): axes of the confidence ellipsoid as columns, whose extent along each number is its interval, as
-      changes over the `sizes` (n,) of the numbers; `lengths` (n,): half of each axis, the shortest first.
+    - `sizes` (n,) of the numbers (`Variables.sizes`).
     - `factor`: half of an interval over the deviation; `inflation`: factor of the noise on the covariance; `memory`:
       the part of it from correlated residuals.
     - `bent`: names whose intervals come from the motion itself, as the derivatives do not predict it.
@@ -53,9 +52,7 @@ class Confidence(NamedTuple):
     deviations: np.ndarray
     intervals: np.ndarray
     correlation: np.ndarray
-    axes: np.ndarray
     sizes: np.ndarray
-    lengths: np.ndarray
     factor: float
     inflation: float
     memory: float
@@ -79,8 +76,7 @@ def confidence(task: FitTask, fit: FitResult) -> Confidence:
     half = factor * deviations
     intervals = np.clip(np.stack([x - half, x + half], axis=1), variables.lower[:, None], variables.upper[:, None])
     unknown = tuple(_unidentified(variables.names, rows, lengths, size))
-    ellipsoid = rows.T, size, lengths
-    return Confidence(covariance, deviations, intervals, correlation, *ellipsoid, factor, inflation, memory, unknown)
+    return Confidence(covariance, deviations, intervals, correlation, size, factor, inflation, memory, unknown)
 
 
 def _noise(task: FitTask, fit: FitResult, freedom: int, memory: float) -> tuple[float, float]:
@@ -132,7 +128,7 @@ def profile(task: FitTask, fit: FitResult, known: Confidence) -> tuple[Confidenc
     """
     walk, intervals, bent = _Walk(task, fit, known), known.intervals.copy(), []
     undetermined = {name for group in known.unidentified for name in group.names}
-    determined = [k for k, name in enumerate(task.variables.names) if name not in undetermined]
+    determined = [k for k in task.variables.alone().tolist() if task.variables.names[k] not in undetermined]
     vague = sorted(determined, key=lambda k: known.deviations[k] / known.sizes[k])[-LOOKED:]
     for far, numbers in ((True, vague), (False, determined)):
         for k in numbers:

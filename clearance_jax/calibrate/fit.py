@@ -22,27 +22,59 @@ INTERRUPTED, SPENT = "it was interrupted", "it had as many trial points as it ma
 
 
 class Variables(NamedTuple):
-    """The numbers that are fitted: `names`, `start` values and bounds, all (parameters,); `units` by name."""
+    """The numbers that are fitted: `names`, `start` values and bounds, all (parameters,); `units` by name.
+
+    What is known of them beforehand: `expected` values, each with its standard deviation `spread`, infinite where
+    nothing is. `arrays`: the names and shapes of whole parameters, of which these numbers are the entries, in order;
+    none if each number has a name of its own.
+    """
 
     names: tuple[str, ...]
     start: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     units: dict[str, str]
+    expected: Any = 0.0
+    spread: Any = np.inf
+    arrays: tuple[tuple[str, tuple[int, ...]], ...] = ()
+
+    def by_name(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """The parameters as numbers and arrays."""
+        wholes = self.arrays or tuple((name, ()) for name in self.names)
+        parts = np.split(x, np.cumsum([int(np.prod(shape)) for _, shape in wholes])[:-1])
+        return {name: part.reshape(shape) for (name, shape), part in zip(wholes, parts, strict=True)}
+
+    def alone(self) -> np.ndarray:
+        """The places of the numbers that are no entries of an array."""
+        wholes = self.arrays or ((name, ()) for name in self.names)
+        return np.flatnonzero(np.concatenate([np.full(int(np.prod(shape)), shape == ()) for _, shape in wholes]))
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether anything is known of any number beforehand."""
+        return bool(np.any(np.isfinite(self.spread)))
+
+    def prior(self, x: np.ndarray) -> "Weighted":
+        """How far numbers are from what is expected, in units of the spreads, as residuals."""
+        spread = np.broadcast_to(self.spread, x.shape)
+        held = np.isfinite(spread)
+        return Weighted(((x - self.expected) / spread)[held], np.diag(1 / spread)[held])
 
     @property
     def scale(self) -> np.ndarray:
-        """The scale of each number for the search: its start value, or the distance of its bounds if that is zero."""
+        """The scale of each number for the search: its spread, start value, or the distance of its bounds."""
         width = self.upper - self.lower
-        return np.where(self.start != 0, np.abs(self.start), np.where(np.isfinite(width), width, 1.0))
+        size = np.where(self.start != 0, np.abs(self.start), np.where(np.isfinite(width), width, 1.0))
+        return np.where(np.isfinite(self.spread), self.spread, size)
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
         """The size of each number, with which its interval is compared: half of the distance of its bounds; its value
-        `x` if that is smaller and the bounds exclude zero.
+        `x` if that is smaller and the bounds exclude zero; two spreads of what is known beforehand.
         """
         half, magnitude = (self.upper - self.lower) / 2, np.where(x != 0, np.abs(x), 1.0)
         one_sign = (self.lower > 0) | (self.upper < 0)
-        return np.where(one_sign, np.minimum(half, magnitude), np.where(np.isfinite(half), half, magnitude))
+        size = np.where(one_sign, np.minimum(half, magnitude), np.where(np.isfinite(half), half, magnitude))
+        return np.where(np.isfinite(self.spread), np.minimum(half, 2 * self.spread), size)
 
 
 class FitTask(NamedTuple):
@@ -76,10 +108,20 @@ class FitTask(NamedTuple):
         return self._replace(instruments=self.instruments.until(count), measurement=self.measurement.until(count))
 
     def weigh(self, point: FitPoint, deviations: np.ndarray) -> "Weighted":
-        """The residuals (model minus measurement) of the known values, over the deviations of the series."""
-        known = self.measurement.known
+        """The residuals (model minus measurement) of the known values, over the deviations of the series; and those
+        from what is known of the numbers beforehand.
+        """
+        known, prior = self.measurement.known, self.variables.prior(point.x)
         off = (point.values - self.measurement.values) / deviations
-        return Weighted(off[known], (point.slopes / deviations[:, None])[known])
+        slopes = (point.slopes / deviations[:, None])[known]
+        return Weighted(np.append(off[known], prior.residuals), np.concatenate([slopes, prior.jacobian]))
+
+    def spent(self, point: FitPoint, deviations: np.ndarray) -> float:
+        """How many numbers the data determine: all, less the shares that are known beforehand (their leverage)."""
+        if not self.variables.has_prior:
+            return float(len(self.variables.names))
+        of_each = np.sum(np.linalg.qr(self.weigh(point, deviations).jacobian)[0] ** 2, axis=1)
+        return float(np.sum(of_each[: np.sum(self.measurement.known)]))
 
     def cost(self, point: FitPoint, deviations: np.ndarray) -> float:
         """The cost of a point, which the fit minimises."""
@@ -131,9 +173,15 @@ def descend(task: FitTask, first: FitPoint, deviations: np.ndarray, least: float
 
     bounds = variables.lower / scale, variables.upper / scale
     how: Any = {"loss": loss.rho, "f_scale": loss.scale, "max_nfev": task.options.most, "ftol": least}
+    how |= {"bounds": bounds, "x_scale": "jac"}
     # A motion that does not reach its end has NaN residuals, which count as a step that was too long.
     try:
-        solution = least_squares(residuals, first.x / scale, jacobian, bounds=bounds, x_scale="jac", **how)
+        try:
+            solution = least_squares(residuals, first.x / scale, jacobian, **how)
+        except np.linalg.LinAlgError:
+            # LAPACK fails for some Jacobians of many numbers of which data say nothing, so that all singular values are
+            # those of what is known beforehand.
+            solution = least_squares(residuals, first.x / scale, jacobian, tr_solver="lsmr", **how)
         point, converged, ending = task.instruments(solution.x * scale), solution.status > 0, SPENT
     except KeyboardInterrupt:
         point = min((trial for trial in trials if trial.reached), key=lambda trial: task.cost(trial, deviations))
@@ -203,7 +251,7 @@ def _check(task: FitTask, fit: FitResult, k: int, residuals: np.ndarray) -> Resi
     series, psi = task.measurement.series[k], task.loss.influence(residuals)[0]
     values, given = series.values[np.isfinite(series.values)], series.deviation is not None
     exact = bool(np.sqrt(np.mean((residuals * fit.deviations[k]) ** 2)) <= task.floor(values))
-    share = len(task.variables.names) / np.sum(task.measurement.known)
+    share = task.spent(fit.point, fit.deviations) / np.sum(task.measurement.known)
     square, freedom_each = task.loss.normal_squares()
     freedom = freedom_each * len(psi) * (1 - share)
     low, high = chi2.ppf([IMPROBABLE / 2, 1 - IMPROBABLE / 2], freedom) / freedom

@@ -247,16 +247,16 @@ class FitPoint(NamedTuple):
 
 
 class Instruments:
-    """The readings of a mechanism's motion at values of its numbers `names`. Each point is solved once and kept in
-    `points`, also those of shorter motions; `progress` is called with each. `accuracy` is the relative error of
-    readings.
+    """The readings of a mechanism's motion at values `x` of its numbers, by name `numbers(x)`. Each point is solved
+    once and kept in `points`, also those of shorter motions; `progress` is called with each. `accuracy` is the relative
+    error of readings.
     """
 
     def __init__(
         self,
         mechanism: Mechanism,
         measurement: Measurement,
-        names: Sequence[str],
+        numbers: Callable[[np.ndarray], dict[str, np.ndarray]],
         t1: float,
         settings: Settings,
         progress: Callable[[FitPoint], Any] | None = None,
@@ -267,8 +267,8 @@ class Instruments:
         # The metric has quantities first: the place of each series in it.
         self._order = np.argsort(np.argsort([not isinstance(reading, str) for reading in readings], kind="stable"))
         metric = Readings(quantities, signals, measurement.times)
-        self._question = Question(mechanism, {"": metric}, t1, settings, names)
-        self._names, self._progress = tuple(names), progress
+        self._numbers, self._progress = numbers, progress
+        self._question = Question(mechanism, {"": metric}, t1, settings)
         self._times, self._count = measurement.times, len(measurement.times)
         self.accuracy = FLOOR * float(settings.rtol)
         self._seen: dict[tuple[int, bytes], FitPoint] = {}
@@ -289,7 +289,8 @@ class Instruments:
     def __call__(self, x: np.ndarray) -> FitPoint:
         key = self._count, np.asarray(x, float).tobytes()
         if key not in self._seen:
-            solved = answer(self._question, dict(zip(self._names, x, strict=True)))
+            numbers = self._numbers(x)
+            solved = answer(dataclasses.replace(self._question, by=tuple(numbers)), numbers)
             values, slopes = (np.asarray(of[""])[:, self._order] for of in (solved.values, solved.slopes))
             point = FitPoint(np.array(x, float), values, slopes, words(int(solved.ending["code"])))
             # The search cannot use readings without derivatives.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from clearance_jax.calibrate.confidence import LEVEL, Confidence, Unidentified
+from clearance_jax.calibrate.confidence import Confidence, Unidentified
 from clearance_jax.calibrate.fit import FitResult, FitTask, ResidualCheck, residuals_of
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.units import format_quantity
@@ -28,7 +28,7 @@ class Calibration:
     """The fitted numbers of a mechanism and how well they are known. It prints itself.
 
     - `values`, `deviations` (standard), `intervals` (of 95 %) by name [SI]; `units`; those that are `undetermined`.
-    - `correlation`: an array over parameter and parameter; `ellipsoid`: a dataset of the confidence ellipsoid's axes.
+    - `correlation`: an array over parameter and parameter.
     - `residuals`: a dataset over time of the measured values, those of the fitted motion (`NAME_model`), and the
       difference (`NAME_residual`, model minus measurement).
     - `noise`: the deviation of each signal, given or estimated; `chi_square`: the sum of squared residuals over their
@@ -36,6 +36,8 @@ class Calibration:
       `missing`: how many numbers were NaN.
     - `notes`: doubts about the fit, in sentences; `others`: minima to which other starts led.
     - `converged`; `motions`: how many were solved with derivatives; `mechanism`: with the fitted numbers.
+    - `arrays`: those among the parameters, by name, and `array_deviations`: the standard deviations of their entries.
+      All of the above is of the other numbers; `expected`: of how many numbers something was known beforehand.
     """
 
     mechanism: Mechanism
@@ -44,7 +46,6 @@ class Calibration:
     intervals: dict[str, tuple[float, float]]
     units: dict[str, str]
     correlation: xr.DataArray
-    ellipsoid: xr.Dataset
     residuals: xr.Dataset
     noise: dict[str, float]
     chi_square: float
@@ -55,14 +56,23 @@ class Calibration:
     others: tuple[Minimum, ...]
     converged: bool
     motions: int
+    arrays: dict[str, np.ndarray]
+    array_deviations: dict[str, np.ndarray]
+    expected: int
+
+    @property
+    def compared(self) -> int:
+        """The number of measured numbers."""
+        return self.freedom - self.expected + len(self.values) + sum(array.size for array in self.arrays.values())
 
     @property
     def message(self) -> str:
         """The result in words, as it is printed."""
         lines = [f"{name} = {self.row(name)}" for name in self.values]
-        count = self.freedom + len(self.values)
+        lines += [f"{name}: {array.size} numbers" for name, array in self.arrays.items()]
         gaps = f", {self.missing} missing" if self.missing else ""
-        lines.append(f"{count} numbers compared{gaps}, {self.motions} motions solved, chi-square {self.chi_square:.3g}")
+        compared = f"{self.compared} numbers compared{gaps}"
+        lines.append(f"{compared}, {self.motions} motions solved, chi-square {self.chi_square:.3g}")
         for other in self.others[:TOLD]:
             at = ", ".join(f"{n} = {format_quantity(value, self.units[n], 4)}" for n, value in other.values.items())
             lines.append(f"Another minimum, of {other.ratio:.3g} times the cost: {at}.")
@@ -86,18 +96,19 @@ def result_of(
     task: FitTask, mechanism: Mechanism, fits: list[FitResult], known: Confidence, notes: tuple[str, ...]
 ) -> Calibration:
     """The `Calibration`, from the `mechanism` with the fitted numbers and the `fits`, the best first."""
-    fit, names, measurement = fits[0], task.variables.names, task.measurement
-    by_name = dict(zip(names, fit.point.x.tolist(), strict=True))
+    fit, variables, measurement, alone = fits[0], task.variables, task.measurement, task.variables.alone()
+    names = [variables.names[k] for k in alone]
+    correlation = known.correlation[np.ix_(alone, alone)]
     residuals = task.weigh(fit.point, fit.deviations).residuals
-    freedom = residuals.size - len(names)
+    freedom = residuals.size - len(variables.names)
+    wholes, spreads = (variables.by_name(x) for x in (fit.point.x, known.deviations))
     return Calibration(
         mechanism,
-        by_name,
-        dict(zip(names, known.deviations.tolist(), strict=True)),
-        {name: (float(low), float(high)) for name, (low, high) in zip(names, known.intervals, strict=True)},
-        task.variables.units,
-        xr.DataArray(known.correlation, {"parameter": list(names), "other": list(names)}, ("parameter", "other")),
-        _ellipsoid(task, known),
+        dict(zip(names, fit.point.x[alone].tolist(), strict=True)),
+        dict(zip(names, known.deviations[alone].tolist(), strict=True)),
+        {name: (float(low), float(high)) for name, (low, high) in zip(names, known.intervals[alone], strict=True)},
+        variables.units,
+        xr.DataArray(correlation, {"parameter": names, "other": names}, ("parameter", "other")),
         _residuals(task, fit),
         {series.name: float(size) for series, size in zip(measurement.series, fit.deviations, strict=True)},
         float(np.sum(residuals**2) / max(freedom, 1)),
@@ -108,18 +119,10 @@ def result_of(
         tuple(_others(task, fits, known)),
         fit.converged,
         len(task.instruments.points),
+        {name: array for name, array in wholes.items() if array.ndim},
+        {name: array for name, array in spreads.items() if array.ndim},
+        int(np.sum(np.isfinite(variables.spread))),
     )
-
-
-def _ellipsoid(task: FitTask, known: Confidence) -> xr.Dataset:
-    """The dataset of the confidence ellipsoid: its axes as changes over the sizes of the numbers, and their lengths."""
-    half = f"half of each axis, of {100 * LEVEL:.0f} % confidence"
-    variables = {
-        "axes": (("parameter", "axis"), known.axes, {"long_name": "change over the sizes, along each axis"}),
-        "sizes": ("parameter", known.sizes, {"long_name": "half of the bounds' distance, or the number itself"}),
-        "half_lengths": ("axis", known.lengths, {"long_name": half}),
-    }
-    return xr.Dataset(variables, {"parameter": list(task.variables.names)})
 
 
 def _residuals(task: FitTask, fit: FitResult) -> xr.Dataset:
@@ -143,7 +146,8 @@ def _others(task: FitTask, fits: list[FitResult], known: Confidence):
         if fit.converged and all(np.any(np.where(undetermined, 0.0, distances) > 1) for distances in apart):
             seen.append(x)
             ratio = task.cost(fit.point, fits[0].deviations) / max(best, np.finfo(float).tiny)
-            yield Minimum(dict(zip(task.variables.names, x.tolist(), strict=True)), float(ratio))
+            alone = {task.variables.names[k]: float(x[k]) for k in task.variables.alone()}
+            yield Minimum(alone, float(ratio))
 
 
 # Share of steps that gained much less than predicted from which on this is told, and the least number of steps.

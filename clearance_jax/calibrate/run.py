@@ -15,7 +15,7 @@ from clearance_jax.calibrate.fit import INTERRUPTED, FitResult, FitTask, Variabl
 from clearance_jax.calibrate.measurement import FitPoint, Instruments, Series, read_measurement
 from clearance_jax.calibrate.options import FitOptions, fit_options
 from clearance_jax.calibrate.result import Calibration, doubts, result_of
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, unknown_name, wrong_value
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters, replace
@@ -29,10 +29,11 @@ UNSEEN = "at the ends of the intervals no motion was solved to check what the de
 def calibrate(
     mechanism: Mechanism,
     dataset: xr.Dataset,
-    parameters: Mapping[str, tuple[Any, Any]] | Sequence[str],
+    parameters: Mapping[str, tuple[Any, Any] | None] | Sequence[str],
     *,
     signals: Mapping[str, str | AbstractSignal] | Sequence[str] | None = None,
     deviations: Mapping[str, Any] | None = None,
+    priors: Mapping[str, tuple[Any, Any]] | None = None,
     loss: str = "linear",
     starts: int | None = None,
     seed: int = 0,
@@ -49,11 +50,15 @@ def calibrate(
     - `dataset`: variables over a coordinate `time` [s], in SI or in what their attribute `units` says. NaN: not
       measured.
     - `parameters`: dotted names of the numbers that are looked for, as in `cj.parameters(mechanism)`, each with its
-      least and its greatest value [SI]; or the names alone. The search starts at the mechanism's own values.
+      least and its greatest value [SI], or `None`; or the names alone. The name of an array stands for its entries,
+      and the name of a module of yours, such as a network, for all its arrays. The search starts at the mechanism's own
+      values.
     - `signals`: variable -> what it measures: a quantity of the motion by its name ("piston.position.x"), or a signal
       of `clearance_jax.metrics`. Or the names of variables that are quantities themselves; `None`: all variables over
       `time`.
     - `deviations`: variable -> standard deviation of its noise [SI]; absent ones are estimated from residuals.
+    - `priors`: parameter -> (value, standard deviation) that are known beforehand, as if measured; of an array, for
+      each of its entries: a regulariser. They make more numbers than data possible.
     - `loss`: "linear", or one that outliers disturb less: "huber", "soft_l1", "cauchy", "arctan".
     - `starts`: how many, the first at the mechanism's own values, the others scattered over the bounds by `seed`;
       `None`: one, and up to seven more while the residuals do not look like noise, until two agree. Each is fitted to
@@ -67,13 +72,13 @@ def calibrate(
     if "save_at" in options:
         raise ClearanceError("A calibration compares at the measured times: leave `save_at` out.")
     how = fit_options(loss, starts, seed, most)
-    variables = _variables(mechanism, parameters, how)
+    variables = _variables(mechanism, parameters, dict(priors or {}), how)
     measurement = read_measurement(mechanism, dataset, signals, deviations, bool(options.get("energy_balance", False)))
-    count, wanted = int(np.sum(measurement.known)), len(variables.names)
+    count, wanted = int(np.sum(measurement.known)), int(np.sum(np.isinf(variables.spread)))
     if count < wanted:
         few = f"{count} measured numbers cannot determine {wanted} parameters."
         raise ClearanceError(f"{few} Measure more, or look for fewer.")
-    if count == wanted and any(series.deviation is None for series in measurement.series):
+    if wanted == count == len(variables.names) and any(series.deviation is None for series in measurement.series):
         raise ClearanceError(
             f"{count} measured numbers for {wanted} parameters leave none to estimate the noise from. Measure more, or "
             "give `deviations`."
@@ -86,12 +91,12 @@ def calibrate(
             f"The measured times, {times[0]:g} to {times[-1]:g} s, must lie inside the motion, from {begin:g} to "
             f"{t1:g} s. Cut the data, or set `t0` and `t1`."
         )
-    instruments = Instruments(mechanism, measurement, variables.names, t1, settings, progress)
+    instruments = Instruments(mechanism, measurement, variables.by_name, t1, settings, progress)
     task = FitTask(instruments, variables, measurement, how)
     fits = search(task)
     fits[0], known, interrupted = settle(task, fits[0])
     notes = (*doubts(task, fits[0], known), *interrupted)
-    fitted = replace(mechanism, dict(zip(variables.names, fits[0].point.x, strict=True)))
+    fitted = replace(mechanism, variables.by_name(fits[0].point.x))
     return result_of(task, fitted, fits, known, notes)
 
 
@@ -113,31 +118,54 @@ def settle(task: FitTask, fit: FitResult) -> tuple[FitResult, Confidence, tuple[
     return fit, known, (f"{nearby}: {UNSEEN}. Try more starts.",)
 
 
-def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variables:
+def _variables(mechanism: Mechanism, given: Any, priors: dict[str, Any], options: FitOptions) -> Variables:
     """The numbers to be fitted, with start values and bounds."""
-    known, units = parameters(mechanism), {}
+    known, units, names, wholes = parameters(mechanism), {}, [], []
     given = (given,) if isinstance(given, str) else given
-    bounds = given if isinstance(given, Mapping) else dict.fromkeys(given, None)
+    bounds = _each(known, given if isinstance(given, Mapping) else dict.fromkeys(given, None))
     if not bounds:
         raise ClearanceError("There is no number to look for: `parameters` is empty.")
+    priors = _each(known, priors)
+    if missing := next((name for name in priors if name not in bounds), None):
+        raise unknown_name(f"`priors`: `{missing}` is not looked for.", missing, bounds)
     rows = []
     for name, pair in bounds.items():
         leaf, entry = find(known, name)
-        if entry is None and np.ndim(leaf.value):
-            raise ClearanceError(f"`parameters` wants numbers, but `{name}` is an array. Name its entries, `{name}.0`.")
         low, high = _bounds(name, leaf, pair)
-        value = float(np.asarray(leaf.value if entry is None else leaf.value[entry]))
-        if not low <= value <= high:
-            raise ClearanceError(
-                f"The search starts at the mechanism's own `{name}` = {value:g} {leaf.unit}".rstrip()
-                + f", which is not between its bounds {low:g} and {high:g}. Change one of them."
-            )
+        expected, spread = _prior(name, priors[name]) if name in priors else (0.0, np.inf)
+        values = np.asarray(leaf.value if entry is None else leaf.value[entry], float)
+        wholes.append((name, values.shape))
+        for place in np.ndindex(values.shape):
+            value, one = float(values[place]), ".".join([name, *map(str, place)])
+            if not low <= value <= high:
+                raise ClearanceError(
+                    f"The search starts at the mechanism's own `{one}` = {value:g} {leaf.unit}".rstrip()
+                    + f", which is not between its bounds {low:g} and {high:g}. Change one of them."
+                )
+            names.append(one)
+            rows.append((value, low, high, expected, spread))
+            units[one] = leaf.unit
         if (options.starts or 1) > 1 and not np.isfinite(high - low):
             raise ClearanceError(f"Several starts are scattered over the bounds, but `{name}` has none. Give them.")
-        rows.append((value, low, high))
-        units[name] = leaf.unit
-    start, lower, upper = np.array(rows, float).T
-    return Variables(tuple(bounds), start, lower, upper, units)
+    start, lower, upper, expected, spread = np.array(rows, float).T
+    return Variables(tuple(names), start, lower, upper, units, expected, spread, tuple(wholes))
+
+
+def _each(known: Mapping[str, Leaf], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The same by whole parameters, where a name stands for all parameters below it."""
+    below = {name: [one for one in known if one.startswith(f"{name}.")] for name in given if name not in known}
+    return {one: pair for name, pair in given.items() for one in below.get(name) or [name]}
+
+
+def _prior(name: str, pair: Any) -> tuple[float, float]:
+    """An expected value and its standard deviation."""
+    try:
+        expected, spread = map(float, pair)
+    except (TypeError, ValueError):
+        raise wrong_value(f"The prior of `{name}`", "a value and its standard deviation", pair) from None
+    if not (np.isfinite(expected) and 0 < spread < np.inf):
+        raise wrong_value(f"The standard deviation of the prior of `{name}`", "finite and above zero", spread)
+    return expected, spread
 
 
 def _bounds(name: str, leaf: Leaf, pair: Any) -> tuple[float, float]:
@@ -262,8 +290,8 @@ def grow(task: FitTask, start: np.ndarray, deviations: np.ndarray) -> Iterator[F
 def refine(task: FitTask, fit: FitResult) -> FitResult:
     """Refit with deviations estimated from the residuals, for series without a given deviation."""
     given = task.given
-    # A common factor does not move the minimum of a sum of squares.
-    alone = len(given) == 1 and task.options.loss == "linear"
+    # A common factor does not move the minimum of a sum of squares that are all of one kind.
+    alone = len(given) == 1 and task.options.loss == "linear" and not task.variables.has_prior
     for _ in range(0 if np.all(given) else REFITS):
         deviations = _estimated_deviations(task, fit)
         settled = np.all(np.abs(deviations - fit.deviations) <= SETTLED * fit.deviations)
@@ -279,7 +307,7 @@ def _estimated_deviations(task: FitTask, fit: FitResult) -> np.ndarray:
     loss).
     """
     measured, known = task.measurement.values, task.measurement.known
-    left, deviations = 1 - len(task.variables.names) / np.sum(known), []
+    left, deviations = 1 - task.spent(fit.point, fit.deviations) / np.sum(known), []
     for off, values, there in zip((fit.point.values - measured).T, measured.T, known.T, strict=True):
         size = np.abs(off[there])
         # The median of normal noise is 0.6745 deviations.
