@@ -36,8 +36,8 @@ class Calibration:
       `missing`: how many numbers were NaN.
     - `notes`: doubts about the fit, in sentences; `others`: minima to which other starts led.
     - `converged`; `motions`: how many were solved with derivatives; `mechanism`: with the fitted numbers.
-    - `arrays`: those among the parameters, by name, and `array_deviations`: the standard deviations of their entries.
-      All of the above is of the other numbers; `expected`: of how many numbers something was known beforehand.
+    - `arrays`: those among the parameters, by name; `covariance`: an array over all numbers (`NAME.i` of an array),
+      while all of the above is of the other numbers; `expected`: of how many numbers something was known beforehand.
     """
 
     mechanism: Mechanism
@@ -57,7 +57,7 @@ class Calibration:
     converged: bool
     motions: int
     arrays: dict[str, np.ndarray]
-    array_deviations: dict[str, np.ndarray]
+    covariance: xr.DataArray
     expected: int
 
     @property
@@ -101,7 +101,7 @@ def result_of(
     correlation = known.correlation[np.ix_(alone, alone)]
     residuals = task.weigh(fit.point, fit.deviations).residuals
     freedom = residuals.size - len(variables.names)
-    wholes, spreads = (variables.by_name(x) for x in (fit.point.x, known.deviations))
+    every = list(variables.names)
     return Calibration(
         mechanism,
         dict(zip(names, fit.point.x[alone].tolist(), strict=True)),
@@ -119,8 +119,8 @@ def result_of(
         tuple(_others(task, fits, known)),
         fit.converged,
         len(task.instruments.points),
-        {name: array for name, array in wholes.items() if array.ndim},
-        {name: array for name, array in spreads.items() if array.ndim},
+        {name: array for name, array in variables.by_name(fit.point.x).items() if array.ndim},
+        xr.DataArray(known.covariance, {"parameter": every, "other": every}, ("parameter", "other")),
         int(np.sum(np.isfinite(variables.spread))),
     )
 

@@ -83,7 +83,7 @@ def factor() -> float:
     return float(law.damping_factor)
 
 
-def ours(derivatives: str) -> Solve:
+def ours(derivatives: str, times: Any = TIMES) -> Solve:
     crank = slider_crank()
     (wrist,) = (joint.clearance for joint in crank.clearance_joints())
     assert wrist is not None
@@ -96,7 +96,7 @@ def ours(derivatives: str) -> Solve:
         s = cj.simulate(
             crank.with_clearance("wrist", play),
             END,
-            save_at=TIMES,
+            save_at=times,
             rtol=rtol,
             solver="dopri8",
             energy_balance=False,
@@ -139,7 +139,7 @@ def field(t, y, given):
     return jnp.stack([phi_dot, x_dot, turned, fx / slider_mass])
 
 
-def plain(solver: str) -> Solve:
+def plain(solver: str, times: Any = TIMES) -> Solve:
     def solve(net, rtol, damping):
         s = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
@@ -149,7 +149,7 @@ def plain(solver: str) -> Solve:
             None,
             jnp.asarray(slider_crank_start(NUMBERS)),
             args=(net, damping),
-            saveat=diffrax.SaveAt(ts=TIMES),
+            saveat=diffrax.SaveAt(ts=times),
             stepsize_controller=diffrax.PIDController(rtol=rtol, atol=rtol * slider_crank_scale(NUMBERS)),
             adjoint=diffrax.RecursiveCheckpointAdjoint(),
             max_steps=MOST_STEPS,

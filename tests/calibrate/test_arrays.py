@@ -74,7 +74,7 @@ def test_an_array_is_fitted_with_what_is_known_beforehand(measured):
     # The pull is of no step worth making.
     assert np.max(np.abs(np.linalg.solve(precision, pull)) / deviations) < 1e-2
     # Residuals may be larger than the given noise, and the deviations are then larger by the same factor.
-    factor = found.array_deviations[name] / deviations
+    factor = np.sqrt(np.diag(found.covariance)) / deviations
     np.testing.assert_allclose(factor, factor[0], rtol=1e-3)
     assert 1 - 1e-3 <= factor[0] <= 1.3
     assert np.max(np.abs(heights - HEIGHTS) / deviations) < 4
@@ -106,7 +106,10 @@ def test_more_numbers_than_data_need_priors(measured):
     found = cj.calibrate(arm(), few, ["hip.friction"], priors=PRIOR, deviations={"tip.position.x": NOISE}, **OPTIONS)
     assert found.converged
     assert found.freedom == 6
-    assert np.max(found.array_deviations["hip.friction.profile.heights"]) < 0.06
+    assert (
+        np.max(np.diag(found.covariance.sel(parameter=[f"hip.friction.profile.heights.{i}" for i in range(9)])))
+        < 0.06**2
+    )
 
 
 def test_wrong_priors_are_named(measured):

@@ -408,7 +408,7 @@ def test_gradients_by_weights():
     assert row.weights == 15
     key = learning.Key("adjoint", learning.RTOL, learning.factor())
     wrong = row._replace(difference=1e-7, runs=row.runs | {key: row.runs[key]._replace(error=1e-3, seconds=9.0)})
-    assert len(learning.broken([wrong])) == 4
+    assert len(learning.broken([wrong])) == 6
 
 
 @pytest.mark.slow
