@@ -25,12 +25,13 @@ from clearance_jax.solve.settings import (
     SolveOptions,
     settings_of,
 )
-from clearance_jax.solve.steps.tolerances import SMALLEST
+from clearance_jax.solve.steps.tolerances import CLOSEST
 
 # Entries of parameters for each number of the metric from which on an adjoint costs less than controlled derivatives.
 MANY = 20
 AUTO = "auto"
-# An adjoint's error is estimated by another one at this part of its `rtol`: by so many times the difference.
+# An adjoint's error is estimated by another one at this part of its `rtol` (or, of a tiny one, at as many times): by so
+# many times the difference.
 FINER, COVERS = 0.1, 2.0
 
 
@@ -103,9 +104,9 @@ def sensitivities(
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     error = None
     if mode == ADJOINT and settings.fidelity == DYNAMICS:
-        finer = settings._replace(rtol=jnp.maximum(FINER * settings.rtol, SMALLEST))
-        _, fine = _solved(Question(mechanism, {"": metric}, t1, finer, wrt))
-        error = {name: COVERS * _furthest(fine[name] - jacobian[name], values[name].ndim) for name in wrt}
+        part = jnp.where(FINER * settings.rtol < CLOSEST, 1 / FINER, FINER)
+        _, other = _solved(Question(mechanism, {"": metric}, t1, settings._replace(rtol=part * settings.rtol), wrt))
+        error = {name: COVERS * _furthest(other[name] - jacobian[name], values[name].ndim) for name in wrt}
     return Sensitivities(solved.values[""], jacobian, wrt, False if mode == SCREENING else None, error)
 
 

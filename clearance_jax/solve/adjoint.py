@@ -40,7 +40,7 @@ from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.steps.problem import Problem, depends, reach
 from clearance_jax.solve.steps.pull import Bars, ByNumbers, back, forth
 from clearance_jax.solve.steps.step import dense
-from clearance_jax.solve.steps.tolerances import SMALLEST
+from clearance_jax.solve.steps.tolerances import CLOSEST
 
 # Part of the tolerance within which the errors along a random direction are controlled: along others they are larger.
 # (Two directions would need less, but a compiler gives their products with a network's weights to a library.)
@@ -179,7 +179,7 @@ def _record(inputs: Inputs, options: Settings, which: Which) -> tuple[Solution, 
         numbers, _ = _numbers(inputs, which)
         rng, leaves = np.random.default_rng(SEED), iter(numbers)
         probe = [_direction(next(leaves), rng)[None] if varies else None for varies in which or ()]
-        closer = jnp.where(inputs.rtol < SMALLEST, inputs.rtol, jnp.maximum(WITHIN * inputs.rtol, SMALLEST))
+        closer = jnp.where(inputs.rtol < CLOSEST, inputs.rtol, jnp.maximum(WITHIN * inputs.rtol, CLOSEST))
         probes = jax.tree.unflatten(_leaves(inputs.varied)[1], probe)
         task = task_of(inputs._replace(rtol=closer), options, probes)
         out, tape = one_function(taped)(task, options)

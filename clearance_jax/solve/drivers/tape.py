@@ -10,11 +10,10 @@ from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers.driver import StepSamples
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.steps.attempt import Outcome, SolveTask, attempt, means_of, start_carry
-from clearance_jax.solve.steps.problem import motion, with_model
-from clearance_jax.solve.steps.pull import ByNumbers, forth
+from clearance_jax.solve.steps.problem import motion
 from clearance_jax.solve.steps.step import dense
 
-# Steps whose times are kept; and states: of more steps than that every so many.
+# Steps whose times are kept; and states: of more steps than that every second, fourth and so on.
 TIMES, STATES = 2**17, 2**12
 
 
@@ -35,25 +34,25 @@ def taped(task: SolveTask, options: Settings) -> tuple[Outcome, Tape]:
     problem, last, means = task.problem, task.t1, means_of(options, task.allowed)
 
     def goes_on(state):
-        carry, _, (_, _, count, _) = state
+        carry, _, (_, _, count, *_) = state
         tries = carry.accepted + carry.rejected
         return (carry.time < last) & ~carry.collapsed & (tries < options.max_steps) & (count < TIMES)
 
     def once(state):
-        carry, samples, (begin, end, count, states) = state
+        carry, samples, (begin, end, count, *states) = state
         moved, trial, keep = attempt(carry, problem, options, means, last)
         # What was not kept is overwritten by the next try.
         begin, end = put_row(begin, carry.time, count), put_row(end, carry.end, count)
-        states = put_row(states, motion(problem, carry.y), jnp.minimum(count, STATES - 1))
+        states = _with_state(*states, motion(problem, carry.y), count)
         if task.save_at is not None:
             samples = samples.more(task.save_at, dense(options.solver, trial, (carry.time, carry.end)), keep)
-        return moved, samples, (begin, end, count + keep, states)
+        return moved, samples, (begin, end, count + keep, *states)
 
     carry = start_carry(problem, options, means, task.t0, last, task.start)._replace(collapsed=task.refused > 0)
     samples = None if task.save_at is None else StepSamples.none(task.save_at, task.t0, last, task.start)
     width = motion(problem, task.start).size
-    tape = jnp.zeros(TIMES), jnp.zeros(TIMES), jnp.zeros((), int), jnp.zeros((STATES, width))
-    carry, samples, (begin, end, count, states) = jax.lax.while_loop(goes_on, once, (carry, samples, tape))
+    tape = jnp.zeros(TIMES), jnp.zeros(TIMES), jnp.zeros((), int), jnp.zeros((STATES, width)), jnp.ones((), int)
+    carry, samples, (begin, end, count, states, stride) = jax.lax.while_loop(goes_on, once, (carry, samples, tape))
     code = jnp.where(carry.collapsed, int(Result.STEP_COLLAPSED), int(Result.MAX_STEPS))
     code = jnp.where((carry.time < last) | carry.collapsed, code, int(Result.REACHED_END))
     sampled = None
@@ -61,21 +60,21 @@ def taped(task: SolveTask, options: Settings) -> tuple[Outcome, Tape]:
         sampled = jnp.where(jnp.arange(samples.y.shape[0]) < samples.count, task.save_at, jnp.inf), samples.y
     counts = carry.accepted, carry.rejected, carry.control.cuts
     out = Outcome(carry.y, carry.time, sampled, carry.record, code, *counts)
-
-    # Of more steps than there is room for, states anew.
-    stride = -(-count // STATES)
-    plain = with_model(problem, problem.model)
-    alone = ByNumbers.of(plain, (False,) * len(jax.tree.leaves(plain)))
-
-    def again(i, carried):
-        y, states = carried
-        row = i // stride
-        states = put_row(states, jnp.where(i % stride == 0, y, states[row]), row)
-        return forth(alone, options.solver, (begin[i], end[i]), y).end, states
-
-    begun = motion(problem, task.start), states
-    _, states = jax.lax.fori_loop(0, jnp.where(stride > 1, count, 0), again, begun)
     return out, Tape(begin, end, count, states, stride)
+
+
+def _with_state(states: Array, stride: Array, y: Array, place: Array) -> tuple[Array, Array]:
+    """The states of every `stride`-th step with that of one more, and their stride. If there is no more room, every
+    second one is left. (States that are computed again from far back are other ones: through impacts round-off grows,
+    and a step that ends just past an event may then end just before it, where derivatives jump.)
+    """
+
+    def halved():
+        return jnp.concatenate([states[::2], jnp.zeros_like(states[::2])]), 2 * stride
+
+    states, stride = jax.lax.cond(place == STATES * stride, halved, lambda: (states, stride))
+    row = place // stride
+    return put_row(states, jnp.where(place % stride == 0, y, states[row]), row), stride
 
 
 def put_row(rows: Array, row: Array, place: Array | int) -> Array:

@@ -29,6 +29,9 @@ _EPS = float(np.finfo(np.float64).eps)
 # The smallest rtol. A step's error is compared with a tenth of it, which is then five units of round-off. Below, steps
 # multiply and errors do not fall.
 SMALLEST = 1e-14
+# With derivatives a step beside an event may collapse at a smaller one: a slope that jumps there can then not be told
+# from one that does not.
+CLOSEST = 1e-12
 # The parts of a step, at least and at most, by which a cut step ends past its event.
 SHORTEST, LONGEST = 1e-8, 1e-2
 
