@@ -23,6 +23,7 @@ TITLES = {
     "impacts": "Impacts by every law: errors of derivatives, solves that end early",
     "largest_clearance": "The largest clearance of a robot's joint",
     "learning": "Gradients by the weights of a network",
+    "learning_scenes": "Adjoint derivatives on random scenes",
     "memory": "Laws with memory: steps and rejected steps",
     "mimic": "Robots whose joints follow others, compared with pinocchio",
     "mjcf": "Accelerations of MJCF models, compared with MuJoCo",

@@ -38,6 +38,7 @@ from experiments.hard import __main__ as hard
 from experiments.hard import crank, pin, rubbing, several
 from experiments.hard.case import Solved, examine
 from experiments.learning import __main__ as learning
+from experiments.learning import scenes as learning_scenes
 from experiments.work_precision.pictures import draw
 from experiments.work_precision.points import Point, cheapest
 
@@ -409,6 +410,16 @@ def test_gradients_by_weights():
     key = learning.Key("adjoint", learning.RTOL, learning.factor())
     wrong = row._replace(difference=1e-7, runs=row.runs | {key: row.runs[key]._replace(error=1e-3, seconds=9.0)})
     assert len(learning.broken([wrong])) == 6
+
+
+@pytest.mark.slow
+def test_adjoint_derivatives_on_random_scenes():
+    for row in learning_scenes.main(quick=True):
+        assert row.derivatives > 10
+        assert row.covered >= 0.6 * row.derivatives
+        assert np.max(row.truth) < 1e-7
+        assert np.max(row.adjoint) < 1e-5
+        assert np.max(row.forward) < 1e-4
 
 
 @pytest.mark.slow
