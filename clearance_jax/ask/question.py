@@ -20,7 +20,7 @@ from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measur
 from clearance_jax.parameters import replace, values_of
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers.batch import BatchReport, batch
-from clearance_jax.solve.settings import ADJOINT, DYNAMICS, Settings
+from clearance_jax.solve.settings import ADJOINT, CONTROLLED, DYNAMICS, Settings
 
 # The name under which it stands beside the metrics; no metric of a user can have it.
 ENDING = " ending"
@@ -109,8 +109,8 @@ class Question(Module):
         def at(point):
             return self._measure(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
 
-        backwards = self.settings.derivatives == ADJOINT or centre.size > MANY
-        if backwards and self.settings.fidelity == DYNAMICS:
+        kind = self.settings.derivatives
+        if (kind == ADJOINT or (kind == CONTROLLED and centre.size > MANY)) and self.settings.fidelity == DYNAMICS:
 
             def chosen(point):
                 values, ending = at(point)

@@ -134,3 +134,23 @@ def test_samples_of_many_derivatives_leave_a_solve_one_function():
     text = jax.jit(jax.grad(place)).lower(jnp.ones(150)).as_text()
     assert 'xla_cpu_small_call = "true"' in text
     assert 'xla_cpu_small_call = "false"' not in text
+
+
+def test_sensitivities_by_many_numbers_are_the_same_in_every_mode():
+    arm = cj.load(SCENES / "arm.toml")
+    law: Any = Table
+    joint, heights = arm.joint(arm.clearance_joints()[0].name), jnp.linspace(0.08, 0.12, 40)
+    rough = arm.with_joint(
+        eqx.tree_at(lambda j: j.clearance.friction, joint, law(heights, 0.04), is_leaf=lambda x: x is None)
+    )
+    (name,) = (n for n, leaf in cj.parameters(rough).items() if np.size(leaf.value) == 40)
+
+    def end(solution):
+        return jnp.stack([solution["tip.position.x"], solution["tip.position.y"]])
+
+    modes = ("controlled", "adjoint", "screening")
+    found = {mode: cj.sensitivities(rough, end, [name], END, mode=mode, rtol=1e-8).jacobian[name] for mode in modes}
+    size = float(np.max(np.abs(found["controlled"])))
+    assert found["controlled"].shape == (2, 40)
+    assert np.max(np.abs(found["adjoint"] - found["controlled"])) < 1e-5 * size
+    assert np.max(np.abs(found["screening"] - found["controlled"])) < 0.05 * size
