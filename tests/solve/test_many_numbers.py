@@ -154,3 +154,22 @@ def test_sensitivities_by_many_numbers_are_the_same_in_every_mode():
     assert found["controlled"].shape == (2, 40)
     assert np.max(np.abs(found["adjoint"] - found["controlled"])) < 1e-5 * size
     assert np.max(np.abs(found["screening"] - found["controlled"])) < 0.05 * size
+
+
+def test_batches_of_via_points_and_of_long_samples_are_one_function():
+    """The derivative of a lookup differs between lanes; and so do samples, of which many lanes make a long product."""
+    arm = cj.load(SCENES / "arm.toml")
+
+    def place(values, clearance):
+        moved = cj.replace(
+            arm.with_drives({"hip": cj.drives.Quintic(VIA, values)}), {"hip.radial_clearance": clearance}
+        )
+        return cj.simulate(moved, END, save_at=(0.5 * END, END), rtol=1e-7, throw=False)["tip.position.x"]
+
+    values, clearances = jnp.asarray(0.2 * np.sin(VIA / END * 3)), jnp.linspace(5e-5, 2e-4, 40)
+    slopes = jax.jit(jax.vmap(jax.jacfwd(place), (None, 0)))
+    text = slopes.lower(values, clearances).as_text()
+    assert 'xla_cpu_small_call = "true"' in text
+    assert 'xla_cpu_small_call = "false"' not in text
+    one = jax.jit(jax.jacfwd(place))(values, clearances[7])
+    np.testing.assert_allclose(slopes(values, clearances)[7], one, rtol=1e-4, atol=1e-5 * np.max(np.abs(one)))

@@ -190,9 +190,11 @@ class PreparedSpline(AbstractTable):
         return jnp.where(before, q, self.values[-1]), jnp.where(before, v, 0.0), jnp.where(before, a, 0.0)
 
     def window(self, time):
-        return None if self.end_speed is not None else (self._before(time), (2, 2, 2, 0))
+        return None if self.end_speed is not None else (jnp.asarray(self._before(time)), (2, 2, 2, 0))
 
-    def _before(self, time: Scalar) -> Array:
+    def _before(self, time: Scalar) -> Array | int:
+        if len(self.times) == 2:
+            return 0
         return jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
 
     def _within(self, time: Scalar) -> Motion3:

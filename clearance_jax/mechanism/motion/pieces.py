@@ -36,8 +36,8 @@ class Pieces(AbstractTable):
         """
         # Two of these times may be one (a move that never reaches its speed): the last piece that begins there counts.
         index = jnp.sum(beside >= self.times)
-        u = time - self.times[jnp.maximum(index - 1, 0)]
-        powers = self.coefficients[index]
+        u = time - _row(self.times, jnp.maximum(index - 1, 0))
+        powers = _row(self.coefficients, index)
         q = v = a = jnp.zeros(())
         for k in reversed(range(self.coefficients.shape[1])):  # Horner's rule for the polynomial and its derivatives
             q, v, a = powers[k] + u * q, q + u * v, 2 * v + u * a
@@ -49,6 +49,15 @@ class Pieces(AbstractTable):
 
     def breaks(self):
         return self.times
+
+
+def _row(table: Array, index: Array) -> Array:
+    """A row of a table. Of few rows (a `window`) by selection: for the derivative of an index, which differs between
+    lanes, a compiled loop is cut in pieces.
+    """
+    if len(table) > 2:
+        return table[index]
+    return jnp.where(index > 0, table[-1], table[0])
 
 
 Blocks = Float[Array, "..."]

@@ -82,7 +82,11 @@ def _integrate(task: SolveTask, options: Settings) -> Outcome:
 
 def _sample(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
     """The samples including those in the steps just kept, and the index and time of each lane's next sample."""
-    inside = each_lane(lambda time, trial, ends: dense(options.solver, trial, ends).evaluate(time), ends[0])
+
+    def in_step(time, trial, ends):
+        return dense(options.solver, trial, ends, len(kept)).evaluate(time)
+
+    inside = each_lane(in_step, ends[0])
 
     def now(due):
         return kept & (due <= ends[1])

@@ -115,8 +115,7 @@ def _field(time: Each, y: Array, problem: Problem, counts: Flag | None) -> Array
         return vector(rates(problem.model, tuple(y[i] for i in range(problem.size))))
     stacks = tuple(y[:, i] for i in range(problem.size))
     count = y.shape[0] - 1
-    if not jnp.ndim(time):
-        problem = _near(problem, time)
+    problem = each_lane(_near, time)(problem, time)
     outputs = eqx.filter_eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
     push = lift if len(outputs) - layout(problem.mechanism).free > count else vjp_rows
     with sharing_lanes(time):

@@ -89,18 +89,20 @@ class DenseStep(NamedTuple):
     def evaluate(self, time: Scalar) -> Array:
         """The state or stack at a time."""
         stages = tableau_of(self.solver).stages
-        units = jnp.eye(2 + stages)
-        step = self.solver.interpolation_cls(t0=self.t0, t1=self.t1, y0=units[0], y1=units[1], k=units[2:])
+        # The weights one by one: of all of them at once, the product would be a long one again.
+        y0, y1, *k = (list(units) for units in np.eye(2 + stages))
+        units = [jnp.asarray(unit) for unit in zip(*k, strict=True)]
+        step = self.solver.interpolation_cls(t0=self.t0, t1=self.t1, y0=y0, y1=y1, k=units)
         start, end, *weights = step.evaluate(time)
         inside = _weighted_sum(jnp.stack(weights), self.trial.slopes[:stages], time)
         return start * self.trial.start + end * self.trial.end + (self.t1 - self.t0) * inside
 
 
-def dense(solver: Any, trial: Trial, times: tuple) -> Any:
-    """The solver's own interpolation of a step: diffrax's, a product of matrices. A long one would be a library's call,
-    for which a compiled loop is cut in pieces: of a long stack it is a sum.
+def dense(solver: Any, trial: Trial, times: tuple, lanes: int = 1) -> Any:
+    """The solver's own interpolation of a step, of one of so many lanes: diffrax's, a product of matrices. A long one
+    would be a library's call, for which a compiled loop is cut in pieces: it is a sum instead.
     """
-    if trial.slopes.size >= LONG:
+    if lanes * trial.slopes.size >= LONG:
         return DenseStep(times[0], times[1], trial, solver)
     return solver.interpolation_cls(t0=times[0], t1=times[1], **dense_info(solver, trial, times))
 
