@@ -57,8 +57,8 @@ class Variables(NamedTuple):
     def prior(self, x: np.ndarray) -> "Weighted":
         """How far numbers are from what is expected, in units of the spreads, as residuals."""
         spread = np.broadcast_to(self.spread, x.shape)
-        held = np.isfinite(spread)
-        return Weighted(((x - self.expected) / spread)[held], np.diag(1 / spread)[held])
+        known = np.isfinite(spread)
+        return Weighted(((x - self.expected) / spread)[known], np.diag(1 / spread)[known])
 
     @property
     def scale(self) -> np.ndarray:

@@ -136,15 +136,15 @@ def _variables(mechanism: Mechanism, given: Any, priors: dict[str, Any], options
         values = np.asarray(leaf.value if entry is None else leaf.value[entry], float)
         wholes.append((name, values.shape))
         for place in np.ndindex(values.shape):
-            value, one = float(values[place]), ".".join([name, *map(str, place)])
+            value, number = float(values[place]), ".".join([name, *map(str, place)])
             if not low <= value <= high:
                 raise ClearanceError(
-                    f"The search starts at the mechanism's own `{one}` = {value:g} {leaf.unit}".rstrip()
+                    f"The search starts at the mechanism's own `{number}` = {value:g} {leaf.unit}".rstrip()
                     + f", which is not between its bounds {low:g} and {high:g}. Change one of them."
                 )
-            names.append(one)
+            names.append(number)
             rows.append((value, low, high, expected, spread))
-            units[one] = leaf.unit
+            units[number] = leaf.unit
         if (options.starts or 1) > 1 and not np.isfinite(high - low):
             raise ClearanceError(f"Several starts are scattered over the bounds, but `{name}` has none. Give them.")
     start, lower, upper, expected, spread = np.array(rows, float).T
@@ -153,8 +153,8 @@ def _variables(mechanism: Mechanism, given: Any, priors: dict[str, Any], options
 
 def _each(known: Mapping[str, Leaf], given: Mapping[str, Any]) -> dict[str, Any]:
     """The same by whole parameters, where a name stands for all parameters below it."""
-    below = {name: [one for one in known if one.startswith(f"{name}.")] for name in given if name not in known}
-    return {one: pair for name, pair in given.items() for one in below.get(name) or [name]}
+    below = {name: [whole for whole in known if whole.startswith(f"{name}.")] for name in given if name not in known}
+    return {whole: pair for name, pair in given.items() for whole in below.get(name) or [name]}
 
 
 def _prior(name: str, pair: Any) -> tuple[float, float]:
