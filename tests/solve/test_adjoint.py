@@ -170,6 +170,7 @@ def test_long_motions_keep_their_states_as_they_were():
     for rtol, most in ((1e-8, 5e-8), (1e-9, 5e-8), (1e-12, 5e-8)):
         found, error = slopes("adjoint", rtol)
         assert np.max(np.abs(found - known)) <= most * np.max(np.abs(known))
+        assert error is not None
         assert all(np.all(np.isfinite(each)) for each in error.values())
 
 

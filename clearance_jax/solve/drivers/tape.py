@@ -39,14 +39,14 @@ def taped(task: SolveTask, options: Settings) -> tuple[Outcome, Tape]:
         return (carry.time < last) & ~carry.collapsed & (tries < options.max_steps) & (count < TIMES)
 
     def once(state):
-        carry, samples, (begin, end, count, *states) = state
+        carry, samples, (begin, end, count, states, stride) = state
         moved, trial, keep = attempt(carry, problem, options, means, last)
         # What was not kept is overwritten by the next try.
         begin, end = put_row(begin, carry.time, count), put_row(end, carry.end, count)
-        states = _with_state(*states, motion(problem, carry.y), count)
+        states, stride = _with_state(states, stride, motion(problem, carry.y), count)
         if task.save_at is not None:
             samples = samples.more(task.save_at, dense(options.solver, trial, (carry.time, carry.end)), keep)
-        return moved, samples, (begin, end, count + keep, *states)
+        return moved, samples, (begin, end, count + keep, states, stride)
 
     carry = start_carry(problem, options, means, task.t0, last, task.start)._replace(collapsed=task.refused > 0)
     samples = None if task.save_at is None else StepSamples.none(task.save_at, task.t0, last, task.start)
