@@ -30,8 +30,7 @@ from clearance_jax.solve.steps.tolerances import CLOSEST
 # Entries of parameters for each number of the metric from which on an adjoint costs less than controlled derivatives.
 MANY = 20
 AUTO = "auto"
-# An adjoint's error is estimated by another one at this part of its `rtol` (or, of a tiny one, at as many times): by so
-# many times the difference.
+# An adjoint's error is so many times its difference from one at this part of `rtol` (of a tiny one, at as many times).
 FINER, COVERS = 0.1, 2.0
 
 

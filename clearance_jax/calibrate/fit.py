@@ -25,8 +25,7 @@ class Variables(NamedTuple):
     """The numbers that are fitted: `names`, `start` values and bounds, all (parameters,); `units` by name.
 
     What is known of them beforehand: `expected` values, each with its standard deviation `spread`, infinite where
-    nothing is. `arrays`: the names and shapes of whole parameters, of which these numbers are the entries, in order;
-    none if each number has a name of its own.
+    nothing is. `arrays`: names and shapes of the parameters, if some are arrays, of which these are the entries.
     """
 
     names: tuple[str, ...]
@@ -40,14 +39,20 @@ class Variables(NamedTuple):
 
     def by_name(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """The parameters as numbers and arrays."""
-        wholes = self.arrays or tuple((name, ()) for name in self.names)
-        parts = np.split(x, np.cumsum([int(np.prod(shape)) for _, shape in wholes])[:-1])
-        return {name: part.reshape(shape) for (name, shape), part in zip(wholes, parts, strict=True)}
+        parts = np.split(x, np.cumsum(self._counts)[:-1])
+        return {name: part.reshape(shape) for (name, shape), part in zip(self._wholes, parts, strict=True)}
 
     def alone(self) -> np.ndarray:
         """The places of the numbers that are no entries of an array."""
-        wholes = self.arrays or ((name, ()) for name in self.names)
-        return np.flatnonzero(np.concatenate([np.full(int(np.prod(shape)), shape == ()) for _, shape in wholes]))
+        return np.flatnonzero(np.repeat([shape == () for _, shape in self._wholes], self._counts))
+
+    @property
+    def _wholes(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
+        return self.arrays or tuple((name, ()) for name in self.names)
+
+    @property
+    def _counts(self) -> list[int]:
+        return [int(np.prod(shape)) for _, shape in self._wholes]
 
     @property
     def has_prior(self) -> bool:
@@ -108,9 +113,7 @@ class FitTask(NamedTuple):
         return self._replace(instruments=self.instruments.until(count), measurement=self.measurement.until(count))
 
     def weigh(self, point: FitPoint, deviations: np.ndarray) -> "Weighted":
-        """The residuals (model minus measurement) of the known values, over the deviations of the series; and those
-        from what is known of the numbers beforehand.
-        """
+        """The residuals (model minus measurement) of the known values, over their deviations, and those of priors."""
         known, prior = self.measurement.known, self.variables.prior(point.x)
         off = (point.values - self.measurement.values) / deviations
         slopes = (point.slopes / deviations[:, None])[known]
@@ -179,8 +182,7 @@ def descend(task: FitTask, first: FitPoint, deviations: np.ndarray, least: float
         try:
             solution = least_squares(residuals, first.x / scale, jacobian, **how)
         except np.linalg.LinAlgError:
-            # LAPACK fails for some Jacobians of many numbers of which data say nothing, so that all singular values are
-            # those of what is known beforehand.
+            # LAPACK fails for some Jacobians of many numbers of which data say nothing.
             solution = least_squares(residuals, first.x / scale, jacobian, tr_solver="lsmr", **how)
         point, converged, ending = task.instruments(solution.x * scale), solution.status > 0, SPENT
     except KeyboardInterrupt:

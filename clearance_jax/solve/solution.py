@@ -46,8 +46,7 @@ class Solution(Module):
     - `steps`, `rejected`, `cuts`: how many steps were made, how many attempts were rejected, and how many of these
       because they crossed a switch of a law (a touch, a separation, a change of formula); the others for their error.
     - `energy_balance`: whether the states have the energy balance's integrals.
-    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged: a measure of the error, whose
-      derivatives are zero (an error has none that say anything).
+    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged; its derivatives are zero.
     - `records`, `picked`: what the observers of metrics recorded, and the states that they picked.
     - `seated`: how the pins of a settled start begin; `rests`: in words, which begin at relative rest and why.
     - `mechanism`: what was solved. `numbers`, `structure` and `sampled` hold it and what was asked, for quantities that

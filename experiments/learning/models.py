@@ -48,11 +48,15 @@ def loss_of(solve: Solve, made: Callable) -> Callable:
     return loss
 
 
+def coefficient(net, slip):
+    """The coefficient of friction by a network of the slip's square."""
+    square = slip * slip
+    return LARGEST * jax.nn.sigmoid(net(jnp.stack([square / (1.0 + square), square / 4.0])))
+
+
 def friction(net, slip, normal_force):
     """T = -mu(v^2) N v / sqrt(v^2 + v0^2), with a coefficient mu by a network."""
-    square = slip * slip
-    coefficient = LARGEST * jax.nn.sigmoid(net(jnp.stack([square / (1.0 + square), square / 4.0])))
-    return -coefficient * normal_force * slip / jnp.sqrt(square + STEEP**2)
+    return -coefficient(net, slip) * normal_force * slip / jnp.sqrt(slip * slip + STEEP**2)
 
 
 # By the library ------------------------------------------------------------------------------------------------------

@@ -39,7 +39,7 @@ POINTS = {
 MOVED = ("mass", "inertia", "radial_clearance", "pin_radius", "coefficient", "stiffness", "damping", "damping_factor")
 """The last words of the names that are varied."""
 LONGEST = 0.03
-"""Of a motion, as part of one of those of the scenes [s]."""
+"""The longest motion [s]."""
 REQUIRED = 0.95
 """Share of derivatives that the stated error must cover."""
 
@@ -93,7 +93,9 @@ def measured(scene: str, seed: int) -> Row:
     errors = [np.max(np.abs(one - truth), axis=1)[seen] / sizes[seen] for one in (adjoint, forward, finer)]
     resolved = seen[:, None] & (np.abs(finer - truth) < 0.1 * np.abs(adjoint - truth))
     covered = np.abs(adjoint - truth) <= stated
-    return Row(scene, len(values), *errors, int(np.sum(resolved)), int(np.sum(resolved & covered)))
+    return Row(
+        scene, len(values), errors[0], errors[1], errors[2], int(np.sum(resolved)), int(np.sum(resolved & covered))
+    )
 
 
 def main(quick: bool = False) -> list[Row]:

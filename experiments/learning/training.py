@@ -1,7 +1,7 @@
 """A network in the friction of the slider-crank, trained by adam: by the library's adjoint, and by plain diffrax."""
 
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import optax
 
 import clearance_jax as cj
 from experiments.common import slider_crank
-from experiments.learning.models import END, LARGEST, SOLVERS, Solve, factor, network, ours, plain
+from experiments.learning.models import END, LARGEST, SOLVERS, Solve, coefficient, factor, network, ours, plain
 
 WIDTH, STEPS, RATE, RTOL = 30, 800, 2e-2, 1e-6
 """Of the network's hidden layers, of the training, and of its solves."""
@@ -35,10 +35,6 @@ class Trained(NamedTuple):
         """When the loss was at `GOAL` [s]."""
         there = np.flatnonzero(self.losses <= GOAL)
         return float(self.seconds[there[0]]) if there.size else None
-
-
-def features(slip: Any) -> Any:
-    return jnp.stack([slip * slip / (1.0 + slip * slip), slip * slip / 4.0])
 
 
 class TrueNetwork:
@@ -83,7 +79,7 @@ def trained(solve: Solve, steps: int) -> Trained:
         losses.append(float(value))
         seconds.append(time.perf_counter() - began)
     speeds, (low, high, speed) = slips(), TRUE
-    found = LARGEST * jax.nn.sigmoid(jax.vmap(lambda v: made(weights)(features(v)))(speeds))
+    found = jax.vmap(lambda slip: coefficient(made(weights), slip))(speeds)
     error = np.max(np.abs(np.asarray(found) / (low + high * np.exp(-((speeds / speed) ** 2))) - 1))
     return Trained(np.array(losses) / losses[0], np.array(seconds), float(error))
 
