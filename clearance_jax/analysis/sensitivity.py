@@ -4,20 +4,20 @@ from collections.abc import Callable, Sequence
 from typing import Any, Unpack
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
-from clearance_jax.ask.question import Answer, Question, answer, shapes_of
+from clearance_jax.ask.question import Answer, Question, answer
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, as_metric
 from clearance_jax.parameters import check_values, replace, values_of
 from clearance_jax.solve.settings import (
     ADJOINT,
+    AUTO,
     CONTROLLED,
     DERIVATIVES,
     DYNAMICS,
@@ -27,9 +27,6 @@ from clearance_jax.solve.settings import (
 )
 from clearance_jax.solve.steps.tolerances import CLOSEST
 
-# Entries of parameters for each number of the metric from which on an adjoint costs less than controlled derivatives.
-MANY = 20
-AUTO = "auto"
 # An adjoint's error is so many times its difference from one at this part of `rtol` (of a tiny one, at as many times).
 FINER, COVERS = 0.1, 2.0
 
@@ -66,7 +63,7 @@ def sensitivities(
     wrt: Sequence[str],
     t1: Any,
     *,
-    mode: str = "auto",
+    mode: str = AUTO,
     **options: Unpack[SolveOptions],
 ) -> Sensitivities:
     """The value of a metric of the motion and its derivatives by named parameters, from one solve.
@@ -87,17 +84,14 @@ def sensitivities(
     derivative; `RuntimeError` if the solve fails.
     """
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    if mode not in (AUTO, *DERIVATIVES):
-        text = f"There is no mode {mode!r}. Allowed: {', '.join((AUTO, *DERIVATIVES))}."
+    if mode not in DERIVATIVES:
+        text = f"There is no mode {mode!r}. Allowed: {', '.join(DERIVATIVES)}."
         raise ClearanceError(text).about("mode", mode)
     metric, settings = as_metric(metric), settings_of(mechanism, t1, options)
     values = values_of(mechanism, wrt)
-    if mode == AUTO:
-        asked = shapes_of(Question(mechanism, {"": metric}, t1, settings), ()).values[""]
-        many = sum(number.size for number in values.values()) >= MANY * sum(x.size for x in jax.tree.leaves(asked))
-        mode = ADJOINT if many and settings.fidelity == DYNAMICS else CONTROLLED
-    settings = settings._replace(derivatives=mode)
-    solved, jacobian = _solved(Question(mechanism, {"": metric}, t1, settings, wrt))
+    question = Question(mechanism, {"": metric}, t1, settings._replace(derivatives=mode), wrt).chosen()
+    settings, mode = question.settings, question.settings.derivatives
+    solved, jacobian = _solved(question)
     reached = jnp.all(jnp.isfinite(solved.values[""]))
     if not isinstance(reached, Tracer) and not reached:
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")

@@ -20,7 +20,7 @@ from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measur
 from clearance_jax.parameters import replace, values_of
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.drivers.batch import BatchReport, batch
-from clearance_jax.solve.settings import ADJOINT, CONTROLLED, DYNAMICS, Settings
+from clearance_jax.solve.settings import ADJOINT, AUTO, CONTROLLED, DYNAMICS, MANY, Settings
 
 # The name under which it stands beside the metrics; no metric of a user can have it.
 ENDING = " ending"
@@ -47,7 +47,7 @@ OPTIONS = {"t1": "s", "rtol": ""}
 
 
 # With more numbers a metric's derivatives are pulled back: their rule then moves the entries of arrays one by one.
-MANY = 30
+PULLED = 30
 # The value of `differentiated` that means every metric.
 ALL = ("*",)
 
@@ -89,7 +89,7 @@ class Question(Module):
     def __call__(self, numbers: Mapping[str, Any] | None = None) -> Answer:
         question = self.at(numbers) if numbers else self
         if self.by:
-            values, slopes, ending = question._differentiated()
+            values, slopes, ending = question.chosen()._differentiated()
         else:
             (values, ending), slopes = question._measure(question.model, question.metrics), {}
         reached = ending["code"] == int(Result.REACHED_END)
@@ -101,6 +101,18 @@ class Question(Module):
         values, slopes = jax.tree.map(masked, (values, slopes))
         return Answer(values, slopes, ending)
 
+    def chosen(self) -> "Question":
+        """The question with "adjoint" or "controlled" for derivatives that it leaves to the count of numbers."""
+        if self.settings.derivatives != AUTO:
+            return self
+        plain = dataclasses.replace(self, by=())
+        values = shapes_of(plain, ()).values
+        asked = values if self.differentiated == ALL else [values[name] for name in self.differentiated]
+        numbers, results = (sum(x.size for x in jax.tree.leaves(t)) for t in (values_of(self.model, self.by), asked))
+        many = numbers >= MANY * results and self.settings.fidelity == DYNAMICS
+        settings = self.settings._replace(derivatives=ADJOINT if many else CONTROLLED)
+        return dataclasses.replace(self, settings=settings)
+
     def _differentiated(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
         wanted = tuple(self.metrics) if self.differentiated == ALL else self.differentiated
         metrics = {n: metric if n in wanted else Undifferentiated(metric) for n, metric in self.metrics.items()}
@@ -110,7 +122,7 @@ class Question(Module):
             return self._measure(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
 
         kind = self.settings.derivatives
-        if (kind == ADJOINT or (kind == CONTROLLED and centre.size > MANY)) and self.settings.fidelity == DYNAMICS:
+        if (kind == ADJOINT or (kind == CONTROLLED and centre.size > PULLED)) and self.settings.fidelity == DYNAMICS:
 
             def chosen(point):
                 values, ending = at(point)

@@ -35,7 +35,7 @@ from clearance_jax.solve.flow import (
     unstacked,
     variations,
 )
-from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.settings import AUTO, MANY, Settings
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.steps.problem import Problem, depends, reach
 from clearance_jax.solve.steps.pull import Bars, ByNumbers, back, forth
@@ -82,8 +82,8 @@ def _forth(perturbed, given, inputs: Inputs, options: Settings):
     refuse_jumps(inputs.mechanism)
     if not any(which):
         value, kept = compiled_solve(inputs, options), None
-    elif _breaks_move(inputs, which):
-        # The slope of a motion jumps there, and only directions tell by how much the break moves.
+    elif (options.derivatives == AUTO and _count(inputs, which) < MANY) or _breaks_move(inputs, which):
+        # At a moved break the slope of a motion jumps, and only directions tell by how much the break moves.
         value, kept = variations(inputs, which, options)
     else:
         value, kept = _record(inputs, options, which)
@@ -153,6 +153,10 @@ def _numbers(inputs: Inputs, which: Which) -> tuple[list[Array], Any]:
         )
 
     return varied, put
+
+
+def _count(inputs: Inputs, which: Which) -> int:
+    return sum(number.size for number in _numbers(inputs, which)[0])
 
 
 def _shared(inputs: Inputs, which: Which, flat: Array) -> list[Array]:

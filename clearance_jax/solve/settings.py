@@ -59,7 +59,9 @@ MOST_SAMPLES = 1_000_000
 # Attempts at a step after which a solve gives up: more than any motion in the benchmarks takes, and few enough that a
 # search soon leaves numbers with which a motion does not end.
 MAX_STEPS = 1_000_000
-DERIVATIVES = CONTROLLED, ADJOINT, SCREENING = "controlled", "adjoint", "screening"
+DERIVATIVES = CONTROLLED, ADJOINT, AUTO, SCREENING = "controlled", "adjoint", AUTO, "screening"
+# Entries of parameters from which on an adjoint costs less than controlled derivatives of one number.
+MANY = 20
 # Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall where a load presses them.
 STARTS = CENTRE, SETTLED = "centre", "settled"
 # Models of the motion, from the dearest to the cheapest.
@@ -92,7 +94,8 @@ class SolveOptions(TypedDict, total=False):
     - `derivatives`: "controlled": a differentiated solve integrates the derivatives as well, and controls their error;
       first derivatives only, in forward or reverse mode. "adjoint": a pass backwards over the steps of one solve gives
       the derivatives by any number of numbers in the time of a few solves, in reverse mode only (`jax.grad`,
-      `jax.vjp`); the error along one random direction is controlled, and a motion may have 131 072 steps.
+      `jax.vjp`); the error along one random direction is controlled, and a motion may have 131 072 steps. "auto", in
+      reverse mode only: "adjoint" for 20 numbers and more, otherwise "controlled".
       "screening": JAX differentiates the program as it stands
       (forward mode only). This is cheaper, for a first look; if contacts begin or end, it is wrong by 1e-3 and more at
       any tolerance.

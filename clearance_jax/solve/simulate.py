@@ -25,7 +25,7 @@ from clearance_jax.solve.first_state import closed_start
 from clearance_jax.solve.flow import Inputs, flow, plain_flow
 from clearance_jax.solve.law_validity import warn_of_validity
 from clearance_jax.solve.quasi_static import quasi_static
-from clearance_jax.solve.settings import ADJOINT, CONTROLLED, DYNAMICS, STATIC, Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import CONTROLLED, DYNAMICS, SCREENING, STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import check_start
 
@@ -120,7 +120,7 @@ def _moved(mechanism, t1, settings: Settings, throw: bool, observers: tuple, int
     if options.derivatives == CONTROLLED:
         solution = flow(inputs, options=options)
     else:
-        solution = (adjoint_flow if options.derivatives == ADJOINT else plain_flow)(inputs, options)
+        solution = (plain_flow if options.derivatives == SCREENING else adjoint_flow)(inputs, options)
     effort.count(solution.steps, solution.rejected)
     if throw and not isinstance(solution.final, Tracer) and int(solution.code) != int(Result.REACHED_END):
         if settings.y0 is None:

@@ -1,8 +1,8 @@
 """Adjoint derivatives on random scenes, beside forward ones: `python -m experiments.learning.scenes` writes
 out/learning_scenes.md.
 
-Ten scenes of the library each have ten variants: every number of a body, a play and a law is drawn within 10 % of its
-own, and the end of the motion within its last third. The metrics are the place and the velocity of a point at the end.
+Ten scenes in the plane and two arms with sleeves in space each have ten variants: every number of a body, a play and a
+law is drawn within 10 % of its own, and the end of the motion within its last third. The metrics are the place and the velocity of a point at the end.
 Their derivatives are by factors on all these numbers. *Forward* are controlled derivatives. The truth is forward
 derivatives at an `rtol` of 1e-10; its own error is what they change to 1e-11. An error is the largest one of a metric's
 derivatives, over the largest of them. *Covered* are derivatives, by metric and number, whose error is at most the one
@@ -34,12 +34,17 @@ POINTS = {
     "scara": "spindle",
     "governor": "weight",
     "bearing": "shaft",
+    "ur5_play": "tool",
+    "arm_with_play": "tcp",
 }
 """The scenes, each with the point that is looked at."""
-MOVED = ("mass", "inertia", "radial_clearance", "pin_radius", "coefficient", "stiffness", "damping", "damping_factor")
+SLEEVES = ("ur5_play", "arm_with_play")
+"""Those in space: with axial play in one sleeve, with radial play in three."""
+MOVED = ("mass", "inertia", "radial_clearance", "axial_clearance", "pin_radius")
+MOVED += ("coefficient", "stiffness", "damping", "damping_factor")
 """The last words of the names that are varied."""
-LONGEST = 0.03
-"""The longest motion [s]."""
+LONGEST, LONGEST_OF_SLEEVES = 0.03, 0.01
+"""The longest motions [s]."""
 REQUIRED = 0.95
 """Share of derivatives that the stated error must cover."""
 
@@ -59,9 +64,9 @@ class Row(NamedTuple):
 
 
 @cache
-def ends(point: str) -> Callable:
+def ends(point: str, axes: str) -> Callable:
     """Place and velocity of a point at the end, one function for all variants of a scene."""
-    names = [f"{point}.{of}.{axis}" for of in ("position", "velocity") for axis in "xy"]
+    names = [f"{point}.{of}.{axis}" for of in ("position", "velocity") for axis in axes]
     return lambda solution: jnp.stack([solution[name] for name in names])
 
 
@@ -71,15 +76,17 @@ def variant(scene: str, seed: int) -> tuple[Any, dict[str, float], float]:
     known = {name: leaf for name, leaf in cj.parameters(mechanism).items() if name.split(".")[-1] in MOVED}
     values = {name: float(leaf.value) for name, leaf in known.items() if np.ndim(leaf.value) == 0}
     values = {name: value * rng.uniform(1 - SPREAD, 1 + SPREAD) for name, value in values.items() if value != 0}
-    return cj.replace(mechanism, values), values, LONGEST * rng.uniform(2 / 3, 1)
+    longest = LONGEST_OF_SLEEVES if scene in SLEEVES else LONGEST
+    return cj.replace(mechanism, values), values, longest * rng.uniform(2 / 3, 1)
 
 
 def measured(scene: str, seed: int) -> Row:
     """One variant."""
     moved, values, t1 = variant(scene, seed)
+    metric = ends(POINTS[scene], "xyz" if scene in SLEEVES else "xy")
 
     def solved(mode, rtol):
-        return cj.sensitivities(moved, ends(POINTS[scene]), list(values), t1, mode=mode, rtol=rtol, solver="dopri8")
+        return cj.sensitivities(moved, metric, list(values), t1, mode=mode, rtol=rtol, solver="dopri8")
 
     def scaled(found):
         return np.stack([np.asarray(found[name]) * value for name, value in values.items()], -1)

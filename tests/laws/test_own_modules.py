@@ -233,6 +233,22 @@ def test_an_exported_program_takes_any_number_of_lanes():
         np.testing.assert_allclose(exported.call(clearances), end(clearances), rtol=1e-9)
 
 
+@pytest.mark.quick
+def test_a_mechanism_with_a_network_is_saved_and_read(tmp_path):
+    def made(net):
+        return arm(cj.Motion(LearnedDrive(net)))
+
+    saved, other = made(network(0)), made(network(1))
+    assert not eqx.tree_equal(saved, other)
+    np.savez(tmp_path / "numbers.npz", **{name: leaf.value for name, leaf in cj.parameters(saved).items()})
+    numbers = dict(np.load(tmp_path / "numbers.npz"))
+    assert eqx.tree_equal(cj.replace(other, numbers), saved)
+    with refused("drive.hip.net.layers.0.weight"):
+        cj.replace(made(eqx.nn.MLP(1, "scalar", 4, 1, key=jax.random.key(1))), numbers)
+    eqx.tree_serialise_leaves(tmp_path / "mechanism.eqx", saved)
+    assert eqx.tree_equal(eqx.tree_deserialise_leaves(tmp_path / "mechanism.eqx", other), saved)
+
+
 class Heights(LearnedWear):
     """A law with an array of numbers."""
 

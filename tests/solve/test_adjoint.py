@@ -91,6 +91,25 @@ def test_numbers_arrays_states_and_times_alone_and_in_a_batch():
     assert abs(float(batch[1] - batch[0])) > 1e-3 * abs(float(batch[0]))
 
 
+def test_the_count_of_numbers_chooses():
+    """"auto" is one of the other two, to the last bit, by the entries of what is differentiated."""
+
+    def place(heights, mode):
+        return cj.simulate(rough_arm(heights), 0.02, rtol=1e-6, derivatives=mode)["tip.position.x"]
+
+    many = jnp.interp(jnp.linspace(0, 1, 24), jnp.linspace(0, 1, len(HEIGHTS)), jnp.asarray(HEIGHTS))
+    for heights, chosen in ((jnp.asarray(HEIGHTS)[:4], "controlled"), (many, "adjoint")):
+        ones = {mode: jax.jit(jax.grad(place), static_argnums=1)(heights, mode) for mode in ("auto", *MODES)}
+        assert np.max(np.abs(ones["controlled"] - ones["adjoint"])) > 0
+        np.testing.assert_allclose(ones["auto"], ones[chosen], rtol=1e-13)
+    arm = rough_arm(many)
+    (name,) = (name for name in cj.parameters(arm) if name.endswith("heights"))
+    for times, chosen in (((1e-3, 2e-3), "controlled"), ((1e-3,), "adjoint")):
+        metric = cj.metrics.At(cj.metrics.Quantity("tip.position.x"), times)
+        question = Question(arm, {"": metric}, 2e-3, settings_of(arm, 2e-3, {"derivatives": "auto"}), (name,))
+        assert question.chosen().settings.derivatives == chosen
+
+
 def test_a_break_that_moves_is_differentiated_forwards():
     """The slope jumps there: a drive that begins to turn later."""
     drive = cj.drives.Quintic([0.0, 0.02, 0.05], [0.0, 0.0, 0.4])
