@@ -105,6 +105,24 @@ def positive_part(x: Real) -> Real:
     return jnp.where(x > 0, x, 0.0)
 
 
+def lesser(x: Real | float, y: Real | float) -> Real:
+    """`min(x, y)`, whose derivative is that of one of the two; where they are equal, the mean of both. (JAX compares
+    its minimum with the arguments for a derivative. In a program over lanes another kernel may have computed the same
+    argument with other last digits: then it equals neither, and the derivative is zero.)
+    """
+    return jnp.where(y < x, y, jnp.where(x < y, x, 0.5 * (x + y)))
+
+
+def greater(x: Real | float, y: Real | float) -> Real:
+    """`max(x, y)`, as `lesser`."""
+    return jnp.where(y > x, y, jnp.where(x > y, x, 0.5 * (x + y)))
+
+
+def within(x: Real | float, low: Real | float, high: Real | float) -> Real:
+    """x, held between two bounds, as `lesser`."""
+    return greater(lesser(x, high), low)
+
+
 def power_three_halves(x: Real) -> Real:
     """`max(x, 0)**1.5` as x * sqrt(x), much cheaper than a general power."""
     return positive_part(x) * safe_sqrt(x)
@@ -118,29 +136,29 @@ def positive_power(x: Real, exponent: Real) -> Real:
 
 def step3(s: Real) -> Real:
     """The cubic STEP from 0 at s <= 0 to 1 at s >= 1: s^2 (3 - 2 s). C1; its second derivative jumps at both ends."""
-    s = jnp.clip(s, 0.0, 1.0)
+    s = within(s, 0.0, 1.0)
     return s * s * (3 - 2 * s)
 
 
 def step5(s: Real) -> Real:
     """The quintic STEP from 0 at s <= 0 to 1 at s >= 1: s^3 (10 - 15 s + 6 s^2). C2."""
-    s = jnp.clip(s, 0.0, 1.0)
+    s = within(s, 0.0, 1.0)
     return s * s * s * (10 + s * (6 * s - 15))
 
 
 def step7(s: Real) -> Real:
     """The STEP of seventh order from 0 at s <= 0 to 1 at s >= 1: s^4 (35 - 84 s + 70 s^2 - 20 s^3). C3."""
-    s = jnp.clip(s, 0.0, 1.0)
+    s = within(s, 0.0, 1.0)
     return s**4 * (35 + s * (s * (70 - 20 * s) - 84))
 
 
 def step7_slope(s: Real) -> Real:
     """The derivative of `step7`, 140 s^3 (1 - s)^3. C2."""
-    s = jnp.clip(s, 0.0, 1.0)
+    s = within(s, 0.0, 1.0)
     return 140 * (s * (1 - s)) ** 3
 
 
 def corner(s: Real) -> Real:
     """The C2 form of |s| minus |s|: (1 - |s|)^3 (3 + |s|) / 8 for |s| < 1, and zero beyond."""
     s = jnp.abs(s)
-    return jnp.maximum(1 - s, 0.0) ** 3 * (3 + s) / 8
+    return positive_part(1 - s) ** 3 * (3 + s) / 8

@@ -84,7 +84,7 @@ class Bore(NamedTuple):
         grows = far > 0.5 * self.clearance
         blend = square * jnp.where(grows, far, 0.5 * self.clearance)
         each = with_barriers(x * cosines + y * sines - self.depth)
-        top = jax.lax.stop_gradient(jnp.max(each))
+        top = jnp.max(jax.lax.stop_gradient(each))
         below = (each - top) / blend
         weight = with_barriers(jnp.exp(below))
         whole = jnp.sum(weight)

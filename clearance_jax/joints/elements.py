@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._basis.numerics import safe_unit
+from clearance_jax._basis.numerics import greater, lesser, positive_part, safe_unit, within
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.bore import Bore, finer
@@ -153,7 +153,7 @@ class ShortBearing(AbstractElement):
         angles = 2 * np.pi * (np.arange(depth.shape[0]) + 0.5) / depth.shape[0]
         cosines, sines, width = jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 2 * np.pi / len(angles)
         # It may still be too near elsewhere, if it bears at two places.
-        height = jnp.maximum(c + depth - x * cosines - y * sines, self.roughness)
+        height = greater(c + depth - x * cosines - y * sines, self.roughness)
         slope = wear_slope + x * sines - y * cosines
         closing = velocity[0] * cosines + velocity[1] * sines - 0.5 * turning * slope
         # The pressure, summed over the width of the film.
@@ -166,10 +166,10 @@ class ShortBearing(AbstractElement):
     def _eccentricity(self, ratio: Scalar, least: Scalar) -> Scalar:
         """The eccentricity over the clearance, held below 1 - least from 1 - 2 least on, three times differentiable."""
         begin = 1 - 2 * least
-        s = jnp.clip((ratio - begin) / (2 * least), 0.0, 1.0)
+        s = within((ratio - begin) / (2 * least), 0.0, 1.0)
         # The integral of 1 - STEP5.
         rise = s - s**4 * (2.5 + s * (s - 3))
-        return jnp.minimum(ratio, begin) + 2 * least * rise
+        return lesser(ratio, begin) + 2 * least * rise
 
 
 def _between(depth: Array) -> tuple[Array, Array]:
@@ -184,7 +184,7 @@ def _mean_positive(values: Array) -> Array:
     """Means over sectors of the positive part of a sector-wise linear function, from its values at the middles."""
     reach = 0.25 * jnp.abs(jnp.roll(values, -1) - jnp.roll(values, 1))
     cut = jnp.abs(values) < reach
-    return jnp.where(cut, (values + reach) ** 2 / (4 * jnp.where(cut, reach, 1.0)), jnp.maximum(values, 0.0))
+    return jnp.where(cut, (values + reach) ** 2 / (4 * jnp.where(cut, reach, 1.0)), positive_part(values))
 
 
 def _loads(e: Scalar, closing: Scalar, around: Scalar) -> tuple[Scalar, Scalar]:

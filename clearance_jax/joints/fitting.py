@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 
 from clearance_jax._basis.module import Module
+from clearance_jax._basis.numerics import positive_part
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.checks import check_known, check_larger
@@ -100,7 +101,7 @@ class PressFit(Module):
 
         def interference(housing, bush):
             grown = expansion * (self.diameter + bush) - self.housing_expansion * (self.diameter + housing)
-            return part * jnp.maximum(bush - housing + warming * grown, 0.0)
+            return part * positive_part(bush - housing + warming * grown)
 
         return interference(*loosest), interference(*mean), interference(*tightest)
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
+from clearance_jax._basis.numerics import greater
 from clearance_jax._basis.types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import GRIPS
@@ -83,7 +84,7 @@ class GuideClearance(AbstractClearance):
         if self.width is None:
             slide = PlayCoordinate(".play_x", self.side_clearance, slides=X)
             return slide, PlayCoordinate(".tilt_y", tilt, turns=Y)
-        roll = 2 * self.side_clearance / jnp.maximum(self.width, self.height)
+        roll = 2 * self.side_clearance / greater(self.width, self.height)
         return (
             PlayCoordinate(".play_x", self.side_clearance, slides=X),
             PlayCoordinate(".play_y", self.side_clearance, slides=Y),

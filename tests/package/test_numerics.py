@@ -207,6 +207,21 @@ def test_numbers_without_derivatives_keep_their_values():
     assert float(jax.grad(both)(jnp.asarray(5.0))) == 5.0
 
 
+def test_the_lesser_the_greater_and_what_lies_within():
+    """Values, slopes of one argument or, where they are equal, half of each; and what is no number stays none."""
+    x, y = np.meshgrid(np.append(MIXED, np.nan), np.append(MIXED, np.nan))
+    ours = (numerics.lesser, np.minimum, np.less), (numerics.greater, np.maximum, np.greater)
+    for function, value, wins in ours:
+        got, slopes = jax.vmap(jax.value_and_grad(function, (0, 1)))(jnp.asarray(x.ravel()), jnp.asarray(y.ravel()))
+        np.testing.assert_array_equal(got, value(x, y).ravel())
+        known = ~np.isnan(x + y).ravel()
+        by_x = np.where(x == y, 0.5, wins(x, y)).ravel()
+        np.testing.assert_array_equal(np.stack(slopes)[:, known], np.stack([by_x, 1 - by_x])[:, known])
+    got, slope = jax.vmap(jax.value_and_grad(lambda s: numerics.within(s, -2.0, 0.5)))(jnp.asarray(MIXED))
+    np.testing.assert_array_equal(got, np.clip(MIXED, -2.0, 0.5))
+    np.testing.assert_array_equal(slope, (MIXED > -2.0) & (MIXED < 0.5))
+
+
 def test_every_public_function_is_tested_here():
     public = {
         name
@@ -215,7 +230,7 @@ def test_every_public_function_is_tested_here():
     }
     assert public == {
         *("sincos", "safe_sqrt", "safe_norm", "safe_unit", "positive_part", "power_three_halves", "positive_power"),
-        *("step3", "step5", "step7", "step7_slope", "corner", "without_derivatives"),
+        *("step3", "step5", "step7", "step7_slope", "corner", "without_derivatives", "lesser", "greater", "within"),
     }
 
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._basis.numerics import step3
+from clearance_jax._basis.numerics import greater, lesser, step3, within
 from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws._friction import AbstractFrictionLaw, Kink, along_slip, outside
@@ -61,7 +61,7 @@ class CubicCoulomb(AbstractSlipLaw):
     smoothness: ClassVar[Smoothness] = "C1"
 
     def profile(self, v, normal_force):
-        x = jnp.clip(v * (1.0 / self.transition_speed), -1.0, 1.0)
+        x = within(v * (1.0 / self.transition_speed), -1.0, 1.0)
         return -0.5 * self.coefficient * normal_force * x * (3 - x * x)
 
     def kinks(self):
@@ -112,7 +112,7 @@ class AdamsFriction(AbstractSlipLaw):
     def kinks(self):
         static, slow, fast = self.static_coefficient, self.stiction_speed, self.transition_speed
         fall = 6 * (self.dynamic_coefficient - static) / (fast - slow) ** 2
-        most = jnp.maximum(static, self.dynamic_coefficient)
+        most = greater(static, self.dynamic_coefficient)
         return Kink(slow, most, 0.0, fall + 3 * static / slow**2), Kink(fast, most, 0.0, fall)
 
     @property
@@ -132,7 +132,7 @@ class Threlfall(AbstractSlipLaw):
 
     def profile(self, v, normal_force):
         speed, sign = _magnitude(v)
-        ratio = jnp.minimum(speed / self.transition_speed, 1.0)
+        ratio = lesser(speed / self.transition_speed, 1.0)
         return self.coefficient * normal_force * sign * jnp.expm1(-3 * ratio)
 
     def kinks(self):
@@ -158,7 +158,7 @@ class Ambrosio(AbstractSlipLaw):
 
     def profile(self, v, normal_force):
         speed, sign = _magnitude(v)
-        ramp = jnp.clip((speed - self.free_speed) / (self.transition_speed - self.free_speed), 0.0, 1.0)
+        ramp = within((speed - self.free_speed) / (self.transition_speed - self.free_speed), 0.0, 1.0)
         return -self.coefficient * normal_force * sign * ramp
 
     def kinks(self):
@@ -187,15 +187,15 @@ class BengisuAkay(AbstractSlipLaw):
 
     def profile(self, v, normal_force):
         speed, sign = _magnitude(v)
-        ratio = jnp.minimum(speed / self.transition_speed, 1.0)
-        beyond = jnp.maximum(speed - self.transition_speed, 0.0)
+        ratio = lesser(speed / self.transition_speed, 1.0)
+        beyond = greater(speed - self.transition_speed, 0.0)
         fall = (self.static_coefficient - self.dynamic_coefficient) * jnp.expm1(-beyond / self.decay_speed)
         return -normal_force * sign * (self.static_coefficient * ratio * (2 - ratio) + fall)
 
     def kinks(self):
         static, fast, decay = self.static_coefficient, self.transition_speed, self.decay_speed
         fall, bend = static - self.dynamic_coefficient, 2 * static / fast**2
-        most = jnp.maximum(static, self.dynamic_coefficient)
+        most = greater(static, self.dynamic_coefficient)
         return Kink(0.0, most, 0.0, -bend), Kink(fast, most, -fall / decay, fall / decay**2 + bend)
 
 

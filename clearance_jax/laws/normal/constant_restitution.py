@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from clearance_jax._basis.numerics import greater, within
 from clearance_jax._basis.types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
@@ -42,8 +43,8 @@ def fourth_root(penetration: Scalar, onset: Scalar) -> Scalar:
     """d^(1/4), but w^(1/4) P(d/w) for d < w. The polynomial P continues it with two continuous derivatives, and its
     slope at first touch is zero. (Derivatives of a motion with an infinite slope there cannot be resolved in time.)
     """
-    s = jnp.clip(penetration / onset, 0.0, 1.0)
-    return jnp.sqrt(jnp.sqrt(jnp.maximum(penetration, onset))) * s * s * (165 + s * (77 * s - 210)) / 32
+    s = within(penetration / onset, 0.0, 1.0)
+    return jnp.sqrt(jnp.sqrt(greater(penetration, onset))) * s * s * (165 + s * (77 * s - 210)) / 32
 
 
 def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: float) -> Scalar:
@@ -99,7 +100,7 @@ class Tsuji(AbstractOscillator):
 
     def constants(self, geometry):
         stiffness, mass = stiffness_of(self.stiffness, geometry), self.effective_mass
-        onset = jnp.maximum((1.25 * mass * SLOW**2 / stiffness) ** 0.4, SHALLOW * geometry.radial_clearance)
+        onset = greater((1.25 * mass * SLOW**2 / stiffness) ** 0.4, SHALLOW * geometry.radial_clearance)
         return Gradual(stiffness, damping_of(stiffness, self.restitution, mass, 1.5), onset)
 
     def formula(self, constants, penetration, penetration_rate, memory):

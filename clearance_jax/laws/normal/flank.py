@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._basis.numerics import positive_part
+from clearance_jax._basis.numerics import greater, lesser, positive_part, within
 from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness
 from clearance_jax.parameters import Demand, describe, physical
@@ -40,13 +40,13 @@ class FlankCurve(NamedTuple):
 
     def effort(self, depth: Any) -> Any:
         """The effort at a depth; odd."""
-        beyond = (change * (depth - jnp.clip(depth, -at, at)) for at, change in self._bends)
+        beyond = (change * (depth - within(depth, -at, at)) for at, change in self._bends)
         linear = sum(beyond, self.slopes[0] * depth)
         return linear if self.cubic is None else linear + self.cubic * depth**3
 
     def energy(self, depth: Any) -> Any:
         """The energy stored at a depth; even."""
-        beyond = (0.5 * change * (depth - jnp.clip(depth, -at, at)) ** 2 for at, change in self._bends)
+        beyond = (0.5 * change * (depth - within(depth, -at, at)) ** 2 for at, change in self._bends)
         linear = sum(beyond, 0.5 * self.slopes[0] * depth**2)
         return linear if self.cubic is None else linear + 0.25 * self.cubic * depth**4
 
@@ -107,7 +107,7 @@ class Flank(AbstractNormalLaw):
         """The depth at which the spring exerts an effort, not below 0 [rad or m]."""
         if self.cubic is not None:
             # Cardano: k d + k3 d^3 = T has one root. In the limit of small k3 it is T / k.
-            k, k3 = self.stiffness, jnp.maximum(self.cubic, 1e-12 * self.stiffness)
+            k, k3 = self.stiffness, greater(self.cubic, 1e-12 * self.stiffness)
             unit = jnp.sqrt(3 * k3 / k)
             return 2 / unit * jnp.sinh(jnp.arcsinh(1.5 * effort * unit / k) / 3)
         if self.efforts is None:
@@ -136,7 +136,7 @@ class Flank(AbstractNormalLaw):
         if self.damping_factor is not None:
             return elastic * (1 + self.damping_factor * penetration_rate)
         damper = self.damping * penetration_rate
-        return elastic + (jnp.minimum(elastic, damper) if self.limited else damper)
+        return elastic + (lesser(elastic, damper) if self.limited else damper)
 
     def event_functions(self, constants: FlankCurve, penetration, penetration_rate, memory):
         bends = tuple(penetration - at for at in constants.breaks)

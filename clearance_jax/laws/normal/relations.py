@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._basis.numerics import positive_part, positive_power, power_three_halves, safe_sqrt
+from clearance_jax._basis.numerics import lesser, positive_part, positive_power, power_three_halves, safe_sqrt, within
 from clearance_jax._basis.roots import newton
 from clearance_jax._basis.types import Scalar
 
@@ -65,7 +65,7 @@ def _logarithmic(constant: Callable[[ContactLine], Scalar]) -> Relation:
 
     def split(line, penetration):
         end = limit(line)
-        inside = jnp.clip(penetration, 1e-30, end)
+        inside = within(penetration, 1e-30, end)
         # w > 1 with w exp(-w) = exp(-q) < 1/e.
         q = -jnp.log(inside / (4 * line.clearance) * jnp.exp(-constant(line)))
         w = newton(lambda w, q: w * (q - 1 + jnp.log(w)) / (w - 1), _start(q), NEWTON, q, unrolled=True)
@@ -144,7 +144,7 @@ def _pereira_numbers(line):
     """K / (E* L) and n of F = K d^n, with lengths in mm."""
     c = 1e3 * line.clearance
     middle = 0.34954
-    small = 1.51 * jnp.log(1e3 * jnp.clip(c, 0.005, middle)) ** -0.151
+    small = 1.51 * jnp.log(1e3 * within(c, 0.005, middle)) ** -0.151
     exponent = jnp.where(c < middle, small, 0.0151 * c + 1.151) * c**-0.005
     return (0.965 * c + 0.0965) / c, exponent
 
@@ -175,7 +175,7 @@ def ellipse_spread(line: ContactLine, force: Scalar) -> Scalar:
     F'/E* [m]. Hertz's elliptic pressures over the half angle t, t^2 = 4 F' / (pi E* c), give t / (2 J_1(t)), here by
     its series. From t = 90 deg on the ratio stays constant.
     """
-    square = jnp.minimum(4 / np.pi * force / line.clearance, WIDEST**2)
+    square = lesser(4 / np.pi * force / line.clearance, WIDEST**2)
     return 1 / (1 - square * (1 / 8 - square * (1 / 192 - square * (1 / 9216 - square * (1 / 737280)))))
 
 

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from clearance_jax._basis.numerics import greater, lesser
 from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal import ratios
@@ -49,7 +50,7 @@ class AbstractImpactLaw(AbstractNormalLaw):
         ratio = self.damping_ratio
         if ratio is None:
             return jnp.ones(())
-        slow = 1.0 if speed is None else jnp.minimum(1.0, speed / self.minimum_impact_speed)
+        slow = 1.0 if speed is None else lesser(speed / self.minimum_impact_speed, 1.0)
         return ratios.delivered_restitution(ratio * slow)
 
     def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
@@ -65,13 +66,13 @@ class AbstractImpactLaw(AbstractNormalLaw):
         elastic = self.elastic(constants, penetration)
         if constants.damping_ratio is None:
             return elastic
-        speed = jnp.maximum(memory[0], self.minimum_impact_speed)
+        speed = greater(memory[0], self.minimum_impact_speed)
         return elastic * (1 + constants.damping_ratio * penetration_rate / speed)
 
     def latch(self, constants, memory, touch):
         if not memory:
             return memory
-        speed = jnp.where(touch.began, jnp.maximum(touch.penetration_rate, self.minimum_impact_speed), memory[0])
+        speed = jnp.where(touch.began, greater(touch.penetration_rate, self.minimum_impact_speed), memory[0])
         return (jnp.where(touch.ended, 0.0, speed),)
 
 

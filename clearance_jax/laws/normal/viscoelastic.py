@@ -4,7 +4,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from clearance_jax._basis.numerics import positive_part
+from clearance_jax._basis.numerics import greater, positive_part
 from clearance_jax._basis.types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal.power_laws import STIFFNESS, power, power_energy, stiffness_unit
@@ -60,7 +60,7 @@ class StandardLinearSolid(AbstractNormalLaw):
         return constants.stiffness * (self._stretch(penetration) - self.relaxing_share * memory[0])
 
     def memory_rate(self, constants, penetration, penetration_rate, memory):
-        wall = jnp.maximum(self._stretch(penetration), self.relaxing_share * memory[0])
+        wall = greater(self._stretch(penetration), self.relaxing_share * memory[0])
         return ((wall - memory[0]) / self.relaxation_time,)
 
     def memory_scale(self, constants):

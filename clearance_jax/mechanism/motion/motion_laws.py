@@ -13,7 +13,7 @@ from jax.lax.linalg import tridiagonal_solve
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.module import Module
-from clearance_jax._basis.numerics import sincos
+from clearance_jax._basis.numerics import lesser, sincos, within
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import whole
 from clearance_jax.errors import ClearanceError, wrong_value
@@ -100,7 +100,7 @@ class StepSum(AbstractSteps):
         span = self.end - self.begin
         s = (time - self.begin) / span
         inside = (s >= 0) & (s < 1)
-        s = jnp.clip(s, 0.0, 1.0)
+        s = within(s, 0.0, 1.0)
         q = self.offset + jnp.sum(self.rise * s * s * (3 - 2 * s))
         v = jnp.sum(jnp.where(inside, self.rise * 6 * s * (1 - s) / span, 0.0))
         return q, v, jnp.sum(jnp.where(inside, self.rise * (6 - 12 * s) / span**2, 0.0))
@@ -112,7 +112,7 @@ class Step5Sum(AbstractSteps):
     @whole
     def __call__(self, time):
         span = self.end - self.begin
-        s = jnp.clip((time - self.begin) / span, 0.0, 1.0)
+        s = within((time - self.begin) / span, 0.0, 1.0)
         q = self.offset + jnp.sum(self.rise * s**3 * (10 + s * (6 * s - 15)))
         v = jnp.sum(self.rise * 30 * s * s * (1 - s) ** 2 / span)
         return q, v, jnp.sum(self.rise * 60 * s * (1 - s) * (1 - 2 * s) / span**2)
@@ -185,7 +185,7 @@ class PreparedSpline(AbstractTable):
         last = self.times[-1]
         # A table that does not end at rest ends with the motion: it still moves at its last instant.
         moves = self.end_speed != 0
-        q, v, a = self._within(jnp.where(moves, time, jnp.minimum(time, last)))
+        q, v, a = self._within(jnp.where(moves, time, lesser(time, last)))
         before = (time < last) | moves
         return jnp.where(before, q, self.values[-1]), jnp.where(before, v, 0.0), jnp.where(before, a, 0.0)
 
