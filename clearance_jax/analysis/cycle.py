@@ -9,7 +9,7 @@ A cycle that nothing drives (of a servo with backlash, of a stick-slip) has a pe
 and one condition more keeps the state from sliding along the cycle: the change of the state has no part along its rate.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,30 +20,32 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from clearance_jax._basis.module import Module
 from clearance_jax._basis.types import Scalar
 from clearance_jax._compile.solo import solo_jit
-from clearance_jax.dynamics.closures import project
-from clearance_jax.dynamics.field import slope
+from clearance_jax.analysis.period_map import (
+    SEAM,
+    TURN,
+    CycleOptions,
+    CycleSearch,
+    advance,
+    constant_memory,
+    free_turns,
+    nearest_return,
+    newton_step,
+    orbit,
+    scale,
+    seams,
+    size_of,
+)
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.actuators import ConstantEffort, Servo
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.motion.motion_laws import AbstractDrive
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.first_state import initial_state
-from clearance_jax.solve.flow import Inputs, flow
-from clearance_jax.solve.settings import Settings
-from clearance_jax.solve.steps.problem import Problem
-from clearance_jax.solve.steps.tolerances import LOCAL, largest_length, tolerances
 
-TURN = 2 * np.pi
 # The search stops at a residual of rtol. If no step lowers it further, it must be within this many rtol, which is the
 # error that a solve may have.
 CLOSED = 100.0
 # A damped step must lower the residual by this part of its damping. A rejected step is shortened by SHRINK; below
 # SHORTEST it is given up, and the motion settles for longer.
 DECREASE, SHRINK, SHORTEST = 0.25, 0.25, 1 / 64
-# The largest gap between a drive's end and its start, in radians or largest lengths; that of its speed is in these per
-# radian of the period.
-SEAM = 1e-6
 
 
 class PeriodicMotion(Module):
@@ -53,8 +55,8 @@ class PeriodicMotion(Module):
     - `period` [s]: as given, or as found.
     - `monodromy`: the derivative dP/dy of the state after one period P(y) by the state before, shape (n, n). Its error
       is controlled.
-    - `residual`: largest |P(y) - y|, in units of the lengths and speeds of the scene. The error of `y` is about
-      `residual` / `margin`.
+    - `residual`: largest |P(y) - y|, in units of the lengths and speeds of the scene; with a period of its own in units
+      of how far each component moves, if that is less. The error of `y` is about `residual` / `margin`, in these units.
     - `iterations`: how many Newton steps and phases of settling were tried.
     - `turns`: whole turns of each free coordinate in a period, shape (free,); 0 for a slide.
     - `converged`: whether the search succeeded; `code`: how its last solve ended (`codes.Result`).
@@ -108,9 +110,12 @@ class PeriodicMotion(Module):
             return f"The periodic motion is not stable: its largest |multiplier| is {size:.3g}."
         if int(self.code) != Result.REACHED_END:
             return f"No periodic motion was found: after {count} a solve stopped, {words(self.code)}."
+        if self.is_free and not np.isfinite(self.residual):
+            return f"No periodic motion was found: after {count} the mechanism is at rest."
+        scales = "the cycle's size" if self.is_free else "the scene's scales"
         return (
             f"No periodic motion was found: after {count} the state still misses itself by {float(self.residual):.2g} "
-            "of the scene's scales. The motion may be chaotic, or repeat after several periods only (try 2 or 3 times "
+            f"of {scales}. The motion may be chaotic, or repeat after several periods only (try 2 or 3 times "
             "the period), or settle slowly (try a larger `settle`, or a `guess`)."
         )
 
@@ -118,55 +123,6 @@ class PeriodicMotion(Module):
 def _eigenvalues(matrix: Array) -> Array:
     values = jnp.linalg.eigvals(matrix)
     return jnp.take_along_axis(values, jnp.argsort(-jnp.abs(values), axis=-1), axis=-1)
-
-
-class CycleSearch(NamedTuple):
-    """The numeric arguments of a search."""
-
-    mechanism: Mechanism
-    t0: Array
-    period: Array
-    rtol: Array
-    guess: Array | None
-    turns: Array | None
-
-
-class CycleOptions(NamedTuple):
-    """The static arguments of a search: other ones compile another program."""
-
-    options: Settings
-    settle: int
-    iterations: int
-    is_free: bool = False
-
-
-def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
-    """How far each drive, servo target and load course is from its start after the period, by name: in radians
-    (without whole turns) or largest lengths; a load in its own unit.
-    """
-    length, out = largest_length(mechanism), {}
-    for wrench in mechanism.wrenches:
-        if wrench.course is not None:
-            (begin, end), _ = _ends(wrench.course, t0, period)
-            out[wrench.name] = jnp.abs(end - begin)
-    for coordinate in mechanism.coordinates():
-        servos = [actuator.target for actuator in coordinate.motion.actuators if isinstance(actuator, Servo)]
-        drive = coordinate.motion.drive
-        for course in servos if drive is None else [drive]:
-            (begin, end), rates = _ends(course, t0, period)
-            missed = end - begin
-            if coordinate.slides is None:
-                missed -= TURN * jnp.round(missed / TURN)
-            unit = 1.0 if coordinate.slides is None else length
-            gap = jnp.maximum(jnp.abs(missed), jnp.abs(rates[1] - rates[0]) * period / TURN) / unit
-            out[coordinate.name] = jnp.maximum(out.get(coordinate.name, 0.0), gap)
-    return out
-
-
-def _ends(drive: AbstractDrive, t0: Array, period: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """A drive's positions and velocities at both ends of the period."""
-    (q0, v0, _), (q1, v1, _) = drive(t0), drive(t0 + period)
-    return (jnp.asarray(q0, float), jnp.asarray(q1, float)), (jnp.asarray(v0, float), jnp.asarray(v1, float))
 
 
 @eqx.filter_custom_jvp
@@ -191,7 +147,7 @@ def _cycle_jvp(primals, tangents, *, effort: CycleOptions):
 
         at, along = (search.mechanism, motion.period), (rates.mechanism, period)
         reached, moved = eqx.filter_jvp(end, at, along)
-        moved, later = _step(closed, effort, motion.y, motion.y, motion.monodromy, moved)
+        moved, later = newton_step(closed, effort, motion.y, motion.y, motion.monodromy, moved)
         # NaN as a factor: if `where` selected it, the derivative of that would be zero.
         known = jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
         later = later if effort.is_free or period is None else period
@@ -245,17 +201,22 @@ def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
         return jax.lax.fori_loop(0, effort.settle, once, y)
 
     def newton(s):
-        step, later = _step(search, effort, s.y, s.end, s.jacobian, s.end - s.y, s.unit)
+        step, later = newton_step(search, effort, s.y, s.end, s.jacobian, s.end - s.y)
         return s.y + s.damping * step, jnp.maximum(s.period + s.damping * later, 0.5 * s.period)
 
     def iterate(s: _State) -> _State:
         settling = s.damping == 0
-        y, period = jax.lax.cond(settling, lambda: (settle(s.y, s.period), s.period), lambda: newton(s))
+        y, period = jax.lax.cond(settling, lambda: (settle(s.y, search.period), search.period), lambda: newton(s))
+        unit = jnp.where(settling, scale(search, y), s.unit)
+        if effort.is_free:
+            times, states = orbit(search._replace(period=period), effort, y)
+            nearest = nearest_return(search, times, states, count_turns)
+            period, unit = jnp.where(settling, nearest, period), scale(search, y) * size_of(search, states)
         jacobian, (end, code) = jax.jacfwd(period_map, has_aux=True)(y, period)
         turns = jnp.where(settling, count_turns(y, end), s.turns)
         end = end.at[:n].add(-TURN * turns)
-        unit = jnp.where(settling, scale(search, y), s.unit)
-        residual = jnp.max(jnp.abs(end - y) / unit)
+        # At rest, which has any period, there is no unit.
+        residual = jnp.max(jnp.where(unit > 0, jnp.abs(end - y) / unit, jnp.inf))
         better = residual <= (1 - DECREASE * s.damping) * s.residual
         shorter = jnp.where(s.damping * SHRINK < SHORTEST, 0.0, s.damping * SHRINK)
         damping = jnp.where(settling | better, 1.0, shorter)
@@ -278,70 +239,3 @@ def search_cycle(search: CycleSearch, effort: CycleOptions) -> PeriodicMotion:
     latched = constant_memory(s.jacobian, n)
     told = s.residual, s.iterations, s.turns, converged, s.code, latched
     return PeriodicMotion(s.y, s.period, s.jacobian, *told, is_free=effort.is_free)
-
-
-def constant_memory(jacobian: Array, free: int) -> Array:
-    """Which components (n,) are memory that no touch rewrote in the period: their rows are exactly unit rows."""
-    size = jacobian.shape[0]
-    return (jnp.arange(size) >= 2 * free) & jnp.all(jacobian == jnp.eye(size), axis=1)
-
-
-def advance(search: CycleSearch, y: Array, effort: CycleOptions) -> tuple[Array, Any]:
-    """The state a period later (NaN if the solve fails) and the result code. The start is projected on the ideal
-    closures, so that a direction that opens a loop has multiplier 0, and I - dP/dy is regular.
-    """
-    t0, mechanism = search.t0, search.mechanism
-    if mechanism.closures():
-        y = project(t0, y, mechanism.prepare(), 2)
-    solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=effort.options)
-    # NaN as a factor: if `where` selected it, its slopes would be zero.
-    return jnp.where(solution.succeeded, 1.0, jnp.nan) * solution.final, solution.code
-
-
-def scale(search: CycleSearch, y: Array) -> Array:
-    """Scale of each component of the state (n,), as in error control; 1 for memory without error control."""
-    problem = Problem(search.mechanism.prepare())
-    allowed = tolerances(problem, y, search.t0, search.t0 + search.period, search.rtol)
-    unit = allowed.unit + allowed.relative / (LOCAL * search.rtol) * jnp.abs(y)
-    return jnp.where(jnp.isfinite(unit), unit, 1.0)
-
-
-def free_turns(search: CycleSearch) -> Array:
-    """Whole turns of each free coordinate in a period, shape (free,); NaN if only the motion can tell. A slide makes
-    none, nor does a rotation with a spring; a rotation with a servo follows the servo's target.
-    """
-    if search.turns is not None:
-        return search.turns
-    out = []
-    for coordinate in search.mechanism.free_coordinates():
-        holding = [a for a in coordinate.motion.actuators if not isinstance(a, ConstantEffort)]
-        targets = [a.target for a in holding if isinstance(a, Servo)]
-        if coordinate.slides is None and not holding:
-            out.append(jnp.asarray(jnp.nan))
-        elif coordinate.slides is None and len(targets) == len(holding):
-            (begin, end), _ = _ends(targets[0], search.t0, search.period)
-            out.append(jnp.round((end - begin) / TURN))
-        else:
-            out.append(jnp.zeros(()))
-    return jnp.stack(out)
-
-
-def _step(
-    search: CycleSearch, effort: CycleOptions, y: Array, end: Array, jacobian: Array, missed: Array, unit: Any = None
-) -> tuple[Array, Array]:
-    """The changes of the state and of the period that take up what the motion `missed`, in units of the state's scale:
-    of (I - dP/dy) dy = missed, without constant memory, which keeps its value. With a free period, (I - dP/dy) dy -
-    f(end) dT = missed and f(y) . dy = 0, for the rate f of the state.
-    """
-    unit = scale(search, y) if unit is None else unit
-    jacobian = jnp.where(constant_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
-    matrix = jnp.eye(unit.size) - jacobian * unit[None, :] / unit[:, None]
-    if not effort.is_free:
-        return unit * (jnp.linalg.pinv(matrix, rtol=search.rtol) @ (missed / unit)), jnp.zeros(())
-    ready = search.mechanism.prepare()
-    before, after = (slope(t, x, ready) / unit for t, x in ((search.t0, y), (search.t0 + search.period, end)))
-    # In units of the period times the size of the rate, every row and column is about one.
-    size = jnp.linalg.norm(before)
-    bordered = jnp.block([[matrix, -after[:, None] / size], [before[None, :] / size, jnp.zeros((1, 1))]])
-    change = jnp.linalg.pinv(bordered, rtol=search.rtol) @ jnp.append(missed / unit, 0.0)
-    return unit * change[:-1], change[-1] / size

@@ -5,7 +5,8 @@ from typing import Any, Unpack
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from clearance_jax.analysis.cycle import SEAM, CycleOptions, CycleSearch, PeriodicMotion, find, seams
+from clearance_jax.analysis.cycle import PeriodicMotion, find
+from clearance_jax.analysis.period_map import SEAM, CycleOptions, CycleSearch, seams
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism._base import sampling_periods
 from clearance_jax.mechanism.actuators import Servo
@@ -41,7 +42,7 @@ def periodic_motion(
     **Arguments:**
 
     - `mechanism`: what moves.
-    - `period` [s]: a whole multiple of every drive's period; with `free_period` a first guess, within a tenth or so.
+    - `period` [s]: a whole multiple of every drive's period; with `free_period` a first guess, within a fifth or so.
     - `guess`: a state [q, v, memory] from which to start, shape (n,); `None`: the mechanism's initial one.
     - `settle`: how many periods are simulated before Newton's method starts, and again wherever it does not lower the
       residual.

@@ -92,7 +92,7 @@ def test_numbers_arrays_states_and_times_alone_and_in_a_batch():
 
 
 def test_the_count_of_numbers_chooses():
-    """ "auto" is one of the other two, to the last bit, by the entries of what is differentiated."""
+    """One of the other two, to a round-off, by the entries of what is differentiated."""
 
     def place(heights, mode):
         return cj.simulate(rough_arm(heights), 0.02, rtol=1e-6, derivatives=mode)["tip.position.x"]
