@@ -34,6 +34,8 @@ FURTHER, FURTHEST = 4.0, 4.0**24
 # A cut within this part of a step from its start, right after a cut step, is at the same event: the round-off of a
 # place may hide an event for longer than that of the time.
 NEAR = 0.1
+# A cut step is as short as round-off if it is so many times as long as an event is passed by.
+BRIEF = 100.0
 
 
 class Control(NamedTuple):
@@ -99,6 +101,11 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     h = t1 - t0
     pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * jnp.maximum(h, control.natural))
     pad = pad * control.reach
+    if problem.varies:
+        # Round-off may have put an event just behind a cut that should have passed it. A step across it is no longer
+        # than this round-off, and what the jump of a slope adds to a derivative in it is nothing beside the derivative
+        # after the event; beside that before it, it may be more than is allowed, in the shortest step too.
+        error = jnp.where((control.natural > 0) & (h <= BRIEF * pad), of_motion, error)
     crossed, s = first_event(joint_curves, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
     # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
