@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from clearance_jax._compile.barriers import share
 
 Real = Float[Array, "..."]
+Number = Real | Float[np.ndarray, "..."] | float
 Tree = TypeVar("Tree")
 
 # pi/2 in two parts (Cody and Waite): the first has 33 significant bits, so that n * part is exact for |n| < 2**19.
@@ -105,7 +106,7 @@ def positive_part(x: Real) -> Real:
     return jnp.where(x > 0, x, 0.0)
 
 
-def lesser(x: Real | float, y: Real | float) -> Real:
+def lesser(x: Number, y: Number) -> Real:
     """`min(x, y)`, whose derivative is that of one of the two; where they are equal, the mean of both. (JAX compares
     its minimum with the arguments for a derivative. In a program over lanes another kernel may have computed the same
     argument with other last digits: then it equals neither, and the derivative is zero.)
@@ -113,12 +114,12 @@ def lesser(x: Real | float, y: Real | float) -> Real:
     return jnp.where(y < x, y, jnp.where(x < y, x, 0.5 * (x + y)))
 
 
-def greater(x: Real | float, y: Real | float) -> Real:
+def greater(x: Number, y: Number) -> Real:
     """`max(x, y)`, as `lesser`."""
     return jnp.where(y > x, y, jnp.where(x > y, x, 0.5 * (x + y)))
 
 
-def within(x: Real | float, low: Real | float, high: Real | float) -> Real:
+def within(x: Number, low: Number, high: Number) -> Real:
     """x, held between two bounds, as `lesser`."""
     return greater(lesser(x, high), low)
 
