@@ -64,7 +64,7 @@ class Row(NamedTuple):
 
 
 @cache
-def ends(point: str, axes: str) -> Callable:
+def ends(point: str, axes: str = "xy") -> Callable:
     """Place and velocity of a point at the end, one function for all variants of a scene."""
     names = [f"{point}.{of}.{axis}" for of in ("position", "velocity") for axis in axes]
     return lambda solution: jnp.stack([solution[name] for name in names])

@@ -23,7 +23,7 @@ from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.flow import Inputs, problem_of
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.steps.attempt import means_of
-from clearance_jax.solve.steps.control import factor, on_grid, scaled_error
+from clearance_jax.solve.steps.control import Control, factor, judge, on_grid, scaled_error
 from clearance_jax.solve.steps.events import EventJoints, StepCurve, first_of
 from clearance_jax.solve.steps.problem import basis
 from clearance_jax.solve.steps.step import Trial, tableau_of
@@ -105,9 +105,8 @@ def test_programs_stay_small(solver):
         assert barriers <= 0.2 * own
 
 
-def test_what_a_law_remembers_hides_no_derivative():
-    """A bristle's own column, a million times its length, measures the bristle's error, and nothing else's."""
-    m = playful(laws.HuntCrossley(1e9, 0.5), catalogue.FRICTION["lugre"])
+def with_a_derivative(m):
+    """The problem of a motion and its derivative by one number; its start, tolerances and options."""
     inputs = Inputs(m, jnp.zeros(()), jnp.asarray(0.01), None, jnp.asarray(1e-6), None, None)
     leaves = jax.tree.leaves(inputs.varied, is_leaf=lambda x: x is None)
     first = next(i for i, leaf in enumerate(leaves) if eqx.is_inexact_array(leaf))
@@ -117,6 +116,32 @@ def test_what_a_law_remembers_hides_no_derivative():
         [leaf if i == first else None for i, leaf in enumerate(leaves)],
     ))  # fmt: skip
     problem, start, allowed, _ = problem_of(inputs, options, directions)
+    return problem, start, allowed, options
+
+
+def test_a_step_across_a_round_off_is_judged_by_its_motion():
+    """Behind a cut, and as short as what an event is passed by; a longer one by its derivative as well."""
+    problem, start, allowed, options = with_a_derivative(playful(laws.HuntCrossley(1e9, 0.5)))
+    means, natural = means_of(options, allowed), jnp.asarray(1e-6)
+    zeros, speed = jnp.zeros_like(start), layout(problem.mechanism).v.start
+
+    @jax.jit
+    def error(length, natural, row):
+        off = zeros.at[row, speed].set(allowed.unit[speed])
+        trial = Trial(start, start, off, zeros, zeros, zeros)
+        control = Control.begin(jnp.zeros(()))._replace(natural=natural)
+        return judge(problem, trial, (jnp.asarray(1e-3), 1e-3 + length), means, control).error
+
+    brief, longer = float(allowed.margin * natural), 1e-6
+    assert float(error(brief, natural, 1)) < 1 < float(error(brief, 0.0, 1))
+    assert float(error(longer, natural, 1)) > 1
+    assert float(error(brief, natural, 0)) > 1
+
+
+def test_what_a_law_remembers_hides_no_derivative():
+    """A bristle's own column, a million times its length, measures the bristle's error, and nothing else's."""
+    m = playful(laws.HuntCrossley(1e9, 0.5), catalogue.FRICTION["lugre"])
+    problem, start, allowed, options = with_a_derivative(m)
     plan, unit, zeros = layout(problem.mechanism), allowed.unit, jnp.zeros_like(start)
     speed, bristle = plan.v.start, plan.v.stop
 

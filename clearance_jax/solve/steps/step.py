@@ -57,8 +57,9 @@ def tableau_of(solver: Any) -> Tableau:
 _EPS = float(np.finfo(np.float64).eps)
 STAGE_BEFORE_END = 4 * _EPS
 """Part of the time of a step's end by which stages there are earlier: at the end a drive may have jumped already."""
-# Slopes of so many numbers are added one by one, which compilers vectorise; fewer by a reduction (measured).
-LONG_STACK = 200
+# Slopes of so many numbers are added one by one, which compilers vectorise; fewer by a reduction (measured). So are
+# those of states longer than these: for an arm with three sleeves and 8 derivatives a compiler took over 10 GB.
+LONG_STACK, LONG_STATE = 200, 16
 
 
 class Trial(NamedTuple):
@@ -251,7 +252,7 @@ def _in_every_row(function: Callable, time: Each, y: Array, problem: Problem) ->
 
 def _weighted_sum(weights: Array, slopes: Array, time: Each) -> Array:
     """The weighted sum of the stages' slopes (first axis)."""
-    if not jnp.ndim(time) and slopes.size < LONG_STACK:
+    if not jnp.ndim(time) and (slopes.size < LONG_STACK or slopes.shape[-1] > LONG_STATE):
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
     with sharing_lanes(time):
         return share(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
