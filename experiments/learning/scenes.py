@@ -2,12 +2,13 @@
 out/learning_scenes.md.
 
 Ten scenes in the plane and two arms with sleeves in space each have ten variants: every number of a body, a play and a
-law is drawn within 10 % of its own, and the end of the motion within its last third. The metrics are the place and the velocity of a point at the end.
-Their derivatives are by factors on all these numbers. *Forward* are controlled derivatives. The truth is forward
-derivatives at an `rtol` of 1e-10; its own error is what they change to 1e-11. An error is the largest one of a metric's
-derivatives, over the largest of them. *Covered* are derivatives, by metric and number, whose error is at most the one
-that `cj.sensitivities` states beside an adjoint. Those are left out whose error is not ten times as large as the
-truth's own. In the four-bar the impacts amplify changes by up to a million, so that all errors are larger.
+law is drawn within 10 % of its own, and the end of the motion within its last third. The metrics are the place and the
+velocity of a point at the end. Their derivatives are by factors on all these numbers. *Forward* are controlled
+derivatives. The truth is forward derivatives at an `rtol` of 1e-10; its own error is what they change to 1e-11. An
+error is the largest one of a metric's derivatives, over the largest of them. *Covered* are derivatives, by metric and
+number, whose error is at most the one that `cj.sensitivities` states beside an adjoint. Those are left out whose error
+is not ten times as large as the truth's own. In the four-bar the impacts amplify changes by up to a million, so that
+all errors are larger.
 """
 
 from collections.abc import Callable
