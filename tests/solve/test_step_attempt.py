@@ -26,7 +26,7 @@ from clearance_jax.solve.steps.attempt import means_of
 from clearance_jax.solve.steps.control import Control, factor, judge, on_grid, scaled_error
 from clearance_jax.solve.steps.events import EventJoints, StepCurve, first_of
 from clearance_jax.solve.steps.problem import basis
-from clearance_jax.solve.steps.step import Trial, tableau_of
+from clearance_jax.solve.steps.step import Trial, _weighted_sum, tableau_of
 from clearance_jax.spatial import ZERO, scale
 
 
@@ -103,6 +103,18 @@ def test_programs_stay_small(solver):
         own, barriers = operations(cj.load(SCENES / scene), t1, solver=solver)
         assert own <= most
         assert barriers <= 0.2 * own
+
+
+def test_slopes_of_long_states_are_added_by_one_operation():
+    """Those of short ones one by one: of 24 components and 8 derivatives a compiler took over 10 GB for that."""
+
+    def program(components):
+        slopes = jax.ShapeDtypeStruct((13, 9, components), float)
+        return jax.make_jaxpr(_weighted_sum)(jnp.ones(13), slopes, 0.0).jaxpr
+
+    assert count(program(24), "reduce_sum") == 1
+    assert count(program(8), "reduce_sum") == 0
+    assert count(program(24)) < 6 < count(program(8))
 
 
 def with_a_derivative(m):
