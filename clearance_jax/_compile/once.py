@@ -263,7 +263,8 @@ def _apart(equation: JaxprEqn) -> bool:
 
 def _stacks(equation: JaxprEqn) -> bool:
     """Whether an equation puts arrays side by side: XLA gives each of them a kernel. (Numbers share one.)"""
-    return equation.primitive.name == "concatenate" and any(getattr(v.aval, "size", 1) > 1 for v in equation.invars)
+    arrays = any(getattr(v.aval, "size", 1) > 1 for v in equation.invars)
+    return arrays and equation.primitive.name in ("concatenate", "stack")
 
 
 def _variables(atoms: Any) -> Iterator[Var]:

@@ -91,8 +91,9 @@ def test_work_does_not_double_with_every_link():
     assert operations(apart) > 1.5 * written  # or the test above shows nothing
 
 
-def test_work_for_arrays_side_by_side_is_done_once():
-    """As derivatives of a field, in several directions: XLA gives each of them a kernel."""
+@pytest.mark.parametrize(("directions", "more"), [(1, 2.0), (3, 1.5)])
+def test_work_for_arrays_side_by_side_is_done_once(directions, more):
+    """As derivatives of a field: XLA gives each of them a kernel."""
 
     def values(x):
         a, b = x[0], x[1]
@@ -102,17 +103,17 @@ def test_work_for_arrays_side_by_side_is_done_once():
 
     def side_by_side(x):
         along = jax.vmap(lambda d: jax.jvp(values, (x,), (d,)), out_axes=(None, 0))
-        rows = zip(*along(jnp.ones((3, 2)) * jnp.arange(1.0, 4.0)[:, None]), strict=True)
+        rows = zip(*along(jnp.ones((directions, 2)) * jnp.arange(1.0, directions + 1.0)[:, None]), strict=True)
         return jnp.stack([jnp.concatenate([value[None], rates]) for value, rates in rows], 1)
 
     def looped(x):
         return jax.lax.fori_loop(0, 3, lambda _, x: x + side_by_side(x[0, :2]), x)
 
     def operations(function):
-        return busiest_loop(jax.jit(function).lower(jnp.ones((4, 8))).compile().as_text())
+        return busiest_loop(jax.jit(function).lower(jnp.ones((1 + directions, 8))).compile().as_text())
 
-    written = busiest_loop(jax.jit(looped).lower(jnp.ones((4, 8))).as_text(dialect="hlo", debug_info=True))
-    assert operations(compute_once(looped)) <= 1.5 * written
+    written = busiest_loop(jax.jit(looped).lower(jnp.ones((1 + directions, 8))).as_text(dialect="hlo", debug_info=True))
+    assert operations(compute_once(looped)) <= more * written
     assert operations(looped) > 3 * written  # or the test above shows nothing
 
 

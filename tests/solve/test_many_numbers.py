@@ -173,3 +173,22 @@ def test_batches_of_via_points_and_of_long_samples_are_one_function():
     assert 'xla_cpu_small_call = "false"' not in text
     one = jax.jit(jax.jacfwd(place))(values, clearances[7])
     np.testing.assert_allclose(slopes(values, clearances)[7], one, rtol=1e-4, atol=1e-5 * np.max(np.abs(one)))
+
+
+def test_program_by_many_numbers_is_as_large_as_by_few():
+    """Numbers are pushed through the rate however many they are (pulls made it five times as large from 12 on)."""
+    arm = cj.load(SCENES / "arm_with_play.toml")
+    known = cj.parameters(arm)
+    names = [name for name, of in known.items() if name.endswith((".mass", ".pin_radius")) and np.any(of.value)]
+    names += [f"{joint.name}.radial_clearance" for joint in arm.clearance_joints()]
+
+    def length(names):
+        def place(factors):
+            moved = {name: known[name].value * factors[i] for i, name in enumerate(names)}
+            solution = cj.simulate(cj.replace(arm, moved), 1e-3, energy_balance=False)
+            return solution["tcp.position.x"]
+
+        return len(str(jax.make_jaxpr(jax.grad(place))(jnp.ones(len(names)))))
+
+    assert len(names) >= 12
+    assert length(names) <= 1.5 * length(names[:2])
