@@ -37,6 +37,8 @@ LEAST_STEP = 1e-7
 NEAR = 0.05
 # By values alone: the number of designs to try, and how far below its bound the deciding limit may stay.
 TRIED, SLACK = 8, 0.05
+# The change of all variables by which slopes are tried: with slopes that say something, limits change by little more.
+ASIDE = 1e-5
 
 
 class ModelPoint(NamedTuple):
@@ -110,8 +112,10 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
     """Search by values and slopes; `tolerance` of the objective: the accuracy of the dear solves. **Raises**
     `UselessSlopes` if the slopes of the dear model are useless.
     """
-    cheap, dear, z = _begin(program, start, tolerance)
-    here, radius, bend, failed, step = _dear_point(program, dear, z), RADIUS, 0.0, 0, np.inf
+    cheap, x = _begin(program, start, tolerance)
+    _try_aside(program, np.exp(cheap.start))
+    dear = ScaledProgram(program, x)
+    here, radius, bend, failed, step = _dear_point(program, dear, dear.start), RADIUS, 0.0, 0, np.inf
     while radius > LEAST_RADIUS:
         at = program.at(np.exp(here.z), True)
         if at.feasible and scaling.optimality(program, at)[0] <= OPTIMAL:
@@ -139,20 +143,23 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
 
 
 def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
-    """Search by values alone, with cheap limits shifted by the last difference (the largest, until one is feasible)."""
-    cheap, dear, z = _begin(program, start, tolerance)
-    shift = np.full(len(program.limit_names), -np.inf)
+    """Search by values alone. The cheap limits are shifted by the median of the differences that were seen (each is
+    partly luck where motions are chaotic), to meet the bounds in the middle of what is allowed.
+    """
+    cheap, x = _begin(program, start, tolerance)
+    dear = ScaledProgram(program, x, gradient=False)
+    z = dear.start
+    differences: list[np.ndarray] = []
     for _ in range(TRIED):
-        limits = dear.values_of(program.at(np.exp(z), True))[1]
-        difference, worst = limits - _cheap_point(cheap, z, program.leaders).limits, float(limits.max())
-        holds = worst <= 0
-        if holds and (worst > -SLACK or np.allclose(z, cheap.bounds[1])):
+        limits = dear.values_of(program.at(np.exp(z)))[1]
+        differences.append(limits - _cheap_point(cheap, z, program.leaders).limits)
+        if -SLACK < limits.max() <= 0 or (limits.max() <= 0 and np.allclose(z, cheap.bounds[1])):
             return ""
-        shift = difference if holds else np.maximum(shift, difference)
+        shift = np.median(differences, axis=0) + 0.5 * SLACK
         flat = np.zeros((len(shift), len(z), len(z)))
         aim = Corrected(cheap, program.leaders, z, shift, flat[..., 0], flat).best(np.inf, PRICE, 0.0)
         if np.abs(aim.z - z).max() < tolerance:
-            return "" if holds else "stopped: the smallest values of the variables do not hold every limit"
+            return "" if limits.max() <= 0 else "stopped: the smallest values of the variables do not hold every limit"
         z = aim.z
     return "" if program.best is not None else f"stopped: no design of {TRIED} that were tried holds every limit"
 
@@ -161,8 +168,8 @@ MATCHED = Method("model management", model_management)
 MATCHED_VALUES = Method("model management by values", value_matching, gradients=False, slack=SLACK)
 
 
-def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[ScaledProgram, ScaledProgram, np.ndarray]:
-    """Both models in logarithms, and the optimum of the cheap one as a start (n,)."""
+def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[ScaledProgram, np.ndarray]:
+    """The cheap model in logarithms, and its optimum (n,), at which the search of the dear one starts."""
     cheap = program.cheap
     assert cheap is not None
     begin = cheap.at(start, True)
@@ -172,8 +179,23 @@ def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[Scale
         slsqp(cheap, begin.x, tolerance)
     best = scaling.nearly_best(cheap)
     assert best is not None
-    dear = ScaledProgram(program, best.x)
-    return ScaledProgram(cheap, best.x), dear, dear.start
+    return ScaledProgram(cheap, best.x), best.x
+
+
+def _try_aside(program: Program, x: np.ndarray) -> None:
+    """Raise `UselessSlopes` if a design hardly beside `x` (n,) has other limits. Two values without slopes show it, and
+    their program is compiled in less than half the time.
+    """
+    here, aside = program.at(x), program.at(np.clip(x * (1 + ASIDE), program.lower, program.upper))
+    if not (np.isfinite(here.worst) and np.isfinite(aside.worst)):  # no motion, or no limit
+        return
+    k = int(np.argmax(here.limits))
+    change = abs(aside.limits[k] - here.limits[k]) / (1 + abs(here.limits[k]))
+    if here.limits[k] > scaling.NEAR - 1 and change > scaling.STEEPEST * ASIDE:
+        raise scaling.UselessSlopes(
+            f"slopes are useless here: {program.limit_names[k]} changes by {change:.1%} of itself where the variables "
+            f"change by {ASIDE:.3%}. Neighbouring motions move apart (chaos, ringing)"
+        )
 
 
 def _cheap_point(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray) -> ModelPoint:

@@ -127,9 +127,9 @@ _field_of_arrays, _field_of_any = jax.jit(_field), eqx.filter_jit(_field)
 
 
 def _has_arrays(problem: Problem, time: Each) -> bool:
-    """Whether tables or weights are varied: by many entries of an array the rate's derivatives cost less in reverse mode
-    (by 15 weights a tenth), by numbers in forward mode (by 12 of an arm with three sleeves 60 %, and a fifth of the
-    compile time).
+    """Whether tables or weights are varied: by many entries of an array derivatives of the rate cost less in reverse
+    mode (by 15 weights a tenth), by numbers in forward mode (by 12 of an arm with three sleeves 60 %, and a fifth of
+    the compile time).
     """
     varied, _ = split(problem.model, problem.directions)
     shapes = [leaf.shape[: leaf.ndim - jnp.ndim(time)] for leaf in jax.tree.leaves(varied)]
