@@ -22,7 +22,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.farthest import Farthest
 from clearance_jax.metrics.functions import arguments, function_name, in_words
 from clearance_jax.solve.settings import STATIC, Settings, SolveOptions, settings_of
-from clearance_jax.solve.simulate import only_reached, run
+from clearance_jax.solve.simulate import doubts_contacts, only_reached, run, warn_of_energy
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.steps.observers import AbstractObserver, Picked
 from clearance_jax.solve.steps.problem import Problem, widths
@@ -256,11 +256,11 @@ def measure(
     - `metrics`: name -> one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`.
     - `options`: as `simulate`'s; `save_at` says where functions get samples.
 
-    **Returns:** the values by name: arrays, or the records of arrays that a metric makes.
-
-    **Raises:** `ClearanceError` for what is not a metric, and the errors of `simulate`.
+    **Returns:** the values by name: arrays, or the records of arrays that a metric makes. **Raises:** `ClearanceError`
+    for what is not a metric, and the errors of `simulate`. **Warns:** `EnergyWarning` (your own laws, losses).
     """
-    return measure_settings(mechanism, metrics, t1, settings_of(mechanism, t1, options))
+    books = doubts_contacts(mechanism, t1, options)
+    return measure_settings(mechanism, metrics, t1, settings_of(mechanism, t1, options, energy_balance=books))
 
 
 def by_name(given: Any) -> dict[str, AbstractMetric]:
@@ -286,6 +286,7 @@ def measure_settings(
     observers = tuple(o for request in requests.values() for o in request.observers)
     integrands = tuple(f for request in requests.values() for f in request.integrands)
     solution = run(mechanism, t1, settings, observers=observers, integrands=integrands)
+    warn_of_energy(solution)
     sizes = _sizes(mechanism, requests, energy_balance)
     # Each metric gets its own part of the records, of the samples and of the integrals, one after the other.
     records, picked = iter(solution.records), iter(solution.picked)
@@ -295,9 +296,8 @@ def measure_settings(
         view = dataclasses.replace(solution, records=tuple(islice(records, count)), picked=tuple(islice(picked, count)))
         first = solution.initial
         if asked is not None:
-            size = asked.shape[0]
-            view = dataclasses.replace(view, time=asked, y=solution.y[samples : samples + size], sampled=True)
-            samples += size
+            view = dataclasses.replace(view, time=asked, y=solution.y[samples : samples + len(asked)], sampled=True)
+            samples += len(asked)
         if request.since is not None:
             first = view.y[-1]
             view = dataclasses.replace(view, time=view.time[:-1], y=view.y[:-1])

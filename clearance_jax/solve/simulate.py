@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from collections.abc import Mapping
 from typing import Any, Unpack
 
 import jax
@@ -176,18 +177,33 @@ def doubt(solution: Solution) -> str:
     # At rest what is exchanged is a round-off, beside what contacts hold.
     if not given > DOUBTFUL * (abs(exchanged) + abs(absorbed)):
         return ""
-    joints = solution.mechanism.clearance_joints()
-    laws = {joint.name: (joint.clearance.normal, joint.clearance.friction) for joint in joints}
-    # Those of the library take energy: what has given it is another part that may, such as a mesh with an error.
-    suspects = [f"`{name}`" for name, pair in laws.items() if any(map(is_foreign, map(type, filter(None, pair))))]
+    # Laws of the library take energy: what has given it is another part that may, such as a mesh with an error.
+    suspects = [f"`{name}`" for name in foreign_contacts(solution.mechanism)]
     if not suspects:
         return ""
     giving = f"Contact laws of {', '.join(suspects)} have given {given:.3g} J to the motion"
     return f"{giving}: a law must take energy. Look at its signs."
 
 
+def foreign_contacts(mechanism: Mechanism) -> list[str]:
+    """The names of the clearance joints with contact laws that are none of the library's."""
+    joints = mechanism.clearance_joints()
+    laws = {joint.name: (joint.clearance.normal, joint.clearance.friction) for joint in joints}
+    return [name for name, pair in laws.items() if any(map(is_foreign, map(type, filter(None, pair))))]
+
+
+def doubts_contacts(mechanism: Mechanism, t1: Any, options: Mapping[str, Any]) -> bool:
+    """Whether a solve needs an energy balance that nobody asked for: a contact law that is none of the library's may
+    give energy, and it can be told (not inside JAX transforms).
+    """
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((mechanism, t1)))
+    return not traced and options.get("fidelity", DYNAMICS) == DYNAMICS and bool(foreign_contacts(mechanism))
+
+
 def warn_of_energy(solution: Solution) -> None:
-    """Warn if a single solve cannot be trusted (not inside JAX transforms)."""
+    """Warn if a single solve with an energy balance cannot be trusted (not inside JAX transforms)."""
+    if not solution.energy_balance:
+        return
     traced = any(isinstance(x, Tracer) for x in (solution.energy_residual, solution.code, solution.final))
     message = "" if traced else doubt(solution)
     if message:
