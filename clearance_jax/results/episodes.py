@@ -16,8 +16,9 @@ import numpy as np
 
 # Halvings of a step, to the place in it where a contact begins or ends.
 HALVINGS = 60
-# Of the largest penetration, or distance: what changes by less over a step may be round-off.
-NOISE = 1e-12
+# Of the largest penetration, or distance: what changes by less over a step may be round-off; so is what changes by less
+# than the second, and not as the rates say.
+NOISE, SMALL = 1e-12, 1e-8
 # A contact or a gap that is shorter than this is round-off [s].
 SHORTEST = 1e-12
 # An impact is over once the penetration rate has stayed below this part of the impact speed for as long as it lasted.
@@ -156,8 +157,11 @@ def _crossed(seen: StepEnds, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     h, finish = np.where(at > 0, seen.time[at] - seen.time[at - 1], 1.0), seen.penetration_rate[at]
     (before, after), begin = seen.penetration[[at - 1, at]], seen.penetration_rate[at - 1]
     bend = 2 * (before - after) + (begin + finish) * h
-    # Over a short step the change of a place is round-off, and the rates alone tell more.
-    cubic = np.where(np.abs(bend) > NOISE * np.max(np.abs(seen.penetration)), bend, 0.0) / h**3
+    # Over a short step the change of a place is round-off, and the rates alone tell more: also where a small change is
+    # not what they say.
+    bent, largest = np.abs(bend), np.max(np.abs(seen.penetration))
+    told = (bent < 0.1 * h * np.maximum(np.abs(begin), np.abs(finish))) | (bent > SMALL * largest)
+    cubic = np.where(told & (bent > NOISE * largest), bend, 0.0) / h**3
     square = (finish - begin + 3 * cubic * h**2) / (2 * h)
     low, high = np.where((at > 0) & (before * after < 0), -h, 0.0), np.zeros(at.size)
     for _ in range(HALVINGS):

@@ -37,3 +37,12 @@ def test_what_is_no_passage_stays_at_the_step_end():
     assert np.isnan(found["episode_end"][1])
     touched = ends(time[:3], np.array([-1e-6, 0.0, 1e-6]), np.full(3, 1e-6))
     assert table(touched, spans(time[:3], touched.penetration))["episode_start"] == pytest.approx([2.0])
+
+
+def test_over_a_step_of_femtoseconds_the_rates_tell_the_speed():
+    """Places of a joint far from the origin are known to 1e-17 m, which such a step at 12 mm/s does not move by."""
+    time = np.array([0.0, 1e-3, 2e-3, 2e-3 + 2.4e-15, 2.1e-3])
+    penetration = np.array([-2.2e-5, -1.2e-5, -2.8e-17, 1.3e-17, 9e-7])
+    rate = np.array([0.0, 0.011, 0.01233408, 0.01233408, 0.009])
+    found = table(ends(time, penetration, rate), spans(time, penetration))
+    assert found["impact_speed"] == pytest.approx([0.01233408], rel=1e-12)
