@@ -91,8 +91,9 @@ def test_a_law_that_gives_energy_is_named():
     cj.simulate(crank_with(told(lambda slip, n: sign(slip, n, -1.0))), 3e-3, rtol=1e-6)
     # Metrics too keep the books for such a law, and for no law of the library.
     asked = {"end": lambda solution: solution["piston.position.x"]}
-    with pytest.warns(EnergyWarning, match="Contact laws of `wrist` have given"):
+    with pytest.warns(EnergyWarning) as warned:
         cj.measure(crank_with(told(lambda slip, n: sign(slip, n, 1.0))), asked, 3e-3, rtol=1e-6)
+    assert "`wrist` have given" in str(warned[0].message)
     given = {"balance": lambda solution: jnp.asarray(solution.energy_balance)}
     assert cj.measure(crank_with(told(lambda slip, n: sign(slip, n, -1.0))), given, 3e-3)["balance"]
     assert not cj.measure(crank_with(cj.laws.TanhCoulomb(0.1, 0.01)), given, 3e-3)["balance"]
