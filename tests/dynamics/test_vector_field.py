@@ -332,3 +332,16 @@ def test_assembly_leaves_pins_in_their_sleeves(too_short):
     plays = np.array([y[i] for i, name in enumerate(names) if ".play_" in name])
     assert loop.clearance is not None
     np.testing.assert_allclose(np.abs(plays).max(), too_short, rtol=1e-2, atol=1e-10)
+
+
+def test_a_pin_in_a_loop_that_another_joint_closes_begins_at_rest(tmp_path):
+    """The rates of the loop take it along by less than what a motion is solved to."""
+    scene, contact = (SCENES / "four_bar.toml").read_text(), "radial_clearance"
+    knuckle = scene[scene.index(contact) : scene.index("[point.tip]")]
+    moved = scene.replace(knuckle, "\n").replace('position = "45 deg"\n', f'position = "45 deg"\n{knuckle}')
+    file = tmp_path / "scene.toml"
+    file.write_text(moved)
+    begin = cj.simulate(cj.load(file), 1e-6, save_at=jnp.zeros(1))
+    speeds = [abs(float(begin[f"pivot.play_{axis}.velocity"][0])) for axis in "xy"]
+    assert max(speeds) <= 1e-11 * abs(float(begin["tip.velocity"][0, 0]))
+    assert float(begin["tip.velocity"][0, 0]) != 0.0
