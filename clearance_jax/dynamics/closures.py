@@ -20,8 +20,8 @@ from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.mechanism.variants import gives_way
 from clearance_jax.spatial import ZERO, Term, as_array, cross, dot, minus, plus, times
 
-# Factor on the inertia of a coordinate that is to stay: of what a loop closes by, in places and in velocities, a pin takes
-# one part in so many. (With 1e9 pins began with 1e-8 m/s, and the second simulator saw it.)
+# Factor on the inertia of a coordinate that is to stay: a pin takes one part in so many of what a loop closes by, in
+# places and in velocities. (With 1e9 pins began with 1e-8 m/s, and the second simulator saw it.)
 FIRM = 1e12
 # Newton iterations of an assembly: with pins almost held in their sleeves, then with everything free; the very last one
 # only measures.
