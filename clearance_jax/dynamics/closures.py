@@ -20,9 +20,8 @@ from clearance_jax.mechanism.tree.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.mechanism.variants import gives_way
 from clearance_jax.spatial import ZERO, Term, as_array, cross, dot, minus, plus, times
 
-# Factor on the inertia of a coordinate that is to stay: a pin takes one part in so many of what a loop closes by, in
-# places and in velocities. (With 1e9 pins began with 1e-8 m/s, and the second simulator saw it.)
-FIRM = 1e12
+# Factor on the inertia of a coordinate that is to stay. While a loop closes by a metre, it moves less than a nanometre.
+FIRM = 1e9
 # Newton iterations of an assembly: with pins almost held in their sleeves, then with everything free; the very last one
 # only measures.
 HELD, LOOSE = 8, 5
@@ -118,10 +117,15 @@ def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Arra
     played = [part.v.start for part in (*plays, *springs)]
     sliding = [part for part in plays if part.coordinate.slides is not None]
 
+    of_played = np.isin(np.arange(y.shape[0]), layout(mechanism).v.start + np.array(played, int))
+
     def once(k, carry):
         firm = {i: jnp.where(k < HELD, FIRM, 1.0) for i in played}
-        settle = jnp.where(k >= HELD - 1, 1.0, 0.0)  # velocities belong to closed positions
-        moved, opened = correct(time, carry[0], mechanism, mechanism.loops, firm, settle)
+        # Velocities belong to closed positions. Those of pins are found twice: first a pin takes its small part of the
+        # loop's rates, from what it began with again the small part of that.
+        settle = jnp.where(k >= HELD - 2, 1.0, 0.0)
+        begin = jnp.where(of_played & (k < HELD), y, carry[0])
+        moved, opened = correct(time, begin, mechanism, mechanism.loops, firm, settle)
         return jnp.where(k < HELD + LOOSE - 1, moved, carry[0]), opened
 
     closed, opened = jax.lax.fori_loop(0, HELD + LOOSE, once, (y, jnp.zeros(len(mechanism.loops))))

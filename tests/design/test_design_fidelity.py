@@ -205,6 +205,11 @@ def test_useless_slopes_are_seen_and_values_are_matched_in_their_place():
     assert chaotic.gradients == 0
     assert chaotic.best is not None
     assert_allclose(chaotic.best.objective, 1 / 0.1 * np.sqrt([1.2, 2.5, 0.8]).sum() ** 2, rtol=0.1)
+    # A motion that fails says nothing of the difference of the models.
+    fragile = pair(noise=lambda x: np.inf if x.max() > 0.02 else 1.0)
+    design.run(fragile, MATCHED_VALUES, np.full(3, 0.05))
+    assert fragile.best is not None
+    assert fragile.best.objective < 1.5 / 0.02 + 2 / 0.01
     wrong = pair(slope=-1.0)
     assert "gained nothing of what the slopes promised" in design.run(wrong, MATCHED, np.full(3, 0.05))
     # Alone they leave the search to values.

@@ -113,7 +113,7 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
     `UselessSlopes` if the slopes of the dear model are useless.
     """
     cheap, x = _begin(program, start, tolerance)
-    _try_aside(program, np.exp(cheap.start))
+    _try_aside(program, np.exp(cheap.start), tolerance)
     dear = ScaledProgram(program, x)
     here, radius, bend, failed, step = _dear_point(program, dear, dear.start), RADIUS, 0.0, 0, np.inf
     while radius > LEAST_RADIUS:
@@ -151,7 +151,11 @@ def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7)
     z = dear.start
     differences: list[np.ndarray] = []
     for _ in range(TRIED):
-        limits = dear.values_of(program.at(np.exp(z)))[1]
+        point = program.at(np.exp(z))
+        if not np.isfinite(point.worst):  # a motion that does not reach its end says nothing but that
+            z = np.maximum(z - RADIUS, cheap.bounds[0])
+            continue
+        limits = dear.values_of(point)[1]
         differences.append(limits - _cheap_point(cheap, z, program.leaders).limits)
         if -SLACK < limits.max() <= 0 or (limits.max() <= 0 and np.allclose(z, cheap.bounds[1])):
             return ""
@@ -182,16 +186,17 @@ def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[Scale
     return ScaledProgram(cheap, best.x), best.x
 
 
-def _try_aside(program: Program, x: np.ndarray) -> None:
-    """Raise `UselessSlopes` if a design hardly beside `x` (n,) has other limits. Two values without slopes show it, and
-    their program is compiled in less than half the time.
+def _try_aside(program: Program, x: np.ndarray, tolerance: float) -> None:
+    """Raise `UselessSlopes` if a design hardly beside `x` (n,) has other limits, by more than the `tolerance` of the
+    solves. Two values without slopes show it, and their program is compiled in less than half the time.
     """
-    here, aside = program.at(x), program.at(np.clip(x * (1 + ASIDE), program.lower, program.upper))
+    side = np.where(x * (1 + ASIDE) <= program.upper, 1.0, -1.0)
+    here, aside = program.at(x), program.at(x * (1 + side * ASIDE))
     if not (np.isfinite(here.worst) and np.isfinite(aside.worst)):  # no motion, or no limit
         return
     k = int(np.argmax(here.limits))
     change = abs(aside.limits[k] - here.limits[k]) / (1 + abs(here.limits[k]))
-    if here.limits[k] > scaling.NEAR - 1 and change > scaling.STEEPEST * ASIDE:
+    if here.limits[k] > scaling.NEAR - 1 and change > scaling.STEEPEST * ASIDE + tolerance:
         raise scaling.UselessSlopes(
             f"slopes are useless here: {program.limit_names[k]} changes by {change:.1%} of itself where the variables "
             f"change by {ASIDE:.3%}. Neighbouring motions move apart (chaos, ringing)"

@@ -167,6 +167,8 @@ def _room(program: Program, best: Evaluation, way: np.ndarray) -> np.ndarray:
 
 def _gaining(program: Program, best: Evaluation) -> np.ndarray:
     """The sign of the change of each variable (n,) that lowers the objective."""
+    if best.gradient is None and program.cheap is not None:
+        best = program.cheap.at(best.x, True)  # of the same objective
     if best.gradient is not None:
         return -np.sign(best.gradient)
     logs = np.log([point.x for point in program.asked])

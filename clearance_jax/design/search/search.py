@@ -143,7 +143,7 @@ def _managed(specification: Specification, program: Program, x: np.ndarray, how:
     if reason := _first(program, specification, x):
         return _design(specification, program, MATCHED, reason, "")
     stop_reason = _runs(program, MATCHED, x, how, **tolerance)
-    if not stop_reason.startswith(USELESS):
+    if not stop_reason.startswith(USELESS) or stop_reason == SPENT:
         return _explained(_design(specification, program, MATCHED, stop_reason, ""))
     why = stop_reason.removeprefix(USELESS)
     note = f"{why[0].upper()}{why[1:]}. So the search compared values alone, and a better design may exist"
@@ -154,8 +154,8 @@ def _managed(specification: Specification, program: Program, x: np.ndarray, how:
     specification = dataclasses.replace(specification, manufacture=among)
     note += f". Of every limit it takes the largest value of {among.samples} designs within {among.scatter:.0%}"
     note += f" (one more exceeds it with a probability of {1 / (among.samples + 1):.0%})"
-    # Evaluations with gradients by the first search count towards `most`; the poses that it computed are known.
-    wider = how.formulate(specification, most=how.most - program.gradients, known=program.points)
+    # Evaluations by the first search count towards `most`; the poses that it computed are known.
+    wider = how.formulate(specification, most=how.most - program.solves, known=program.points)
     stop_reason = _runs(wider, MATCHED_VALUES, x, how, **tolerance)
     if not wider.history:  # stopped before any design had neighbours: return the best one of the first search
         return _design(dataclasses.replace(specification, manufacture=asked), program, MATCHED, stop_reason, note)

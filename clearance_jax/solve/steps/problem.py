@@ -116,8 +116,11 @@ def _field(time: Each, y: Array, problem: Problem, counts: Flag | None) -> Array
     if not problem.varies:
         return vector(rates(problem.model, tuple(y[i] for i in range(problem.size))))
     stacks = tuple(y[:, i] for i in range(problem.size))
-    push = vjp_rows if _has_arrays(problem, time) else lift
+    arrays = _has_arrays(problem, time)
     problem = each_lane(_near, time)(problem, time)
+    outputs = eqx.filter_eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
+    few = y.shape[0] - 1 < len(outputs) - layout(problem.mechanism).free
+    push = vjp_rows if arrays and not few else lift
     with sharing_lanes(time):
         return by_component(push(rates, problem, stacks), time)
 
@@ -127,8 +130,8 @@ _field_of_arrays, _field_of_any = jax.jit(_field), eqx.filter_jit(_field)
 
 
 def _has_arrays(problem: Problem, time: Each) -> bool:
-    """Whether tables or weights are varied: by many entries of an array derivatives of the rate cost less in reverse
-    mode (by 15 weights a tenth), by numbers in forward mode (by 12 of an arm with three sleeves 60 %, and a fifth of
+    """Whether tables or weights are varied: along many directions derivatives of the rate cost less in reverse mode
+    then (by 15 weights a tenth), by numbers in forward mode (by 12 of an arm with three sleeves 60 %, and a fifth of
     the compile time).
     """
     varied, _ = split(problem.model, problem.directions)
