@@ -192,9 +192,8 @@ def test_optimize_command(study, tmp_path):
     assert "Wrist &lt;pin&gt;" in page
     for words in ("For the drawing", "Ø 20 mm", "Loads of the joints", "Path of the pin", "EUR"):
         assert words in page
-    assert (
-        page.count("<svg") == 7
-    )  # mechanism, path, when the pin bears, history, contributions, trade-off, convergence
+    # Mechanism, path, when the pin bears, history, contributions, trade-off, convergence.
+    assert page.count("<svg") == 7
     assert not re.search(r'(src|href)="(?!#)', page)  # needs nothing else
     # The numbers are the solver's, here by a solve of its own.
     (allowed,) = re.findall(r'"largest allowed"><span>([0-9.]+) µm<', page)

@@ -118,9 +118,11 @@ def _field(time: Each, y: Array, problem: Problem, counts: Flag | None) -> Array
     stacks = tuple(y[:, i] for i in range(problem.size))
     arrays = _has_arrays(problem, time)
     problem = each_lane(_near, time)(problem, time)
-    outputs = eqx.filter_eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
-    few = y.shape[0] - 1 < len(outputs) - layout(problem.mechanism).free
-    push = vjp_rows if arrays and not few else lift
+    push = lift
+    if arrays:
+        outputs = eqx.filter_eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
+        many = y.shape[0] - 1 >= len(outputs) - layout(problem.mechanism).free
+        push = vjp_rows if many else lift
     with sharing_lanes(time):
         return by_component(push(rates, problem, stacks), time)
 
