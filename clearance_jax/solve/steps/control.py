@@ -34,8 +34,8 @@ FURTHER, FURTHEST = 4.0, 4.0**24
 # A cut within this part of a step from its start, right after a cut step, is at the same event: the round-off of a
 # place may hide an event for longer than that of the time.
 NEAR = 0.1
-# A cut step is as short as round-off if it is so many times as long as an event is passed by.
-BRIEF = 100.0
+# A step of so many units of round-off of the time is as short as what hides an event.
+BRIEF = 64.0
 
 
 class Control(NamedTuple):
@@ -88,7 +88,7 @@ class Means(NamedTuple):
 def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: Control) -> Verdict:
     """The verdict on a try."""
     t0, t1 = times
-    error, of_motion = scaled_error(problem, trial, means, t1)
+    error, unremembered, of_motion = scaled_error(problem, trial, means, t1)
     if not (means.locate_events and problem.mechanism.contacts()):
         return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
@@ -96,16 +96,17 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     # Round-off is no misfit: in free flight, where it would be all the error there is, it would choose the next step.
     off = jnp.maximum(misfit - means.allowed.noise, 0.0) / means.allowed.fit
     off = jnp.where(jnp.isfinite(off), off, jnp.inf)
-    error, of_motion = jnp.maximum(error, off), jnp.maximum(of_motion, off)
+    error, unremembered, of_motion = (jnp.maximum(each, off) for each in (error, unremembered, of_motion))
     # Past an event by enough for round-off not to hide it, by too little for the kink to matter.
     h = t1 - t0
     pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * jnp.maximum(h, control.natural))
     pad = pad * control.reach
-    if problem.varies:
-        # Round-off may have put an event just behind a cut that should have passed it. A step across it is no longer
-        # than this round-off, and what the jump of a slope adds to a derivative in it is nothing beside the derivative
-        # after the event; beside that before it, it may be more than is allowed, in the shortest step too.
-        error = jnp.where((control.natural > 0) & (h <= BRIEF * pad), of_motion, error)
+    if problem.varies and layout(problem.mechanism).remembered:
+        # Round-off may have put a touch just behind a cut that should have passed it. In a step across it, however
+        # short, a memory's derivative grows from nothing, by more than is allowed beside a motion's that loops or other
+        # impacts have made large; beside what it becomes in the contact this is nothing. A motion's derivative has no
+        # such excuse: where it changes by more than is allowed in a step of round-off, its digits are lost.
+        error = jnp.where(h <= BRIEF * _EPS * jnp.abs(t1), unremembered, error)
     crossed, s = first_event(joint_curves, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
     # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
@@ -113,8 +114,8 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
-def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each]:
-    """The error of a step over the allowed one: of motion and derivatives, and of the motion alone.
+def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each, Each]:
+    """The error of a step over the allowed one: of motion and derivatives, without those of memories, of the motion.
 
     A derivative's error counts relative to the derivative itself (impacts make it grow by orders of magnitude) from the
     size `floor` on. The laws' memory is compared separately: its derivatives would hide the others.
@@ -129,7 +130,8 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
         return jnp.sqrt(sum_components(wanted * wanted, time) / jnp.maximum(jnp.sum(which, axis=axis), 1))
 
     size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
-    of_motion = scaled = rms(motion(problem, error) / (scale + allowed.relative * size))
+    of_motion = rms(motion(problem, error) / (scale + allowed.relative * size))
+    errors = [of_motion]
     if problem.varies:
         assert allowed.floor is not None
         unit = jnp.where(controlled, allowed.unit, 1.0)
@@ -140,16 +142,17 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
             places = np.arange(y1.shape[axis]).reshape(-1, *[1] * jnp.ndim(time))
             memory = (plan.v.stop <= places) & (places < plan.size)
             kinds = [controlled & ~memory, controlled & memory]
-        columns, worst = allowed.floor, jnp.zeros_like(scaled)
+        columns = allowed.floor
+        # The weight of the derivatives' errors beside the motion's.
+        lenience = LENIENCE * REFINED ** max(means.order - PLAIN_ORDER, 0.0)
         for kind in kinds:
             columns += jnp.maximum(rms(begin, kind), rms(end, kind))
             # Shared: the reduction that follows goes through them lane by lane.
-            worst = jnp.maximum(worst, jnp.max(share(rms(off, kind) / columns), axis=0))
-        # The weight of the derivatives' errors beside the motion's.
-        lenience = LENIENCE * REFINED ** max(means.order - PLAIN_ORDER, 0.0)
-        scaled = jnp.maximum(scaled, lenience * worst)
-    fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
-    return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
+            worst = jnp.max(share(rms(off, kind) / columns), axis=0)
+            errors.append(jnp.maximum(errors[-1], lenience * worst))
+    fine = jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time)))) & jnp.isfinite(errors[-1])
+    errors = [jnp.where(fine, each, jnp.inf) for each in errors]
+    return errors[-1], errors[min(1, len(errors) - 1)], errors[0]
 
 
 def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, control: Control) -> Decision:
