@@ -72,15 +72,23 @@ def test_peak_is_between_samples_and_follows_its_top(mechanism):
     _, fixed = jax.jvp(lambda c: at(metrics.At(ERROR, times[order]), mechanism, c), (5e-4,), (1.0,))
     np.testing.assert_allclose(slopes[order], fixed, rtol=1e-6)
     np.testing.assert_allclose(slopes[0], difference(metric, mechanism)[0], rtol=1e-5)
-    # As accurate as the states: by steps of another length and another interpolation.
 
-    def both(rtol, solver):
-        return jax.jvp(lambda c: at(metric, mechanism, c, rtol, solver=solver), (5e-4,), (1.0,))
+    def both(of, rtol, solver="dopri8"):
+        return jax.jvp(
+            lambda c: of(cj.replace(mechanism, {CLEARANCE: c}), T1, rtol=rtol, solver=solver), (5e-4,), (1.0,)
+        )
 
-    other = both(1e-11, "tsit5")
+    # By steps of another length and another interpolation, at given times: a slope changes fast along the time.
+    there = metrics.At(ERROR, jnp.sort(times))
+    _, other = both(there, 1e-11, "tsit5")
     for rtol in (1e-8, 1e-10):
-        for (found, expected), error in zip(zip(both(rtol, "dopri8"), other, strict=True), (1, 30), strict=True):
-            np.testing.assert_allclose(found, expected, rtol=rtol * error)
+        np.testing.assert_allclose(both(there, rtol)[1], other, rtol=30 * rtol)
+        # The states at the peaks have errors; the peaks add hardly any.
+        moments, _ = both(metric.times, rtol)
+        order = jnp.argsort(moments)
+        peaks, fixed = both(metric, rtol), both(metrics.At(ERROR, moments[order]), rtol)
+        np.testing.assert_allclose(peaks[0][order], fixed[0], rtol=0.1 * rtol)
+        np.testing.assert_allclose(peaks[1][order], fixed[1], rtol=10 * rtol)
 
 
 @pytest.mark.slow

@@ -131,23 +131,23 @@ def with_a_derivative(m):
     return problem, start, allowed, options
 
 
-def test_a_step_across_a_round_off_is_judged_by_its_motion():
-    """Behind a cut, and as short as what an event is passed by; a longer one by its derivative as well."""
-    problem, start, allowed, options = with_a_derivative(playful(laws.HuntCrossley(1e9, 0.5)))
-    means, natural = means_of(options, allowed), jnp.asarray(1e-6)
-    zeros, speed = jnp.zeros_like(start), layout(problem.mechanism).v.start
+def test_a_step_of_a_round_off_excuses_the_derivative_of_a_memory():
+    """That of a memory begins at a touch. The motion and its derivative have no excuse, and a longer step none."""
+    problem, start, allowed, options = with_a_derivative(playful(laws.StandardLinearSolid(1e9, 0.5, 1e-4)))
+    means, plan = means_of(options, allowed), layout(problem.mechanism)
+    zeros, time = jnp.zeros_like(start), jnp.asarray(1e-3)
 
     @jax.jit
-    def error(length, natural, row):
-        off = zeros.at[row, speed].set(allowed.unit[speed])
+    def error(length, row, place):
+        off = zeros.at[row, place].set(allowed.unit[place])
         trial = Trial(start, start, off, zeros, zeros, zeros)
-        control = Control.begin(jnp.zeros(()))._replace(natural=natural)
-        return judge(problem, trial, (jnp.asarray(1e-3), 1e-3 + length), means, control).error
+        return judge(problem, trial, (time, time + length), means, Control.begin(jnp.zeros(()))).error
 
-    brief, longer = float(allowed.margin * natural), 1e-6
-    assert float(error(brief, natural, 1)) < 1 < float(error(brief, 0.0, 1))
-    assert float(error(longer, natural, 1)) > 1
-    assert float(error(brief, natural, 0)) > 1
+    brief, longer = 16 * float(jnp.spacing(time)), 1e-9
+    assert float(error(brief, 1, plan.v.stop)) < 1 < float(error(longer, 1, plan.v.stop))
+    assert float(error(brief, 1, plan.v.start)) > 1
+    assert float(error(brief, 0, plan.v.start)) > 1
+    assert float(error(brief, 0, plan.v.stop)) > 1
 
 
 def test_what_a_law_remembers_hides_no_derivative():
