@@ -47,18 +47,20 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
     dampers; loss in friction; and the sum of absolute powers (the energy exchanged, to judge a residual by).
     """
-    drive = total(times(effort, speed) for effort, speed in (*drive_forces(mechanism, now), *now.on_driven.values()))
-    for effort, speed in zip(now.efforts, state.v, strict=True):
-        drive = plus(drive, times(effort, speed))
-    drive = plus(drive, load_power(mechanism, time, now.motion))
-    absorbed: Term = total(action.absorbed_power for action in now.actions.values())
-    friction: Term = total(action.friction_power for action in now.actions.values())
+    prescribed = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
+    efforts = (*now.on_driven.values(), *zip(now.efforts, state.v, strict=True))
     # The joints' losses are part of the efforts, but not work.
     damped, rubbed = joint_losses(mechanism, time, state)
-    drive, absorbed, friction = plus(drive, plus(damped, rubbed)), plus(absorbed, damped), plus(friction, rubbed)
+    actuators = plus(total(times(effort, speed) for effort, speed in efforts), plus(damped, rubbed))
+    loads = load_power(mechanism, time, now.motion)
+    absorbed: Term = plus(total(action.absorbed_power for action in now.actions.values()), damped)
+    friction: Term = plus(total(action.friction_power for action in now.actions.values()), rubbed)
     for spring in mechanism.springs:
         absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
-    exchanged = jnp.abs(jnp.asarray(drive)) + now.motion.kinetic_exchange(now.acceleration)
+    # Each by itself: what an actuator or a load gives may be what a prescribed drive takes.
+    works = prescribed, actuators, loads
+    exchanged = sum(jnp.abs(jnp.asarray(work)) for work in works) + now.motion.kinetic_exchange(now.acceleration)
+    drive = plus(plus(prescribed, actuators), loads)
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 

@@ -25,6 +25,16 @@ def test_a_wheel_that_its_brake_stops_has_lost_all_it_had():
     assert float(metrics.EnergyLost()(wheel, 3.0, rtol=1e-9)) == pytest.approx(20.0, rel=1e-7)
 
 
+def test_what_a_load_gives_and_a_drive_takes_is_exchanged():
+    """15 W for 0.1 s by each. Counted together they are nothing, and the residual was round-off over round-off."""
+    axle = cj.Revolute("axle", "ground", "wheel", motion=cj.Motion(cj.drives.ConstantSpeed(5.0)))
+    load = cj.Wrench("load", "wheel", torque=cj.Torque(z=3.0))
+    wheel = cj.Mechanism((cj.Body("wheel", 1.0, 0.01),), (axle,), wrenches=(load,))
+    found = cj.simulate(wheel, 0.1, save_at=[0.1])
+    assert float(found["exchanged"][-1]) == pytest.approx(3.0, rel=1e-12)
+    assert abs(float(found["drive_work"][-1])) < 1e-14
+
+
 def test_losses_in_a_loop_are_those_of_its_friction_and_its_dampers():
     """An engine: a torque on the crank, friction in its pins, a spring and damper in its guide, another one outside."""
     friction, guide = cj.actuators.JointFriction(0.05, 0.1), cj.actuators.JointSpring(300.0, 4.0, 0.15)
