@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
-from clearance_jax.dynamics.forms.link_motion import given_motion, sweep
+from clearance_jax.dynamics.forms.link_motion import given_motion, multiply_each, sweep
 from clearance_jax.dynamics.forms.recursion import Tree, factor_tree
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -72,11 +72,7 @@ def apply_each(matrices: Float[Array, "n i k"], vectors: Float[Array, "n k"]) ->
 
 def turn_each(rotations: Float[Array, "n 3 3"], tensors: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
     """Tensors, given in turned axes, in the axes of the world."""
-
-    def products(a, b):
-        return add_up(a[:, :, k, None] * b[:, k, None, :] for k in range(3))
-
-    return products(products(rotations, tensors), jnp.swapaxes(rotations, 1, 2))
+    return multiply_each(multiply_each(rotations, tensors), jnp.swapaxes(rotations, 1, 2))
 
 
 class TabledFrames(Frames):
