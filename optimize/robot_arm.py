@@ -25,6 +25,8 @@ from experiments.publish import command, say
 STUDY = Path(__file__).parent / "studies" / "robot_arm.toml"
 ROUNDS = 4
 """Searches at most."""
+MARGIN = 0.97
+"""Part of its bound at which the next search should end: a change of the last digit moves the largest error by 2 %."""
 
 
 def changed(problem: ToleranceProblem, bound: float, quick: bool = False) -> ToleranceProblem:
@@ -81,8 +83,7 @@ def main(quick: bool = False) -> Design:
         rounds += 1
         if max(found) <= 1 or rounds == ROUNDS:
             break
-        # A hair more, so that the next one ends below the bound and not at it.
-        bound *= 0.995 / max(found)
+        bound *= MARGIN / max(found)
         options = options | {"start": dict(design.clearances), "starts": 1}
     say(design)
     clearances(design)

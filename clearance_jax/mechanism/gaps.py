@@ -83,9 +83,13 @@ class CoordinateGap(Module):
     @property
     def size(self) -> Array:
         """Half of its width [rad or m]; 1 of what has none."""
-        made = getattr(self.clearance, "joint", self.clearance)
-        has_width = self.what in ("backlash", "teeth") or (self.what == "stops" and made.sides == "both")
-        return jnp.asarray(made.half if has_width else 1.0, float)
+        has_width = self.what in ("backlash", "teeth") or self.is_between_stops
+        return jnp.asarray(getattr(self.clearance, "joint", self.clearance).half if has_width else 1.0, float)
+
+    @property
+    def is_between_stops(self) -> bool:
+        """Whether a stop ends it on either side."""
+        return self.what == "stops" and getattr(self.clearance, "joint", self.clearance).sides == "both"
 
     def own_coordinates(self) -> tuple[()]:
         """None: its coordinates are those of joints."""

@@ -1,6 +1,6 @@
 """Films: frames drawn on a figure one after another, and written to a file; and those of a motion from a dataset: the
 mechanism, beside it a magnified clearance joint, below it the joint's contact force and state over time. Without play
-in joints the place in the gap of a drive is below it.
+in joints the place in the gap of a drive, or between stops, is below it.
 """
 
 import abc
@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 from clearance_jax.errors import ClearanceError, wrong_value
 from clearance_jax.report.magnified import CrossSection, Side, magnify
-from clearance_jax.report.panels import SHORT, curve, gap_places, time_axis
+from clearance_jax.report.panels import SHORT, curve, gap_places, half_gap, time_axis
 from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import RED, round_down
@@ -230,18 +230,17 @@ class Film(AbstractFilm):
 
 
 def _loose_gaps(dataset: xr.Dataset) -> list[str]:
-    """The gaps of backlash, first that whose place changes most against its width."""
-    loose = [gap for gap in names_of(dataset, "gap") if f"gap.{gap}" in dataset.attrs]
-    sizes = {
-        gap: float(np.ptp(dataset["gap_position"].sel(gap=gap).values) / dataset.attrs[f"gap.{gap}"]) for gap in loose
-    }
-    return sorted(loose, key=lambda gap: -sizes[gap])
+    """The gaps that have a width, first that whose place changes most against it."""
+    places = {gap: dataset["gap_position"].sel(gap=gap).values for gap in names_of(dataset, "gap")}
+    sizes = {gap: float(np.ptp(place)) / half_gap(dataset, gap) for gap, place in places.items()}
+    return sorted((gap for gap, size in sizes.items() if not np.isnan(size)), key=lambda gap: -sizes[gap])
 
 
 def _in_gap(axis: Any, dataset: xr.Dataset, gap: str) -> Any:
     """Draw the place in a gap over time; returns its cursor."""
     gap_places([gap], str(dataset["gap_unit"].sel(gap=gap).values), axis, dataset)
-    axis.set_title(f"{gap}: place in the gap (dashed: its ends)", color=RED, fontsize=10)
+    where = "in the gap (dashed: its ends)" if f"gap.{gap}" in dataset.attrs else "between the stops (dashed)"
+    axis.set_title(f"{gap}: place {where}", color=RED, fontsize=10)
     return axis.axvline(0.0, color="k", lw=1.2, zorder=9)
 
 
@@ -285,8 +284,8 @@ def animate(
     **Arguments:**
 
     - `dataset`: of `to_dataset`. A film shows its samples, and nothing between them.
-    - `joint`: the joint to magnify; by default the one with the largest force. Or the gap of a drive or of gears whose
-      place is drawn over time; without play in joints by default the one that is crossed most.
+    - `joint`: the joint to magnify; by default the one with the largest force. Or the gap of a drive or of gears, or
+      the stops, whose place is drawn over time; without play in joints by default the one that is crossed most.
     - `slowdown`: seconds of film per second of motion, > 0; by default so large that the film lasts ten seconds at
       most.
     - `exaggeration`: how many times as large the play is drawn, >= 1, beside a pin of its own size; by default so large

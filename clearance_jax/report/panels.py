@@ -136,8 +136,11 @@ def of_gaps(dataset: xr.Dataset) -> list[Panel]:
     for unit, effort in (("rad", "N m"), ("m", "N")):
         some = [str(name) for name in names[units == unit]]
         loose = [name for name in some if f"gap.{name}" in dataset.attrs]
+        held = [name for name in some if f"stops.{name}" in dataset.attrs]
         if loose:
             out.append(Panel("place in the gap", partial(gap_places, loose, unit)))
+        if held:
+            out.append(Panel("place between the stops", partial(gap_places, held, unit)))
         if some:
             out.append(Panel("effort of flanks", partial(_curves, "gap_effort", "gap", some, f"effort, {effort}")))
         if loose:
@@ -157,14 +160,19 @@ def _fine(dataset: xr.Dataset, names: list[str], unit: str) -> tuple[float, str]
     return (length_unit(largest) if unit == "m" else (1e3, "mrad")) if largest < 0.1 else (1.0, unit)
 
 
+def half_gap(dataset: xr.Dataset, name: str) -> float:
+    """Half the width of a gap of backlash or between stops; NaN if it has none."""
+    return float(dataset.attrs.get(f"gap.{name}", dataset.attrs.get(f"stops.{name}", np.nan)))
+
+
 def gap_places(names: list[str], unit: str, axis: Any, dataset: xr.Dataset) -> None:
-    """Draw places in gaps over time, and the ends of the gaps dashed."""
+    """Draw places in gaps or between stops over time, and the ends dashed."""
     factor, word = _fine(dataset, names, unit)
     shown = dataset.assign(gap_position=factor * dataset["gap_position"])
     _curves("gap_position", "gap", names, f"place, {word}", axis, shown)
     for k, name in enumerate(names):
         for side in (-1, 1):
-            end = side * factor * float(dataset.attrs[f"gap.{name}"])
+            end = side * factor * half_gap(dataset, name)
             axis.axhline(end, color=look(k)["color"], ls="--", lw=0.8, alpha=0.7)
 
 

@@ -306,8 +306,9 @@ def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndar
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
     """All numbers of the mechanism; of every clearance joint its kind, static options, and outline (`outline.NAME`)."""
     numbers: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
-    # Half of every gap of backlash [rad or m], which pictures show.
+    # Half of every gap of backlash and between two stops [rad or m], which pictures show.
     numbers |= {f"gap.{gap.name}": float(gap.size) for gap in mechanism.gaps if gap.is_play}
+    numbers |= {f"stops.{gap.name}": float(gap.size) for gap in mechanism.gaps if gap.is_between_stops}
     numbers |= {WHEEL.format(joint): radius for joint, radius in pitch_radii(mechanism).items()}
     for joint in mechanism.clearance_joints():
         numbers[f"clearance.{joint.name}"] = joint.clearance.kind

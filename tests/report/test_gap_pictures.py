@@ -71,6 +71,15 @@ def test_play_shows_which_flank_bears(dataset):
         cj.figures.polar_load(only)
 
 
+def test_films_show_a_slide_between_its_stops(dataset):
+    axis = cj.animate(dataset, "rail_stop").figure.axes[1]
+    assert axis.get_title() == "rail_stop: place between the stops (dashed)"
+    ends = [float(line.get_ydata()[0]) for line in axis.get_lines() if line.get_linestyle() == "--"]
+    assert sorted(ends) == pytest.approx([-5.0, 5.0])  # mm
+    titles = [axis.get_title() + axis.get_title(loc="left") for axis in cj.figures.motion(dataset).axes]
+    assert any(title.endswith("place between the stops") for title in titles)
+
+
 def test_films_show_gears_as_circles_and_the_place_in_a_gap(dataset):
     film = cj.animate(dataset, "mesh")
     circles = [patch for patch in film.figure.axes[0].patches if isinstance(patch, Circle)]
