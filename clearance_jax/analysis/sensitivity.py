@@ -99,7 +99,8 @@ def sensitivities(
     if mode == ADJOINT and settings.fidelity == DYNAMICS:
         part = jnp.where(FINER * settings.rtol < CLOSEST, 1 / FINER, FINER)
         _, other = _solved(Question(mechanism, {"": metric}, t1, settings._replace(rtol=part * settings.rtol), wrt))
-        error = {name: COVERS * _furthest(other[name] - jacobian[name], values[name].ndim) for name in wrt}
+        off = {name: jnp.abs(other[name] - jacobian[name]) for name in wrt}
+        error = {name: COVERS * jnp.max(x, tuple(range(x.ndim - values[name].ndim, x.ndim))) for name, x in off.items()}
     return Sensitivities(solved.values[""], jacobian, wrt, False if mode == SCREENING else None, error)
 
 
@@ -111,10 +112,6 @@ def _solved(question: Question) -> tuple[Answer, dict[str, Array]]:
     ends = np.cumsum([number.size for number in values.values()])
     parts = zip(jnp.split(slopes, ends[:-1], axis=-1), values.items(), strict=True)
     return solved, {name: part.reshape(*slopes.shape[:-1], *number.shape) for part, (name, number) in parts}
-
-
-def _furthest(difference: Array, axes: int) -> Array:
-    return jnp.max(jnp.abs(difference), tuple(range(difference.ndim - axes, difference.ndim)))
 
 
 class Hessian(Module):

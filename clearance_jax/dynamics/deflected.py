@@ -80,7 +80,8 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> Deflected:
         y = closed(fixed, time)
         state = layout(fixed).split(jnp.concatenate([y, jnp.zeros(layout(fixed).remembered)]))
         now = balance(fixed, time, state)
-        named = [c.name for c in fixed.coordinates() if not c.motion.is_free and c.name not in _followers(fixed)]
+        followers = {coupling.follower for coupling in fixed.firm_couplings}
+        named = [c.name for c in fixed.coordinates() if not c.motion.is_free and c.name not in followers]
         needed = dict(zip(named, (effort for effort, _ in drive_forces(fixed, now)), strict=True))
         seen = measure(fixed, time, state)
         after = [_deflection(spring, needed[name], seen[motor_of(name)]) for name, spring in springs.items()]
@@ -106,10 +107,6 @@ def springs_of(mechanism: AbstractMechanism) -> dict[str, DriveSpring]:
     """By coordinate the springs of drives that give way."""
     moved = [c for c in mechanism.moved_coordinates() if gives_way(c.motion)]
     return {c.name: next(a for a in c.motion.actuators if isinstance(a, DriveSpring)) for c in moved}
-
-
-def _followers(mechanism: AbstractMechanism) -> set[str]:
-    return {coupling.follower for coupling in mechanism.firm_couplings}
 
 
 def _deflection(spring: DriveSpring, effort: Term, motor: tuple[Term, Term]) -> Array:

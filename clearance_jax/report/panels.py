@@ -136,11 +136,11 @@ def of_gaps(dataset: xr.Dataset) -> list[Panel]:
     for unit, effort in (("rad", "N m"), ("m", "N")):
         some = [str(name) for name in names[units == unit]]
         loose = [name for name in some if f"gap.{name}" in dataset.attrs]
-        held = [name for name in some if f"stops.{name}" in dataset.attrs]
+        stopped = [name for name in some if f"stops.{name}" in dataset.attrs]
         if loose:
             out.append(Panel("place in the gap", partial(gap_places, loose, unit)))
-        if held:
-            out.append(Panel("place between the stops", partial(gap_places, held, unit)))
+        if stopped:
+            out.append(Panel("place between the stops", partial(gap_places, stopped, unit)))
         if some:
             out.append(Panel("effort of flanks", partial(_curves, "gap_effort", "gap", some, f"effort, {effort}")))
         if loose:

@@ -91,11 +91,6 @@ def results(dataset: xr.Dataset) -> tuple[str, ...]:
     )
 
 
-def results_of(dataset: xr.Dataset, metric: str) -> tuple[str, ...]:
-    """The results of a kind of metric."""
-    return tuple(str(name) for name, values in dataset.data_vars.items() if values.attrs.get("metric") == metric)
-
-
 def endings(dataset: xr.Dataset) -> tuple[int, int]:
     """How many lanes failed, and how many have not been run yet."""
     code = dataset[CODE].fillna(NOT_RUN)

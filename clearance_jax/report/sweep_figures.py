@@ -42,8 +42,8 @@ def figures(
 
     **Raises:** `ClearanceError` for a dataset that is no sweep, or in which no sample has a result.
     """
-    recurrences = (sweep.results_of(dataset, kind) for kind in ("PoincareSection", "LyapunovExponent"))
-    kinds = sweep.results(dataset), *recurrences
+    recurrences = (dataset.filter_by_attrs(metric=kind) for kind in ("PoincareSection", "LyapunovExponent"))
+    kinds = sweep.results(dataset), *([str(name) for name in seen.data_vars] for seen in recurrences)
     dataset = sweep.tidy(dataset[[sweep.CODE, *itertools.chain(*kinds)]].load())  # a store is read once
     numbers = [name for name in sweep.variables(dataset) if dataset[name].size > 1]
     axes = [name for name in sweep.lanes_of(dataset) if name in numbers]

@@ -218,7 +218,8 @@ def _rewind(inputs: Inputs, options: Settings, which: Which, tape: Tape, bars: S
 
         program, shapes, others = eqx.filter_make_jaxpr(begin)(numbers)
         leaves, tree = jax.tree.flatten(shapes)
-        varies = [bool(by) and _is_float(leaf) for by, leaf in zip(reach(program), leaves, strict=True)]
+        floats = [jnp.issubdtype(leaf.dtype, jnp.inexact) for leaf in leaves]
+        varies = [bool(by) and is_float for by, is_float in zip(reach(program), floats, strict=True)]
 
         def made(numbers):
             values = jaxpr_as_fun(program)(*numbers)
@@ -233,10 +234,6 @@ def _rewind(inputs: Inputs, options: Settings, which: Which, tape: Tape, bars: S
         return pull([*more, bar] if varies[-1] else more)[0]
 
     return sequential_vmap(compute_once(single))(arrays)
-
-
-def _is_float(leaf: Any) -> bool:
-    return jnp.issubdtype(leaf.dtype, jnp.inexact)
 
 
 def _through(moved: ByNumbers, options: Settings, tape: Tape, bars: StateBars) -> tuple[Array, list[Array]]:

@@ -74,7 +74,7 @@ def test_play_shows_which_flank_bears(dataset):
 def test_films_show_a_slide_between_its_stops(dataset):
     axis = cj.animate(dataset, "rail_stop").figure.axes[1]
     assert axis.get_title() == "rail_stop: place between the stops (dashed)"
-    ends = [float(line.get_ydata()[0]) for line in axis.get_lines() if line.get_linestyle() == "--"]
+    ends = [float(np.asarray(line.get_ydata())[0]) for line in axis.get_lines() if line.get_linestyle() == "--"]
     assert sorted(ends) == pytest.approx([-5.0, 5.0])  # mm
     titles = [axis.get_title() + axis.get_title(loc="left") for axis in cj.figures.motion(dataset).axes]
     assert any(title.endswith("place between the stops") for title in titles)

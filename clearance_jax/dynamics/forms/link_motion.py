@@ -138,7 +138,5 @@ def _motions(rows: Float[Array, "*links 8 3"]) -> Motions:
 
 
 def multiply_each(a: Float[Array, "n 3 3"], b: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
-    """The products of matrices, term by term: XLA gives those of large arrays to a library, whose call ends a compiled
-    loop.
-    """
+    """The products of matrices, term by term: a library's call, as XLA makes it of large ones, ends a compiled loop."""
     return functools.reduce(jnp.add, (a[:, :, k, None] * b[:, k, None, :] for k in range(3)))

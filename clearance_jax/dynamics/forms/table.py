@@ -70,11 +70,6 @@ def apply_each(matrices: Float[Array, "n i k"], vectors: Float[Array, "n k"]) ->
     return add_up(matrices[:, :, k] * vectors[:, k, None] for k in range(vectors.shape[1]))
 
 
-def turn_each(rotations: Float[Array, "n 3 3"], tensors: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
-    """Tensors, given in turned axes, in the axes of the world."""
-    return multiply_each(multiply_each(rotations, tensors), jnp.swapaxes(rotations, 1, 2))
-
-
 class TabledFrames(Frames):
     """Frames and dynamics of a large mechanism."""
 
@@ -101,7 +96,7 @@ class TabledFrames(Frames):
         self.speeds = m.velocity[self.carriers] + jnp.cross(spin, arms)
         swing = jnp.cross(spin_rate, arms) + jnp.cross(spin, jnp.cross(spin, arms))
         self.accelerations = m.acceleration[self.carriers] + swing
-        self.inertias = turn_each(self.turned, links.inertia)
+        self.inertias = multiply_each(multiply_each(self.turned, links.inertia), jnp.swapaxes(self.turned, 1, 2))
         whole = jnp.sum(links.mass)
         self.origin = links.mass @ self.centres / jnp.where(whole > 0, whole, 1.0)
         where = np.array(self.masks.links)

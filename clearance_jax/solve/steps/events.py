@@ -67,11 +67,6 @@ def relative_of(pose: Array, twist: Array) -> Relative:
     return Relative(three(pose), 0.0, three(twist), spin, rows)
 
 
-def pose_of(at: Relative) -> tuple[Any, ...]:
-    """The pose of a relative motion, as the numbers that a curve interpolates."""
-    return (*at.place[:2], at.angle) if at.rows is None else (*at.place, *itertools.chain(*at.rows))
-
-
 def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """First and second rate of the pose."""
     if at.rows is None or rate.rows is None:
@@ -147,7 +142,8 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
     ends = []
     for at, rate in (begin, end):
         first, second = pose_rates(at, rate)
-        ends.append((together(pose_of(at), h), h * together(first, h), h * h * together(second, h)))
+        pose = (*at.place[:2], at.angle) if at.rows is None else (*at.place, *itertools.chain(*at.rows))
+        ends.append((together(pose, h), h * together(first, h), h * h * together(second, h)))
     return StepCurve.of(quintic_coefficients(*ends), h)
 
 
