@@ -370,17 +370,14 @@ def off(found: np.ndarray, known: np.ndarray) -> float:
 
 def of_others(text: str, n: int) -> list[tuple[str, float, np.ndarray]]:
     """What MuJoCo and pinocchio take for an evaluation [s], and their accelerations of the batch of 64."""
-    interpreter = os.environ.get("PINOCCHIO_PYTHON")
-    if not interpreter:
-        say("MuJoCo and pinocchio are left out: name an interpreter that has `mujoco` and `pin` by PINOCCHIO_PYTHON.")
-        return []
+    interpreter = os.environ["PINOCCHIO_PYTHON"]
     q, v = (np.asarray(part).T.tolist() for part in random_states(n, 64))
     given = json.dumps({"urdf": text, "q": q, "v": v})
     ended = subprocess.run([interpreter, str(WORKER)], input=given, capture_output=True, text=True, check=False)
     if ended.returncode:
         raise RuntimeError(f"{interpreter} could not evaluate the arm: {ended.stderr[-2000:]}")
     found = json.loads(ended.stdout)
-    for name in found["missing"]:
+    for name in found["missing"] if n == SIZES[0] else ():
         say(f"{name} is left out: `{interpreter} -m pip install {name}` installs it.")
     return [(one["program"], one["seconds"], np.array(one["accelerations"]).T) for one in found["measured"]]
 
@@ -388,6 +385,9 @@ def of_others(text: str, n: int) -> list[tuple[str, float, np.ndarray]]:
 def main(quick: bool = False) -> list[Row]:
     """Write the table."""
     batches, rows, cells = (64,) if quick else (64, 4096), [], []
+    interpreter = os.environ.get("PINOCCHIO_PYTHON")
+    if not interpreter:
+        say("MuJoCo and pinocchio are left out: name an interpreter that has `mujoco` and `pin` by PINOCCHIO_PYTHON.")
     for n in (3,) if quick else SIZES:
         text, links = arm(n)
         ready = loaded(text).prepare()
@@ -404,7 +404,7 @@ def main(quick: bool = False) -> list[Row]:
             counted = "" if row.operations is None else f"{row.operations:.0f}"
             shown = f"{row.compiled:.1f}", f"{1e6 * row.alone:.3g}", *each, counted, f"{row.error:.0e}"
             cells.append((n, name, *shown))
-        for name, cost, found in () if quick else of_others(text, n):
+        for name, cost, found in of_others(text, n) if interpreter and not quick else ():
             cells.append((n, name, "", f"{1e6 * cost:.3g}", *("" for _ in batches), "", f"{off(found, known):.0e}"))
     lanes = [f"a lane of {count} [us]" for count in batches]
     head = ("coordinates", "program", "compile [s]", "alone [us]", *lanes, "operations", "error")

@@ -25,8 +25,10 @@ from experiments.publish import command, say
 STUDY = Path(__file__).parent / "studies" / "robot_arm.toml"
 ROUNDS = 4
 """Searches at most."""
-MARGIN = 0.97
-"""Part of its bound at which the next search should end: a change of the last digit moves the largest error by 2 %."""
+MARGIN, LARGEST = 0.97, 2.0
+"""Part of its bound at which the next search should end: a change of the last digit moves the largest error by 2 %. The
+bound is divided by this factor at most (a motion that fails has no error).
+"""
 
 
 def changed(problem: ToleranceProblem, bound: float, quick: bool = False) -> ToleranceProblem:
@@ -83,7 +85,7 @@ def main(quick: bool = False) -> Design:
         rounds += 1
         if max(found) <= 1 or rounds == ROUNDS:
             break
-        bound *= MARGIN / max(found)
+        bound *= MARGIN / min(max(found), LARGEST)
         options = options | {"start": dict(design.clearances), "starts": 1}
     say(design)
     clearances(design)

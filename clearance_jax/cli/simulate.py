@@ -160,7 +160,8 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
         return
     if movie is None:
         raise ClearanceError("`--magnify` is about a film, but there is none. Add `--movie FILE`.")
-    known = [each.name for each in (*mechanism.clearance_joints(), *mechanism.gaps) if getattr(each, "is_play", True)]
+    gaps = [gap for gap in mechanism.gaps if gap.is_play or gap.is_between_stops]
+    known = [each.name for each in (*mechanism.clearance_joints(), *gaps)]
     if joint not in known:
         raise unknown_name(f"`--magnify`: there is no clearance joint {quote(joint)}.", joint, known, "--magnify")
 

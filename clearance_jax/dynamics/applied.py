@@ -151,10 +151,10 @@ def load_pair(wrench: Wrench, time: Scalar, motion: Frames) -> Pair:
     return Pair(GROUND, wrench.body, force, torque, frame.point(wrench.at.vector))
 
 
-def load_power(mechanism: PreparedMechanism, time: Scalar, motion: Frames) -> Term:
-    """Power of the loads from outside [W]."""
+def load_powers(mechanism: PreparedMechanism, time: Scalar, motion: Frames) -> list[Term]:
+    """Power of each load from outside [W]."""
     powers = []
     for wrench in mechanism.wrenches:
         frame, pair = motion[wrench.body], load_pair(wrench, time, motion)
         powers.append(plus(dot(pair.force, frame.velocity_at(pair.at)), dot(pair.torque, frame.spin)))
-    return total(powers)
+    return powers

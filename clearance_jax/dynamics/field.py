@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Rows, Scalar
 from clearance_jax._compile.solo import whole
-from clearance_jax.dynamics.applied import exert_each, integral_rates, load_power
+from clearance_jax.dynamics.applied import exert_each, integral_rates, load_powers
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.forms.coupled import CoupledFrames
 from clearance_jax.dynamics.forms.frames import Frames, rotors
@@ -47,20 +47,19 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     """Rates of the energy balance [W]: work of drives, actuators and loads; work absorbed by normal forces, films and
     dampers; loss in friction; and the sum of absolute powers (the energy exchanged, to judge a residual by).
     """
-    prescribed = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
+    prescribed = [times(effort, speed) for effort, speed in drive_forces(mechanism, now)]
     efforts = (*now.on_driven.values(), *zip(now.efforts, state.v, strict=True))
     # The joints' losses are part of the efforts, but not work.
     damped, rubbed = joint_losses(mechanism, time, state)
     actuators = plus(total(times(effort, speed) for effort, speed in efforts), plus(damped, rubbed))
-    loads = load_power(mechanism, time, now.motion)
     absorbed: Term = plus(total(action.absorbed_power for action in now.actions.values()), damped)
     friction: Term = plus(total(action.friction_power for action in now.actions.values()), rubbed)
     for spring in mechanism.springs:
         absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
     # Each by itself: what an actuator or a load gives may be what a prescribed drive takes.
-    works = prescribed, actuators, loads
+    works = [*prescribed, actuators, *load_powers(mechanism, time, now.motion)]
     exchanged = sum(jnp.abs(jnp.asarray(work)) for work in works) + now.motion.kinetic_exchange(now.acceleration)
-    drive = plus(plus(prescribed, actuators), loads)
+    drive = total(works)
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 

@@ -205,7 +205,7 @@ OBSERVED = {
     "drive_work": Variable((), "J", "work of drives and actuators since the start"),
     "damping_loss": Variable((), "J", "energy lost in contact damping and dampers since the start"),
     "friction_loss": Variable((), "J", "energy lost in friction since the start"),
-    "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
+    "exchanged": Variable((), "J", "sum of absolute powers of drives, loads and inertia since the start"),
 }
 """The variables that `observe` reports."""
 IN_SPACE = ("joint_moment", "contact_pattern", "pin_tilt")

@@ -231,9 +231,9 @@ class Film(AbstractFilm):
 
 def _loose_gaps(dataset: xr.Dataset) -> list[str]:
     """The gaps that have a width, first that whose place changes most against it."""
-    places = {gap: dataset["gap_position"].sel(gap=gap).values for gap in names_of(dataset, "gap")}
-    sizes = {gap: float(np.ptp(place)) / half_gap(dataset, gap) for gap, place in places.items()}
-    return sorted((gap for gap, size in sizes.items() if not np.isnan(size)), key=lambda gap: -sizes[gap])
+    loose = [gap for gap in names_of(dataset, "gap") if not np.isnan(half_gap(dataset, gap))]
+    sizes = {gap: float(np.ptp(dataset["gap_position"].sel(gap=gap).values)) / half_gap(dataset, gap) for gap in loose}
+    return sorted(loose, key=lambda gap: -sizes[gap])
 
 
 def _in_gap(axis: Any, dataset: xr.Dataset, gap: str) -> Any:

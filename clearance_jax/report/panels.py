@@ -97,8 +97,8 @@ def heading(dataset: xr.Dataset) -> str:
 
 def panels(dataset: xr.Dataset) -> list[Panel]:
     """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; where drives or
-    couplings have backlash, the points' errors, and places and efforts in the gaps; efforts of
-    drives and actuators, or where there are none reactions in the joints; the points' paths.
+    couplings have backlash, or joints stops, the points' errors, and places and efforts in the gaps; efforts of drives
+    and actuators, or where there are none reactions in the joints; the points' paths.
     """
     motions = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
     motions += of_points(dataset) + of_gaps(dataset)
@@ -126,7 +126,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
 
 
 def of_gaps(dataset: xr.Dataset) -> list[Panel]:
-    """Errors of the points, places in gaps of backlash, efforts of flanks, and effort over wind-up."""
+    """Errors of the points, places in gaps of backlash and between stops, efforts of flanks, effort over wind-up."""
     if "gap_position" not in dataset:
         return []
     out = []

@@ -199,7 +199,7 @@ def test_derivative_by_time_is_the_rate():
 TSUJI, EXACT = laws.Tsuji(6.61e10, 0.7, 0.14), laws.exact_restitution(6.61e10, 0.7)
 
 
-def share_returned(law, clearance, speed, rtol):
+def share_returned(law, clearance, speed, rtol, begin=0.0):
     """Speed after a free impact, and its derivative by the speed before it."""
     play = cj.RevoluteClearance(1e-3, 1e4, law)
     body, stands = cj.Body("pin", 0.14), cj.Motion(cj.drives.ConstantSpeed(0.0))
@@ -209,7 +209,8 @@ def share_returned(law, clearance, speed, rtol):
     def last(clearance, v):
         start = jnp.zeros(4 + len(play.remembers)).at[2].set(v)
         one = cj.replace(m, {"j.radial_clearance": clearance})
-        return cj.simulate(one, 1.5 * clearance / v, y0=start, rtol=rtol).final[2]
+        end = begin + 1.5 * clearance / v
+        return cj.simulate(one, end, t0=begin, y0=start, rtol=rtol).final[2]
 
     return [
         [float(x) for x in jax.jvp(partial(last, gap), (jnp.asarray(speed),), (jnp.ones(()),))]
@@ -232,21 +233,28 @@ def test_a_memory_that_begins_at_a_touch_has_a_derivative():
     assert rate == pytest.approx(value / 30.0, rel=1e-7)
 
 
+# The linear solid's own share of the speed was integrated apart, by SciPy.
+RETURNED = [(EXACT, -0.7), (laws.StandardLinearSolid(1e8, 0.9, 1e-5), -0.39746128711)]
+
+
+@pytest.mark.parametrize(("law", "share"), RETURNED)
+def test_late_times_leave_a_derivative_its_digits(law, share):
+    """A time of 10 s is known to 2e-15 s, in which the slope of the force changes by more than a step may err."""
+    ((value, rate),) = share_returned(law, 1e-3, 0.5, 1e-10, begin=10.0)
+    assert value == pytest.approx(0.5 * share, rel=1e-6)
+    assert rate == pytest.approx(share, rel=1e-6)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("law", "share"),
-    # The linear solid's own share was integrated apart, by SciPy.
-    [(laws.exact_restitution(6.61e10, 0.7), -0.7), (laws.StandardLinearSolid(1e8, 0.9, 1e-5), -0.39746129)],
-)
+@pytest.mark.parametrize(("law", "share"), RETURNED)
 def test_a_derivative_that_round_off_hides_is_none(law, share):
     """Over a gap the derivative grows by the gap over the penetration, and falls again: after a kilometre none of its
     digits is known. It is right or NaN, and never a number that is wrong.
     """
     found = np.array(share_returned(law, [0.1, 1.0, 10.0, 100.0, 1e3], 30.0, 1e-10))
-    assert np.all(np.isfinite(found[0]))
+    assert np.all(np.isfinite(found[:3]))
     known = np.isfinite(found[:, 1])
-    np.testing.assert_allclose(found[known], np.broadcast_to([30.0 * share, share], found[known].shape), rtol=1e-2)
-    assert np.all(np.isnan(found[~known]))
+    np.testing.assert_allclose(found[known], np.broadcast_to([30.0 * share, share], found[known].shape), rtol=1e-4)
 
 
 def test_laws_that_jump_are_refused():

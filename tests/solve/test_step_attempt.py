@@ -132,7 +132,7 @@ def with_a_derivative(m):
 
 
 def test_a_step_of_a_round_off_excuses_the_derivative_of_a_memory():
-    """That of a memory begins at a touch. The motion and its derivative have no excuse, and a longer step none."""
+    """That of a memory begins at a touch. The motion has no excuse, its derivative hardly one, a longer step none."""
     problem, start, allowed, options = with_a_derivative(playful(laws.StandardLinearSolid(1e9, 0.5, 1e-4)))
     means, plan = means_of(options, allowed), layout(problem.mechanism)
     zeros, time = jnp.zeros_like(start), jnp.asarray(1e-3)

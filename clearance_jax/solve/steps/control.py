@@ -34,8 +34,9 @@ FURTHER, FURTHEST = 4.0, 4.0**24
 # A cut within this part of a step from its start, right after a cut step, is at the same event: the round-off of a
 # place may hide an event for longer than that of the time.
 NEAR = 0.1
-# A step of so many units of round-off of the time is as short as what hides an event.
-BRIEF = 64.0
+# A step of so many units of round-off of the time is as short as what hides an event; derivatives may err by so many
+# times as much in it.
+BRIEF, ROOM = 64.0, 100.0
 
 
 class Control(NamedTuple):
@@ -101,12 +102,13 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     h = t1 - t0
     pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * jnp.maximum(h, control.natural))
     pad = pad * control.reach
-    if problem.varies and layout(problem.mechanism).remembered:
-        # Round-off may have put a touch just behind a cut that should have passed it. In a step across it, however
-        # short, a memory's derivative grows from nothing, by more than is allowed beside a motion's that loops or other
-        # impacts have made large; beside what it becomes in the contact this is nothing. A motion's derivative has no
-        # such excuse: where it changes by more than is allowed in a step of round-off, its digits are lost.
-        error = jnp.where(h <= BRIEF * _EPS * jnp.abs(t1), unremembered, error)
+    if problem.varies:
+        # Round-off may have put a touch just behind a cut that should have passed it. A step across it, however short,
+        # changes derivatives by what their slope jumps. A motion's may err by ROOM times as much there: beyond, its
+        # digits are lost. A memory's grows from nothing, by more than is allowed beside a motion's that loops or other
+        # impacts have made large; beside what it becomes in the contact this is nothing.
+        excused = jnp.maximum(of_motion, unremembered / ROOM)
+        error = jnp.where(h <= BRIEF * _EPS * jnp.abs(t1), excused, error)
     crossed, s = first_event(joint_curves, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
     # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
