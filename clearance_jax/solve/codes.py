@@ -26,7 +26,7 @@ class Result(enum.IntEnum):
 WORDS = {
     Result.REACHED_END: "",
     Result.IMPOSSIBLE: "a number is out of its bounds, or the mechanism cannot be assembled or settled",
-    Result.STEP_COLLAPSED: "the step size collapsed: a state not finite, a jump of a force, a derivative hidden by round-off",
+    Result.STEP_COLLAPSED: "the step size collapsed: not finite, a force that jumps, or a derivative lost in round-off",
     Result.MAX_STEPS: "the largest number of steps was reached",
     Result.INTERRUPTED: "interrupted",
     Result.NO_POSE: "at some instant a pin finds no rest under its load, or a loop cannot be closed",

@@ -35,8 +35,8 @@ STEPS = 100
 LEAST_STEP = 1e-7
 # A step that is near to the optimum, and the difference for curvatures there, in logarithms.
 NEAR = 0.05
-# By values alone: the number of designs to try, and how far below its bound the deciding limit may stay.
-TRIED, SLACK = 8, 0.05
+# By values alone: designs to try, how far below its bound the deciding limit may stay, accuracy of the objective.
+TRIED, SLACK, ENOUGH = 8, 0.05, 1e-5
 # The change of all variables by which slopes are tried: with slopes that say something, limits change by little more.
 ASIDE = 1e-5
 
@@ -80,8 +80,8 @@ class Corrected(NamedTuple):
         limits = seen.limits + self.shift + self.tilt @ d + 0.5 * curved @ d
         return seen._replace(limits=limits, jacobian=seen.jacobian + self.tilt + curved)
 
-    def best(self, radius: float, price: float, margin: float) -> ModelPoint:
-        """The best point in a trust region; a common violation of all limits is allowed at a `price`."""
+    def best(self, radius: float, price: float, margin: float, accuracy: float = 1e-13) -> ModelPoint:
+        """The best point in a trust region, to an `accuracy` of the objective; a violation has a `price`."""
         low, high = np.maximum(self.cheap.bounds[0], self.z - radius), np.minimum(self.cheap.bounds[1], self.z + radius)
         first = self.at(np.clip(self.z, low, high))
 
@@ -103,7 +103,7 @@ class Corrected(NamedTuple):
             method="SLSQP",
             bounds=scipy.optimize.Bounds(np.append(low, 0.0), np.append(high, np.inf)),
             constraints=[{"type": "ineq", "fun": lambda v: v[-1] - margin - at(v).limits, "jac": slack_slopes}],
-            options={"ftol": 1e-13, "maxiter": STEPS},
+            options={"ftol": accuracy, "maxiter": STEPS},
         )
         return at(solution.x)
 
@@ -161,7 +161,7 @@ def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7)
             return ""
         shift = np.median(differences, axis=0) + 0.5 * SLACK
         flat = np.zeros((len(shift), len(z), len(z)))
-        aim = Corrected(cheap, program.leaders, z, shift, flat[..., 0], flat).best(np.inf, PRICE, 0.0)
+        aim = Corrected(cheap, program.leaders, z, shift, flat[..., 0], flat).best(np.inf, PRICE, 0.0, ENOUGH)
         if np.abs(aim.z - z).max() < tolerance:
             return "" if limits.max() <= 0 else "stopped: the smallest values of the variables do not hold every limit"
         z = aim.z
