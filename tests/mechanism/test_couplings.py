@@ -216,7 +216,7 @@ def test_a_follower_of_a_drive_moves_as_if_it_had_one():
         a, b = (cj.simulate(m, 0.02, rtol=1e-8, start=start) for m in (driven, following))
         # The last one is the energy exchanged: of two drives each by itself.
         np.testing.assert_allclose(b.final[:-1], a.final[:-1], rtol=1e-9, atol=1e-12)
-        assert 0 < float(b.final[-1]) < float(a.final[-1])
+        assert 0 < float(b.final[-1]) <= (1 + 1e-9) * float(a.final[-1])
     one, other = (cj.to_dataset(m, s) for m, s in ((driven, a), (following, b)))
     # The one motor bears what the other would have: 2.5 times, and the other way.
     left, right = (float(one["drive_force"].sel(drive=name)[-1]) for name in ("left", "right"))
