@@ -105,7 +105,7 @@ def sweep(plan: Order, links: Links, now: Given) -> Swept:
         spins,
         spin_rates,
     )
-    # One array, with one row read and one written in a turn: with one for each quantity a turn takes twice the time.
+    # One array, with one row read and one written in a turn: with one for each quantity it takes 1.5 times as long.
     ground = jnp.concatenate([jnp.eye(3), jnp.zeros((5, 3))])
     begin = jnp.broadcast_to(ground, (count + 1, *ground.shape))
 
