@@ -104,16 +104,6 @@ class Fit:
         return least / 2, greatest / 2
 
     @property
-    def hole_class(self) -> str:
-        """The tolerance class of the hole: "H7"."""
-        return self.name.partition("/")[0]
-
-    @property
-    def shaft_class(self) -> str:
-        """The tolerance class of the shaft: "g6"."""
-        return self.name.partition("/")[2]
-
-    @property
     def is_clearance(self) -> bool:
         """Whether no hole within the limits is smaller than a shaft within the limits."""
         return self.diametral_clearance[0] >= 0

@@ -310,6 +310,25 @@ def test_a_motor_delivers_the_share_of_its_power_that_a_sheet_says():
         dataclasses.replace(sheet, efficiency=0.4).compliance(20.0)
 
 
+@pytest.mark.parametrize(("solver", "rtol"), [("tsit5", 1e-9), ("dopri8", 1e-10)])
+def test_the_loss_of_a_gear_whose_prescribed_motor_feels_nothing_of_it(solver, rtol):
+    """Its effort and its motor turn round several times, and no other part of the motion shows where."""
+    stiffness, damping, inertia, swing, pace = 2e3, 1.0, 0.4, 0.7, 6.0
+    moved = hub(drive=cj.drives.Harmonic(swing, pace), inertia=inertia)
+    drive = cj.with_compliance(moved, "hub", cj.Compliance(stiffness, damping, efficiency=0.8))
+
+    def rate(t, y):
+        place, speed, _ = y
+        motor, bend = swing * pace * np.cos(pace * t), -swing * pace**2 * np.sin(pace * t)
+        passed = -stiffness * place - damping * speed
+        return speed, passed / inertia - bend, 0.2 * abs(passed) * np.tanh(abs(motor) / 0.01) * abs(motor)
+
+    own = solve_ivp(rate, (0, 1), (0.0, 0.0, 0.0), "DOP853", rtol=1e-11, atol=1e-13, max_step=1e-4).y[2, -1]
+    found = cj.simulate(drive, 1.0, rtol=rtol, solver=solver)
+    assert float(found["friction_loss"]) == pytest.approx(own, rel=100 * rtol)
+    assert float(found.energy_residual) < 100 * rtol
+
+
 @pytest.mark.parametrize("backlash", [None, 4e-3])
 def test_the_loss_of_a_gear_under_an_actuated_motor(backlash):
     """Against a program of its own, with the derivative by the efficiency."""

@@ -1,7 +1,7 @@
 """Kinematics of the links of a table: a loop over them, starting at the ground."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -139,4 +139,9 @@ def _motions(rows: Float[Array, "*links 8 3"]) -> Motions:
 
 def multiply_each(a: Float[Array, "n 3 3"], b: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
     """The products of matrices, term by term: a library's call, as XLA makes it of large ones, ends a compiled loop."""
-    return functools.reduce(jnp.add, (a[:, :, k, None] * b[:, k, None, :] for k in range(3)))
+    return add_up(a[:, :, k, None] * b[:, k, None, :] for k in range(3))
+
+
+def add_up(terms: Iterable[Array]) -> Array:
+    """The sum of arrays of one shape."""
+    return functools.reduce(jnp.add, terms)

@@ -4,8 +4,7 @@
 Moments are about the centre of mass of the whole.
 """
 
-import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.forms.frames import Extra, Frames, Moves, Pair, SpatialForce, rotors
-from clearance_jax.dynamics.forms.link_motion import given_motion, multiply_each, sweep
+from clearance_jax.dynamics.forms.link_motion import add_up, given_motion, multiply_each, sweep
 from clearance_jax.dynamics.forms.recursion import Tree, factor_tree
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -58,11 +57,6 @@ def columns_in_tree(plan: Order, masks: Masks, free: int) -> tuple[Tree, dict[in
 
 
 # Term by term: XLA gives products of large arrays to a library, whose call ends a compiled loop.
-
-
-def add_up(terms: Iterable[Array]) -> Array:
-    """The sum of arrays of one shape."""
-    return functools.reduce(jnp.add, terms)
 
 
 def apply_each(matrices: Float[Array, "n i k"], vectors: Float[Array, "n k"]) -> Float[Array, "n i"]:

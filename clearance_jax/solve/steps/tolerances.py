@@ -163,7 +163,8 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     absolute ones; `y0`: the state of the motion at the start.
 
     The energy balance judges a solve but does not control its steps, which would not improve it; only a mechanism
-    without states takes its steps from it. Integrals are controlled by their signals' scales.
+    without states takes its steps from it, and one with a loss of which the motion feels nothing those for its
+    friction. Integrals are controlled by their signals' scales.
     """
     mechanism = problem.mechanism
     size, joints = scales(mechanism, y0, t0, t1), mechanism.contacts()
@@ -194,14 +195,17 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     grows = [growth for joint in joints for growth in joint.clearance.memory_growth()]
     grows += [0.0] * (len(memory) - len(grows))
     relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *grows])
-    energy_balance = len(BALANCE_TERMS) if problem.energy_balance else 0
-    judged = jnp.where((not adapt) & (size.energy > 0), size.energy, jnp.inf)
+    prescribed = {c.name for c in mechanism.coordinates() if not c.motion.is_free}
+    unfelt = any(gap.loss is not None and gap.motor in prescribed for gap in mechanism.gaps)
+    controls = [not adapt or (unfelt and term == "friction_loss") for term in BALANCE_TERMS]
+    judged = jnp.where(np.array(controls) & (size.energy > 0), size.energy, jnp.inf)
     signals = [
         jnp.broadcast_to((t1 - t0) * f.scale(mechanism), (width,))
         for f, width in zip(problem.integrands, widths(problem), strict=True)
     ]
-    added = jnp.concatenate([jnp.broadcast_to(judged, (energy_balance,)), *signals])
-    allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (energy_balance,)), *(rtol * unit for unit in signals)])
+    judged = judged[: len(BALANCE_TERMS) if problem.energy_balance else 0]
+    added = jnp.concatenate([judged, *signals])
+    allowed = jnp.concatenate([local * judged, *(rtol * unit for unit in signals)])
     # The surfaces' places are known to the round-off of lengths and of angles turned, however short the step.
     turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
     joints = [joint for joint in joints if not isinstance(joint, CoordinateGap) or joint.is_play]
