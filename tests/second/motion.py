@@ -19,6 +19,8 @@ from .system import Now, Regime, System
 
 # Tolerances: relative, of places [m] and of velocities [m/s].
 RELATIVE, PLACES, SPEEDS = 1e-12, 1e-15, 1e-12
+# Steps at least: a longer one was fooled by the bend of a stiffness in pieces (1e-8 of a motion's energy).
+STEPS = 100
 # Places within a step at which the regime is looked at.
 WITHIN = (0.2, 0.4, 0.6, 0.8, 1.0)
 
@@ -123,7 +125,11 @@ class Motion:
         small[13 * n : system.motors] = 1e-17
         small[system.motors : system.motors + len(system.turned)] = PLACES
         small[system.integrals : system.integrals + len(system.integrating)] = PLACES
-        solver = DOP853(lambda t, y: system.rates(t, y, regime), t, y, end, rtol=RELATIVE, atol=small)
+
+        def rates(t, y):
+            return system.rates(t, y, regime)
+
+        solver = DOP853(rates, t, y, end, max_step=self.t1 / STEPS, rtol=RELATIVE, atol=small)
         while solver.status == "running":
             said = solver.step()
             if solver.status == "failed":
