@@ -224,8 +224,7 @@ class PreparedNormal(Module):
         """Functions whose signs define the regime, the penetration first, and whether the law presses now. A function
         without meaning in the present regime (a piece of a force that does not act) is 1.
         """
-        presses = penetration > 0
-        out = [jnp.ones_like(penetration) if self.law.pulls else penetration]
+        out, presses = [jnp.ones_like(penetration) if self.law.pulls else penetration], penetration > 0
         active = jnp.ones_like(presses) if self.law.acts_apart else presses
         if self.law.clips:
             force = self.law.formula(self.constants, penetration, penetration_rate, memory)

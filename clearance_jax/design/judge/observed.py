@@ -137,6 +137,11 @@ class JointLoad(NamedTuple):
         """The pressure of the largest force on the pin's projected area, F / (d L) [Pa]."""
         return None if self.length is None else self.largest / (self.diameter * self.length)
 
+    @property
+    def mean_pressure(self) -> float | None:
+        """The pressure of the mean force on the pin's projected area [Pa]."""
+        return None if self.length is None else self.mean / (self.diameter * self.length)
+
 
 def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: Observed) -> tuple[JointLoad, ...]:
     """The load of every clearance joint; components of forces are those at the nearest of the sample `times` [s]."""

@@ -10,7 +10,7 @@ from jaxtyping import Array
 from clearance_jax._basis.numerics import without_derivatives
 from clearance_jax._basis.roots import bisect
 from clearance_jax.solve.steps.interpolate import tops
-from clearance_jax.solve.steps.observers import PIECES, STEPS, AbstractObserver, Picked
+from clearance_jax.solve.steps.observers import PIECES, AbstractObserver, PeakFinder, Picked
 
 # Bisections for the entry in a part of a step: enough for the last digit.
 HALVINGS = 50
@@ -43,9 +43,7 @@ class EntryFinder(AbstractObserver):
     since: Any = None
     """From when on entries count [s], of the first (`None`: from the start)."""
 
-    @property
-    def longest(self):
-        return self.span / STEPS
+    longest = PeakFinder.longest
 
     def start(self, t0, y0, problem):
         # The first step begins as if the signal came from outside: an entry at the start is a settling time of zero.
