@@ -9,6 +9,7 @@ is smaller by as much, until the dynamics hold it.
 a tenth of the motion, without the dynamics.
 """
 
+import threading
 import time
 from pathlib import Path
 
@@ -48,6 +49,13 @@ def dynamic_errors(problem: ToleranceProblem, design: Design, rtol: float | None
     return 1 + simulations_of(judge, rtol).worst(design.evaluation.x, scenarios_of(judge))
 
 
+def compile_judge(problem: ToleranceProblem) -> None:
+    """Judge some clearances in one condition."""
+    judge = problem.specification.judged_by(DYNAMICS)
+    lower, upper = np.array(list(judge.variables.values())).T
+    simulations_of(judge).worst(np.sqrt(lower * upper), scenarios_of(judge)[:1])
+
+
 def clearances(design: Design) -> None:
     """What every joint may have, as a table."""
     joints = sorted({name.split(".")[0] for name in design.clearances})
@@ -73,6 +81,9 @@ def main(quick: bool = False) -> Design:
         print(f"{time.perf_counter() - begin:.0f} s: cost {evaluation.objective:.4g}", flush=True)
 
     tolerance = asked.specification.rtol
+    if not quick:
+        # The program of the judge is compiled beside the first search.
+        threading.Thread(target=compile_judge, args=(asked,), daemon=True).start()
     while True:
         design = changed(asked, bound, quick).solve(progress=seen, **options)
         if quick:

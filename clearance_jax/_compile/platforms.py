@@ -38,11 +38,7 @@ def _plain(*leaves: Any, program: ClosedJaxpr, on_gpu: Callable) -> list:
     return jaxpr_as_fun(program)(*leaves)
 
 
-def _on_gpu(*leaves: Any, program: ClosedJaxpr, on_gpu: Callable) -> list:
-    return on_gpu(*leaves)
-
-
 _by_platform.def_impl(_plain)
 _by_platform.def_abstract_eval(lambda *_, program, on_gpu: program.out_avals)
 mlir.register_lowering(_by_platform, mlir.lower_fun(_plain))
-mlir.register_lowering(_by_platform, mlir.lower_fun(_on_gpu), platform="gpu")
+mlir.register_lowering(_by_platform, mlir.lower_fun(lambda *leaves, on_gpu, **_: on_gpu(*leaves)), platform="gpu")

@@ -18,6 +18,7 @@ import jax
 import numpy as np
 
 from clearance_jax._basis.extras import missing_extra
+from clearance_jax._compile.shapes import TreeShape, tree_shape
 from clearance_jax.ask.question import Answer, Columns, Question, answer, lanes
 from clearance_jax.errors import ClearanceError, quote, wrong_value
 from clearance_jax.solve.drivers.batch import cores_here, side_by_side, usual_cores
@@ -91,21 +92,27 @@ def answers(question: Question, points: Columns, place: Any = None) -> Answer:
 def _side_by_side(question: Question, points: Columns, count: int, cores: int) -> list[Answer]:
     """The answers one by one, in a thread for each core."""
 
-    def at(i: int) -> Answer:
+    def asked(i: int) -> Question:
         # With the numbers inside the question, points of other names share its program.
-        numbers = {name: column[i] for name, column in points.items()}
-        return jax.block_until_ready(answer(question.at(numbers)))
+        return question.at({name: column[i] for name, column in points.items()})
 
-    # The first compiles for all.
-    first = at(0)
-    if count == 1 or cores == 1:
-        return [first, *map(at, range(1, count))]
+    def at(i: int) -> Answer:
+        return jax.block_until_ready(answer(asked(i)))
+
+    # The first compiles for all, unless others have.
+    frame = tree_shape(asked(0))
+    first = [] if frame in _COMPILED else [at(0)]
+    _COMPILED.add(frame)
     with ThreadPoolExecutor(min(cores, side_by_side())) as pool:
         try:
-            return [first, *pool.map(at, range(1, count))]
+            return [*first, *pool.map(at, range(len(first), count))]
         except BaseException:  # an interruption too: start no more solves
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+# Structures of questions that have been answered, so that their programs are there.
+_COMPILED: set[TreeShape] = set()
 
 
 def as_lanes(count: int, place: Any) -> bool:

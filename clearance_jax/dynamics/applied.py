@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from clearance_jax._basis.types import Scalar
 from clearance_jax.dynamics.forms.frames import Frames, Pair
-from clearance_jax.dynamics.gaps import added, gap_actions, gap_efforts
+from clearance_jax.dynamics.gaps import gap_actions, gap_efforts
 from clearance_jax.dynamics.kinematics import frames, spring_state
 from clearance_jax.mechanism.actuators import AbstractActuator, is_instant
 from clearance_jax.mechanism.body import GROUND, Motion, Wrench
@@ -127,8 +127,8 @@ def inverse_dynamics(mechanism: PreparedMechanism, time: Scalar, state: State, a
     motion = frames(mechanism, time, state)
     missing = motion.load(applied_pairs(mechanism, time, motion), acceleration)
     rubbed = gap_efforts(mechanism, time, state, gap_actions(mechanism, time, state)).free
-    exerted = added(exert(mechanism, time, state), rubbed)
-    return [minus(0.0, plus(load, effort)) for load, effort in zip(missing, exerted, strict=True)]
+    exerted = exert(mechanism, time, state)
+    return [minus(0.0, total(terms)) for terms in zip(missing, exerted, rubbed, strict=True)]
 
 
 def applied_pairs(mechanism: PreparedMechanism, time: Scalar, motion: Frames) -> list[Pair]:

@@ -14,7 +14,7 @@ from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.applied import applied_pairs, exert, exert_on_driven
 from clearance_jax.dynamics.conditions import Condition, closing_pairs, closure_conditions, conditions, constraint
 from clearance_jax.dynamics.forms.frames import Frames, Pair
-from clearance_jax.dynamics.gaps import added, gap_actions, gap_efforts, teeth_pairs
+from clearance_jax.dynamics.gaps import gap_actions, gap_efforts, teeth_pairs
 from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance
@@ -53,7 +53,8 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     pairs = contact_pairs(mechanism, pins, actions) + applied_pairs(mechanism, time, motion)
     pairs += teeth_pairs(mechanism, motion, actions)
     efforts, gaps = exert(mechanism, time, state), gap_efforts(mechanism, time, state, actions)
-    acceleration, closing = accelerations(motion, pairs, added(efforts, gaps.free))
+    applied = [plus(a, b) for a, b in zip(efforts, gaps.free, strict=True)]
+    acceleration, closing = accelerations(motion, pairs, applied)
     on_driven, acceleration = exert_on_driven(mechanism, time, state), share(acceleration)
     return Balance(motion, pins, actions, pairs, efforts, acceleration, closing, gaps.by_name, on_driven)
 

@@ -157,8 +157,3 @@ def teeth_pairs(mechanism: PreparedMechanism, motion: Frames, actions: Mapping[s
             torque = ZERO if lever is None else (0.0, 0.0, times(lever, actions[gap.name].force[1]))
             pairs.append(Pair(gap.teeth.pinion, gap.teeth.wheel, force, torque, place))
     return pairs
-
-
-def added(efforts: Sequence[Term], more: Sequence[Term]) -> list[Term]:
-    """Efforts on the free velocities, added up."""
-    return [plus(a, b) for a, b in zip(efforts, more, strict=True)]

@@ -100,8 +100,7 @@ class Fit:
     @property
     def radial_clearance(self) -> tuple[float, float]:
         """Least and greatest difference of the radii of hole and shaft [m]; negative: interference."""
-        least, greatest = self.diametral_clearance
-        return least / 2, greatest / 2
+        return self.diametral_clearance[0] / 2, self.diametral_clearance[1] / 2
 
     @property
     def is_clearance(self) -> bool:
