@@ -57,7 +57,7 @@ class Gap(AbstractClearance):
     def points(self, at):
         x, rate = (jnp.asarray(term, float) for term in (at.place[0], at.velocity[0]))
         # Two flanks are two points: alike gaps are then one program.
-        sides = {"both": np.array([1.0, -1.0]), "upper": 1.0, "lower": -1.0, "spring": 1.0}
+        sides = {"both": np.array([1.0, -1.0]), "upper": 1.0, "lower": -1.0, "spring": jnp.where(x >= 0, 1.0, -1.0)}
         side = jnp.asarray(sides[self.sides])
         half = self.half if self.sides == "both" else 0.0
         arm = ZERO if self.count == 1 else (jnp.zeros(2),) * 3

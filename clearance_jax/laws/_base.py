@@ -113,8 +113,6 @@ class AbstractNormalLaw(AbstractLaw):
 
     remembers: ClassVar[tuple[str, ...]] = ()
     """Names of its memory."""
-    pulls: ClassVar[bool] = False
-    """Whether it acts at any depth alike, so that nothing changes at a depth of zero."""
 
     @property
     def clips(self) -> bool:
@@ -224,7 +222,7 @@ class PreparedNormal(Module):
         """Functions whose signs define the regime, the penetration first, and whether the law presses now. A function
         without meaning in the present regime (a piece of a force that does not act) is 1.
         """
-        out, presses = [jnp.ones_like(penetration) if self.law.pulls else penetration], penetration > 0
+        out, presses = [penetration], penetration > 0
         active = jnp.ones_like(presses) if self.law.acts_apart else presses
         if self.law.clips:
             force = self.law.formula(self.constants, penetration, penetration_rate, memory)
@@ -267,7 +265,6 @@ class AbstractModifiedLaw(AbstractNormalLaw):
 
     law: eqx.AbstractVar[AbstractNormalLaw]
     clips: ClassVar = OfLaw()
-    pulls: ClassVar = OfLaw()
     acts_apart: ClassVar = OfLaw()
     has_static_force: ClassVar = OfLaw()
     remembers: ClassVar = OfLaw()

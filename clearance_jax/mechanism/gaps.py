@@ -198,8 +198,7 @@ def _of_coordinate(c: Coordinate, by_name: dict[str, Coordinate]) -> Iterator[Co
     frictions = 0
     for actuator in c.motion.actuators if c.motion.is_free else ():
         if isinstance(actuator, DriveSpring) and has_gap(actuator):
-            spring = {**vars(actuator.flank), "turns_loss": actuator.loss is not None}
-            flank = FlankSpring(**spring) if actuator.backlash is None else actuator.flank
+            flank = actuator.flank if actuator.backlash is not None else FlankSpring(**vars(actuator.flank))
             width = 0.0 if actuator.backlash is None else actuator.backlash
             what: What = "elasticity" if actuator.backlash is None else "backlash"
             clearance = Gap(width, flank, "spring" if actuator.backlash is None else "both")

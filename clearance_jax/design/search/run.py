@@ -101,9 +101,10 @@ def is_settled(program: Program, method: Method) -> bool:
         return True
     if best.worst <= -method.slack:
         return False
-    return (
-        not method.gradients or best.gradient is None or scaling.optimality(program, best, method.slack)[0] <= SETTLED
-    )
+    if not method.gradients or best.gradient is None:
+        return True
+    # A design that is moved inside its limits moves all variables, those at their bounds too.
+    return scaling.optimality(program, best, method.slack, method.slack)[0] <= SETTLED
 
 
 def by_values(program: Program, method: Method) -> bool:

@@ -140,22 +140,23 @@ def feasible_neighbour(program: Program, x: np.ndarray, gradient: bool = False) 
     return point if point.feasible else None
 
 
-# A limit is active, and a variable at its bound, within this share of the bound: a design that is moved inside its
-# limits moves all variables.
-ACTIVE = 1e-4
+# A limit is active, and a variable at its bound, within these shares of the bound.
+ACTIVE, AT_BOUND = 1e-4, 1e-6
 
 
-def optimality(program: Program, at: Evaluation, within: float = ACTIVE) -> tuple[float, np.ndarray]:
+def optimality(
+    program: Program, at: Evaluation, within: float = ACTIVE, at_bound: float = AT_BOUND
+) -> tuple[float, np.ndarray]:
     """The residual of the conditions over the norm of the objective's gradient, and the multipliers (m,) of the limits
-    over the objective. Limits and variables `within` this share of their bounds are at them.
+    over the objective. Limits `within` a share of their bounds are active, and variables within `at_bound` of theirs.
     """
     assert at.gradient is not None
     assert at.jacobian is not None
     size = max(abs(at.objective), 1e-300)
     gradient, jacobian = at.gradient * at.x / size, at.jacobian * at.x
     active = np.flatnonzero(at.limits > -within)
-    walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + within))]
-    walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - within))]
+    walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + at_bound))]
+    walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - at_bound))]
     columns = [*jacobian[active], *(sign * np.eye(len(at.x))[i] for i, sign in walls)]
     multipliers = np.zeros(len(at.limits))
     if not columns:

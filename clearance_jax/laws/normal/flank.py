@@ -3,7 +3,6 @@
 import itertools
 from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -150,13 +149,9 @@ class Flank(AbstractNormalLaw):
 
 
 class FlankSpring(Flank):
-    """A flank on both sides without a gap: the spring and damper of a drive, which also pull. `turns_loss`: whether a
-    loss that grows with its effort turns round where the effort does.
-    """
+    """A flank on both sides without a gap: the spring and damper of a drive, which also pull."""
 
-    turns_loss: bool = eqx.field(static=True, default=False)
     acts_apart: ClassVar[bool] = True
-    pulls: ClassVar[bool] = True
     smoothness: ClassVar[Smoothness] = "C0"  # pyright: ignore[reportIncompatibleMethodOverride]
 
     @property
@@ -167,8 +162,7 @@ class FlankSpring(Flank):
         return constants.effort(penetration) + self.damping * penetration_rate
 
     def event_functions(self, constants: FlankCurve, penetration, penetration_rate, memory):
-        bends = tuple(jnp.abs(penetration) - at for at in constants.breaks)
-        return (self.formula(constants, penetration, penetration_rate, memory), *bends) if self.turns_loss else bends
+        return tuple(penetration - at for at in constants.breaks)
 
     def energy(self, constants: FlankCurve, penetration):
         return constants.energy(penetration)

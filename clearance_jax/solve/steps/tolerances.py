@@ -157,6 +157,17 @@ def _gap_sizes(mechanism: PreparedMechanism) -> tuple[dict[str, Array], dict[str
     return drives, meshed
 
 
+def _balance_scales(mechanism: PreparedMechanism, energy: Array, moves: bool) -> tuple[Array, np.ndarray]:
+    """By term of the energy balance the magnitude by which it is controlled (infinite: not at all) and the part of its
+    own size that counts beside it.
+    """
+    prescribed = {c.name for c in mechanism.coordinates() if not c.motion.is_free}
+    unfelt = any(gap.loss is not None and gap.motor in prescribed for gap in mechanism.gaps)
+    judged = np.array([not moves or (unfelt and term == "friction_loss") for term in BALANCE_TERMS])
+    scale = FLOOR * energy if moves else energy
+    return jnp.where(judged & (energy > 0), scale, jnp.inf), 1.0 * (judged & moves)
+
+
 def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
     """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
     (velocities, and penetrations that may exceed a tiny clearance). `atol` (by component of the state) overrides the
@@ -195,15 +206,12 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     grows = [growth for joint in joints for growth in joint.clearance.memory_growth()]
     grows += [0.0] * (len(memory) - len(grows))
     relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *grows])
-    prescribed = {c.name for c in mechanism.coordinates() if not c.motion.is_free}
-    unfelt = any(gap.loss is not None and gap.motor in prescribed for gap in mechanism.gaps)
-    controls = [not adapt or (unfelt and term == "friction_loss") for term in BALANCE_TERMS]
-    judged = jnp.where(np.array(controls) & (size.energy > 0), size.energy, jnp.inf)
+    judged, own = _balance_scales(mechanism, size.energy, bool(adapt))
     signals = [
         jnp.broadcast_to((t1 - t0) * f.scale(mechanism), (width,))
         for f, width in zip(problem.integrands, widths(problem), strict=True)
     ]
-    judged = judged[: len(BALANCE_TERMS) if problem.energy_balance else 0]
+    judged, own = (x[: len(BALANCE_TERMS) if problem.energy_balance else 0] for x in (judged, own))
     added = jnp.concatenate([judged, *signals])
     allowed = jnp.concatenate([local * judged, *(rtol * unit for unit in signals)])
     # The surfaces' places are known to the round-off of lengths and of angles turned, however short the step.
@@ -217,7 +225,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     first_order = problem.varies or any(law.smoothness == "C-1" for joint in mechanism.contacts() for law in joint.laws)
     return Tolerances(
         absolute=jnp.concatenate([absolute, allowed]),
-        relative=jnp.concatenate([relative, jnp.zeros_like(added)]),
+        relative=jnp.concatenate([relative, local * own, jnp.zeros(len(added) - len(own))]),
         unit=jnp.concatenate([unit, added]),
         margin=jnp.clip(rtol if first_order else jnp.sqrt(rtol), SHORTEST, LONGEST),
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
