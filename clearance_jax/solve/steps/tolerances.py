@@ -206,12 +206,12 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     grows = [growth for joint in joints for growth in joint.clearance.memory_growth()]
     grows += [0.0] * (len(memory) - len(grows))
     relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *grows])
-    judged, own = _balance_scales(mechanism, size.energy, bool(adapt))
+    judged, part = _balance_scales(mechanism, size.energy, bool(adapt))
     signals = [
         jnp.broadcast_to((t1 - t0) * f.scale(mechanism), (width,))
         for f, width in zip(problem.integrands, widths(problem), strict=True)
     ]
-    judged, own = (x[: len(BALANCE_TERMS) if problem.energy_balance else 0] for x in (judged, own))
+    judged, part = (x[: len(BALANCE_TERMS) if problem.energy_balance else 0] for x in (judged, part))
     added = jnp.concatenate([judged, *signals])
     allowed = jnp.concatenate([local * judged, *(rtol * unit for unit in signals)])
     # The surfaces' places are known to the round-off of lengths and of angles turned, however short the step.
@@ -225,7 +225,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     first_order = problem.varies or any(law.smoothness == "C-1" for joint in mechanism.contacts() for law in joint.laws)
     return Tolerances(
         absolute=jnp.concatenate([absolute, allowed]),
-        relative=jnp.concatenate([relative, local * own, jnp.zeros(len(added) - len(own))]),
+        relative=jnp.concatenate([relative, local * part, jnp.zeros(len(added) - len(part))]),
         unit=jnp.concatenate([unit, added]),
         margin=jnp.clip(rtol if first_order else jnp.sqrt(rtol), SHORTEST, LONGEST),
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
