@@ -70,7 +70,7 @@ def main(quick: bool = False) -> Design:
     asked = study.design.problem
     (limit,), names = asked.specification.limits, list(asked.specification.conditions)
     begin, bound, rows, rounds = time.perf_counter(), float(limit.bound), [], 0
-    options = study.design.solve
+    options, judge = study.design.solve, threading.Thread(target=compile_judge, args=(asked,), daemon=True)
 
     def note(judge: str, found: np.ndarray) -> None:
         took = time.perf_counter() - begin
@@ -79,11 +79,11 @@ def main(quick: bool = False) -> Design:
 
     def seen(evaluation: Evaluation) -> None:
         print(f"{time.perf_counter() - begin:.0f} s: cost {evaluation.objective:.4g}", flush=True)
+        # The program of the judge is compiled beside the first search, once that has its own.
+        if not quick and judge.ident is None:
+            judge.start()
 
     tolerance = asked.specification.rtol
-    if not quick:
-        # The program of the judge is compiled beside the first search.
-        threading.Thread(target=compile_judge, args=(asked,), daemon=True).start()
     while True:
         design = changed(asked, bound, quick).solve(progress=seen, **options)
         if quick:
