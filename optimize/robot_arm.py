@@ -72,10 +72,10 @@ def main(quick: bool = False) -> Design:
     begin, bound, rows, rounds = time.perf_counter(), float(limit.bound), [], 0
     options, judge = study.design.solve, threading.Thread(target=compile_judge, args=(asked,), daemon=True)
 
-    def note(judge: str, found: np.ndarray) -> None:
+    def note(by: str, found: np.ndarray) -> None:
         took = time.perf_counter() - begin
         numbers = (f"{one:.4f}" for one in found)
-        rows.append((f"{1e3 * bound:.4f}", f"{design.objective:.4f}", judge, *numbers, f"{took:.0f}"))
+        rows.append((f"{1e3 * bound:.4f}", f"{design.objective:.4f}", by, *numbers, f"{took:.0f}"))
 
     def seen(evaluation: Evaluation) -> None:
         print(f"{time.perf_counter() - begin:.0f} s: cost {evaluation.objective:.4g}", flush=True)

@@ -13,7 +13,7 @@ from clearance_jax.design.judge.verify import SOLVES_DIFFER, moved_inside
 from clearance_jax.design.search.infeasible import unreachable, why_infeasible
 from clearance_jax.design.search.methods import METHODS
 from clearance_jax.design.search.model_management import MATCHED_VALUES
-from clearance_jax.design.search.run import SPENT, by_values, trade
+from clearance_jax.design.search.run import SPENT, by_values, is_settled, trade
 from clearance_jax.design.search.scaling import UselessSlopes, followed
 from experiments.common import SCENES
 
@@ -161,6 +161,19 @@ def test_a_search_by_expensive_values_ends_within_the_slack_of_its_method(is_dea
     assert searched.best is not None
     assert searched.evaluations <= most
     assert -short < searched.best.worst <= 0
+
+
+def test_a_design_moved_inside_its_limits_has_settled_at_the_bound_of_a_variable():
+    """Scaled by 1e-5 it is off the bound of the first one, too: a search went on by a hundred values without gain."""
+
+    def evaluate(x, gradient):
+        limits = np.array([x[0] + 2 * x[1] - 1])
+        return design.Evaluation(x, float((1 / x).sum()), limits, -1 / x**2, np.array([[1.0, 2.0]]))
+
+    for x, settled in (((0.3, 0.35), True), ((0.2, 0.4), False)):
+        program = design.Program(evaluate, ["a", "b"], np.full(2, 1e-3), np.array([0.3, 1.0]), ["error"])
+        program.at((1 - 1e-5) * np.array(x), True)
+        assert is_settled(program, SLSQP) is settled
 
 
 # By another solver ---------------------------------------------------------------------------------------------------
