@@ -163,30 +163,25 @@ def test_a_search_by_expensive_values_ends_within_the_slack_of_its_method(is_dea
     assert -short < searched.best.worst <= 0
 
 
-def test_a_design_moved_inside_its_limits_has_settled_at_the_bound_of_a_variable():
-    """Scaled by 1e-5 it is off the bound of the first one, too: a search went on by a hundred values without gain."""
-
-    def evaluate(x, gradient):
-        limits = np.array([x[0] + 2 * x[1] - 1])
-        return design.Evaluation(x, float((1 / x).sum()), limits, -1 / x**2, np.array([[1.0, 2.0]]))
-
-    for x, settled in (((0.3, 0.35), True), ((0.2, 0.4), False)):
-        program = design.Program(evaluate, ["a", "b"], np.full(2, 1e-3), np.array([0.3, 1.0]), ["error"])
-        program.at((1 - 1e-5) * np.array(x), True)
-        assert is_settled(program, SLSQP) is settled
-
-
 # By another solver ---------------------------------------------------------------------------------------------------
 
 
-def sums(more=1.0):
+def sums(more=1.0, upper=(1.0, 1.0)):
     """Two clearances whose errors add up; a solver that has more of them."""
 
     def evaluate(x, gradient):
         limits = np.array([more * (x[0] + 2 * x[1]) - 1])
         return design.Evaluation(x, float((1 / x).sum()), limits, -1 / x**2, more * np.array([[1.0, 2.0]]))
 
-    return design.Program(evaluate, ["a", "b"], np.full(2, 1e-3), np.ones(2), ["sum"])
+    return design.Program(evaluate, ["a", "b"], np.full(2, 1e-3), np.array(upper), ["sum"])
+
+
+@pytest.mark.parametrize(("x", "settled"), [((0.3, 0.35), True), ((0.2, 0.4), False)])
+def test_a_design_moved_inside_its_limits_has_settled_at_the_bound_of_a_variable(x, settled):
+    """Scaled by 1e-5 it is off the bound of the first one, too: a search went on by a hundred values without gain."""
+    program = sums(upper=(0.3, 1.0))
+    program.at((1 - 1e-5) * np.array(x), True)
+    assert is_settled(program, SLSQP) is settled
 
 
 @pytest.mark.parametrize("more", [3e-6, 5e-5, 2e-3])
