@@ -28,7 +28,10 @@ _EPS = float(np.finfo(np.float64).eps)
 # takes few more steps for a smaller error, so REFINED reduces that factor for each order above PLAIN_ORDER.
 LENIENCE, PLAIN_ORDER, REFINED = 0.02, 5.0, 5.0 ** (1 / 3)
 # The target step size, over the one at which the error would just be allowed; how much it may change at once.
-SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
+SAFETY, SHRINK, GROW = 0.85, 0.2, 4.0
+# Past an event that made a step inaccurate the motion goes on with this part of it: a contact's force rises as a power
+# of the depth, so that the first steps there must be short, and their errors are estimated too small.
+RESTART = 0.05
 # If a cut step has not left its event behind, the next goes FURTHER times as far past it, up to FURTHEST.
 FURTHER, FURTHEST = 4.0, 4.0**24
 # A cut within this part of a step from its start, right after a cut step, is at the same event: the round-off of a
@@ -58,12 +61,15 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Verdict on a try: error over the allowed one; whether it crosses an event, the time past it, how far past [s]."""
+    """Verdict on a try: error over the allowed one; whether it is cut at an event, the time past it, how far past [s],
+    and the size of the step that may follow the cut one [s].
+    """
 
     error: Each
     cut: EachFlag
     at: Each
     pad: Each
+    natural: Each
 
 
 class Decision(NamedTuple):
@@ -91,7 +97,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     t0, t1 = times
     error, unremembered, of_motion = scaled_error(problem, trial, means, t1)
     if not (means.locate_events and problem.mechanism.contacts()):
-        return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
+        return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1), t1 - t0)
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     joint_curves, misfit = curves(times, ends, problem.mechanism)
     # Round-off is no misfit: in free flight, where it would be all the error there is, it would choose the next step.
@@ -99,8 +105,9 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     off = jnp.where(jnp.isfinite(off), off, jnp.inf)
     error, unremembered, of_motion = (jnp.maximum(each, off) for each in (error, unremembered, of_motion))
     # Past an event by enough for round-off not to hide it, by too little for the kink to matter.
-    h = t1 - t0
-    pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * jnp.maximum(h, control.natural))
+    h, known = t1 - t0, of_motion <= 1
+    natural = jnp.maximum(jnp.where(known, h, RESTART * h), control.natural)
+    pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * natural)
     pad = pad * control.reach
     if problem.varies:
         # Round-off may have put a touch just behind a cut that should have passed it. A step across it, however short,
@@ -111,9 +118,11 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
         error = jnp.where(h <= BRIEF * _EPS * jnp.abs(t1), excused, error)
     crossed, s = first_event(joint_curves, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
-    # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
-    # shrinking the step towards the jump would end at a step of a round-off.
-    return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
+    # The event is located even if the derivatives are not accurate, whose slope jumps there: shrinking the step towards
+    # the jump would end at a step of a round-off. If the motion is not accurate either, that is nearly always the
+    # event's fault. Its place is then good enough to end the next try, which is judged anew; but that must be shorter.
+    last = jnp.where(known, t1 - pad, jnp.where(jnp.isfinite(of_motion), t0 + SAFETY * h, t0))
+    return Verdict(error, crossed & (at < last), at, pad, natural)
 
 
 def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each, Each]:
@@ -172,7 +181,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     further = jnp.minimum(FURTHER * control.reach, FURTHEST)
     reach = jnp.where(stuck, further, jnp.where(free, 1.0, control.reach))
     after_cut = jnp.where(keep, control.natural > 0, control.after_cut)
-    natural = jnp.where(cut, jnp.maximum(control.natural, h), jnp.where(keep | ~accurate, 0.0, control.natural))
+    natural = jnp.where(cut, verdict.natural, jnp.where(keep | ~accurate, 0.0, control.natural))
     breaks = each_lane(breaks_near, t0)(problem.mechanism, start)
     start, past = past_break(breaks, keep, start)
     end = jnp.maximum(end, start + 2 * _EPS * jnp.abs(start))
