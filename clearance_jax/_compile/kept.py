@@ -74,7 +74,7 @@ class kept_jit:
         if RUNTIME.folder is None:
             return self.plain(*arguments)
         leaves, tree = jax.tree.flatten(arguments)
-        if not _is_ordinary(leaves):
+        if any(isinstance(x, Tracer) for x in leaves) or is_traced() or not is_plain():
             if is_plain():  # JAX remembers what it traces now: it is read, so that one sees whether it is altered later
                 with contextlib.suppress(Untold, RecursionError):
                     self._key(leaves, tree)
@@ -171,11 +171,6 @@ def _view(leaf: Any) -> Any:
     if eqx.is_array(leaf):
         return leaf.dtype, np.shape(leaf), bool(getattr(leaf, "weak_type", False))
     return type(leaf), repr(leaf) if isinstance(leaf, float | complex) else leaf
-
-
-def _is_ordinary(leaves: list) -> bool:
-    """Whether a call has plain numbers: not inside a program that is traced, mapped or differentiated."""
-    return not any(isinstance(x, Tracer) for x in leaves) and not is_traced() and is_plain()
 
 
 def _read(key: str) -> tuple[Any, Any] | None:

@@ -62,7 +62,9 @@ def peaks(seen: StepEnds, spans: Spans, look: Look) -> Extreme:
     if spans.first.size == 0:
         return Extreme(np.zeros(0), np.zeros(0))
     row = members(spans)
-    highest = _first_largest(seen.force[row.index], row)
+    forces = seen.force[row.index]
+    highest = np.flatnonzero(forces == np.maximum.reduceat(forces, row.start)[row.span])
+    highest = highest[np.unique(row.span[highest], return_index=True)[1]]  # of each span the first
     time, height = seen.time[row.index[highest]], seen.force[row.index[highest]]
     steps, span = candidates(seen, row, highest)
     place, top = inside(seen, steps, look)
@@ -113,12 +115,6 @@ def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, n
 
 def _choose(where: np.ndarray, a: StepPoint, b: StepPoint) -> StepPoint:
     return StepPoint(*(np.where(where, x, y) for x, y in zip(a, b, strict=True)))
-
-
-def _first_largest(values: np.ndarray, row: Members) -> np.ndarray:
-    """Of each span the place in the row of the first of its largest values."""
-    largest = np.flatnonzero(values == np.maximum.reduceat(values, row.start)[row.span])
-    return largest[np.unique(row.span[largest], return_index=True)[1]]
 
 
 def of_points(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray], falls_over: float) -> dict[str, Any]:

@@ -26,8 +26,8 @@ def test_metrics_of_a_gap_are_those_of_its_samples_and_of_the_energy_account(gea
         "lost": m.EnergyLost(),
     }
     found = cj.measure(gears, asked, T1, rtol=1e-9)
-    dataset = cj.to_dataset(gears, cj.trace(gears, T1, rtol=1e-9, save_at=np.linspace(0, T1, 5)))
-    effort = np.abs(dataset["step_gap_effort"].sel(gap="mesh"))
+    dataset = cj.to_dataset(gears, cj.trace(gears, T1, rtol=1e-9, save_at=np.linspace(0, T1, 20001)))
+    effort = np.abs(dataset["gap_effort"].sel(gap="mesh"))
     assert_allclose(found["force"], effort.max(), rtol=2e-3)
     assert found["impacts"] == dataset.sizes["gap_episode"] > 3
     work = found["work"]

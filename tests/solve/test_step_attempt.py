@@ -202,7 +202,7 @@ def test_any_explicit_solver_serves():
 def test_step_sizes():
     accurate, not_accurate = jnp.asarray(True), jnp.asarray(False)
     assert float(factor(jnp.asarray(0.85**5), accurate, 5.0)) == pytest.approx(1.0)
-    assert float(factor(jnp.asarray(0.0), accurate, 5.0)) == 2.0
+    assert float(factor(jnp.asarray(0.0), accurate, 5.0)) == 3.0
     assert float(factor(jnp.asarray(jnp.inf), not_accurate, 5.0)) == pytest.approx(0.2)
     step = on_grid(jnp.asarray(3e-5))
     assert 3e-5 / 2**0.125 <= float(step) <= 3e-5

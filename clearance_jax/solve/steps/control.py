@@ -28,10 +28,10 @@ _EPS = float(np.finfo(np.float64).eps)
 # takes few more steps for a smaller error, so REFINED reduces that factor for each order above PLAIN_ORDER.
 LENIENCE, PLAIN_ORDER, REFINED = 0.02, 5.0, 5.0 ** (1 / 3)
 # The target step size, over the one at which the error would just be allowed; how much it may change at once.
-SAFETY, SHRINK, GROW = 0.85, 0.2, 4.0
+SAFETY, SHRINK, GROW = 0.85, 0.2, 3.0
 # Past an event that made a step inaccurate the motion goes on with this part of it: a contact's force rises as a power
 # of the depth, so that the first steps there must be short, and their errors are estimated too small.
-RESTART = 0.05
+RESTART = 0.07
 # If a cut step has not left its event behind, the next goes FURTHER times as far past it, up to FURTHEST.
 FURTHER, FURTHEST = 4.0, 4.0**24
 # A cut within this part of a step from its start, right after a cut step, is at the same event: the round-off of a
@@ -189,7 +189,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     if means.longest is not None:
         clipped = jnp.minimum(clipped, start + means.longest)
     natural = jnp.where(clipped < end, jnp.maximum(natural, end - start), natural)
-    collapsed = ~accurate & (h <= 8 * _EPS * jnp.abs(t1))
+    collapsed = ~accurate & (h <= 3 * _EPS * jnp.abs(t1))
     return Decision(keep, start, clipped, past, Control(natural, reach, after_cut, control.cuts + cut), collapsed)
 
 
