@@ -424,8 +424,8 @@ def test_the_force_inside_a_step_ends_as_the_step(long_steps):
 
 
 def test_the_largest_speed_and_acceleration_are_those_of_the_motion(crank):
-    """Whatever the samples, and nothing that many samples see is larger, but by what two interpolations of a step differ
-    (less than `rtol`).
+    """Whatever the samples, and nothing that many samples see is larger, but by what two interpolations of a step
+    differ (less than `rtol`).
     """
     mechanism, trace = crank
     found = cj.to_dataset(mechanism, trace)
