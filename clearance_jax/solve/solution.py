@@ -44,7 +44,7 @@ class Solution(Module):
     - `code`: how the solve ended (`codes.Result`); `succeeded`: whether it reached t1; `message`: why not, in words.
       Inside jit, vmap or a derivative every other number of one that did not, but `end_time`, is NaN.
     - `steps`, `rejected`, `cuts`: how many steps were made, how many attempts were rejected, and how many of these
-      because they crossed a switch of a law (a touch, a separation, a change of formula); the others for their error.
+      were cut at a switch of a law (a touch, a separation, a change of formula); the others had too large an error.
     - `energy_balance`: whether the states have the energy balance's integrals.
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged; its derivatives are zero.
     - `records`, `picked`: what the observers of metrics recorded, and the states that they picked.

@@ -29,6 +29,7 @@ def test_metrics_of_a_gap_are_those_of_its_samples_and_of_the_energy_account(gea
     dataset = cj.to_dataset(gears, cj.trace(gears, T1, rtol=1e-9, save_at=np.linspace(0, T1, 20001)))
     effort = np.abs(dataset["gap_effort"].sel(gap="mesh"))
     assert_allclose(found["force"], effort.max(), rtol=2e-3)
+    assert 0.99 * effort.max() < np.abs(dataset["step_gap_effort"].sel(gap="mesh")).max() < 1.001 * effort.max()
     assert found["impacts"] == dataset.sizes["gap_episode"] > 3
     work = found["work"]
     assert_allclose(work.mean_force, found["mean"], rtol=1e-6)

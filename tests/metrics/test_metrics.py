@@ -84,7 +84,7 @@ def test_peak_is_between_samples_and_follows_its_top(mechanism):
     for rtol in (1e-8, 1e-10):
         for found, expected, error in zip(both(there, rtol), other, (3, 30), strict=True):
             np.testing.assert_allclose(found, expected, rtol=error * rtol)
-        # The states at the peaks have errors; the peaks add less than a solve may err in a step.
+        # The states at the peaks have errors; the peaks add less than `rtol`.
         moments, _ = both(metric.times, rtol)
         order = jnp.argsort(moments)
         peaks, fixed = both(metric, rtol), both(metrics.At(ERROR, moments[order]), rtol)

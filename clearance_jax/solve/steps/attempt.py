@@ -118,7 +118,7 @@ def attempt(
     time = jnp.minimum(decision.start, last)
     # As diffrax does: a try that ends within a round-off of the last time ends there, or after a rejection halfway.
     near = decision.end > last - 100 * jnp.spacing(last)
-    end = jnp.where(near, jnp.where(keep, last, time + 0.5 * (last - time)), decision.end)
+    end = jnp.where(near, jnp.where(keep, last, jnp.minimum(0.5 * (time + last), decision.end)), decision.end)
     moved = Carry(
         time,
         end,

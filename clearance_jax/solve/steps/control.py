@@ -30,8 +30,9 @@ LENIENCE, PLAIN_ORDER, REFINED = 0.02, 5.0, 5.0 ** (1 / 3)
 # The target step size, over the one at which the error would just be allowed; how much it may change at once.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 3.0
 # Past an event that made a step inaccurate the motion goes on with this part of it: a contact's force rises as a power
-# of the depth, so that the first steps there must be short, and their errors are estimated too small.
-RESTART = 0.07
+# of the depth, so that the first steps there must be short, and their errors are estimated too small. A step whose
+# error is SPOILED times the allowed one does not converge any more, and the place of its event is noise.
+RESTART, SPOILED = 0.07, 1e5
 # If a cut step has not left its event behind, the next goes FURTHER times as far past it, up to FURTHEST.
 FURTHER, FURTHEST = 4.0, 4.0**24
 # A cut within this part of a step from its start, right after a cut step, is at the same event: the round-off of a
@@ -43,7 +44,7 @@ BRIEF, ROOM = 64.0, 100.0
 
 
 class Control(NamedTuple):
-    """Memory from try to try: the step size without the cut (`natural`; 0: not cut), a factor on how far past an event
+    """Memory from try to try: the step size after the cut (`natural`; 0: not cut), a factor on how far past an event
     a cut step ends (`reach`), because shorter cuts have not left the event behind, whether the last kept step had been
     cut, and how many tries were rejected because they crossed an event (`cuts`).
     """
@@ -61,9 +62,7 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Verdict on a try: error over the allowed one; whether it is cut at an event, the time past it, how far past [s],
-    and the size of the step that may follow the cut one [s].
-    """
+    """A try's error over the allowed one; whether an event cuts it; time past that, how far past, and next size [s]."""
 
     error: Each
     cut: EachFlag
@@ -106,7 +105,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     error, unremembered, of_motion = (jnp.maximum(each, off) for each in (error, unremembered, of_motion))
     # Past an event by enough for round-off not to hide it, by too little for the kink to matter.
     h, known = t1 - t0, of_motion <= 1
-    natural = jnp.maximum(jnp.where(known, h, RESTART * h), control.natural)
+    natural = jnp.where(control.natural > 0, control.natural, jnp.where(known, h, RESTART * h))
     pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * natural)
     pad = pad * control.reach
     if problem.varies:
@@ -121,7 +120,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     # The event is located even if the derivatives are not accurate, whose slope jumps there: shrinking the step towards
     # the jump would end at a step of a round-off. If the motion is not accurate either, that is nearly always the
     # event's fault. Its place is then good enough to end the next try, which is judged anew; but that must be shorter.
-    last = jnp.where(known, t1 - pad, jnp.where(jnp.isfinite(of_motion), t0 + SAFETY * h, t0))
+    last = jnp.where(known, t1 - pad, jnp.where(of_motion <= SPOILED, t0 + SAFETY * h, t0))
     return Verdict(error, crossed & (at < last), at, pad, natural)
 
 
@@ -172,7 +171,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     h, cut, error = t1 - t0, verdict.cut, verdict.error
     accurate = error < 1
     keep = share(accurate & ~cut)
-    # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
+    # A cut step says nothing about the step size (its tiny error is round-off): go on as before the cut.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)
     end = jnp.where(cut, verdict.at, start + on_grid(step))
@@ -180,7 +179,8 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     free = keep & (control.natural == 0)
     further = jnp.minimum(FURTHER * control.reach, FURTHEST)
     reach = jnp.where(stuck, further, jnp.where(free, 1.0, control.reach))
-    after_cut = jnp.where(keep, control.natural > 0, control.after_cut)
+    # An inaccurate cut may have ended before its event: it is not shorter than what follows.
+    after_cut = jnp.where(keep, control.natural >= h, control.after_cut)
     natural = jnp.where(cut, verdict.natural, jnp.where(keep | ~accurate, 0.0, control.natural))
     breaks = each_lane(breaks_near, t0)(problem.mechanism, start)
     start, past = past_break(breaks, keep, start)

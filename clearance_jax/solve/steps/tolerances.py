@@ -51,7 +51,7 @@ class Tolerances(NamedTuple):
     - `absolute` error in one step (infinite: not controlled), and `relative` to the component's size.
     - `unit`: the components' magnitudes; `floor`: the size (in magnitudes) below which the derivative along a direction
       of variation is not resolved relatively.
-    - `margin`: how far past an event a cut step may end, as a fraction of the uncut step.
+    - `margin`: how far past an event a cut step may end, as a fraction of the step that may follow.
     - `fit`: the allowed misfit of the pins' curves inside a step, over the clearance; `noise`: the misfit by round-off
       alone.
     - `rate`: how fast the scene moves [1/s].
@@ -220,8 +220,8 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     lengths = [1.0 if isinstance(joint, CoordinateGap) and joint.turns else size.length for joint in joints]
     fuzzy = [length / joint.size for joint, length in zip(joints, lengths, strict=True)]
     noise = 64 * _EPS * turned * (jnp.max(jnp.stack(fuzzy)) if fuzzy else 0.0)
-    # The event left inside a cut step causes an error of second order in the margin (a fraction of the uncut step); of
-    # first order if a force jumps, and in derivatives if its slope jumps.
+    # The event left inside a cut step causes an error of second order in the margin; of first order if a force jumps, or
+    # in derivatives if its slope jumps.
     first_order = problem.varies or any(law.smoothness == "C-1" for joint in mechanism.contacts() for law in joint.laws)
     return Tolerances(
         absolute=jnp.concatenate([absolute, allowed]),
