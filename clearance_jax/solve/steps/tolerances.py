@@ -220,8 +220,8 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     lengths = [1.0 if isinstance(joint, CoordinateGap) and joint.turns else size.length for joint in joints]
     fuzzy = [length / joint.size for joint, length in zip(joints, lengths, strict=True)]
     noise = 64 * _EPS * turned * (jnp.max(jnp.stack(fuzzy)) if fuzzy else 0.0)
-    # The event left inside a cut step causes an error of second order in the margin; of first order if a force jumps, or
-    # in derivatives if its slope jumps.
+    # The event left in a cut step causes an error of second order in the margin, of first order if a force jumps, or in
+    # derivatives if its slope jumps.
     first_order = problem.varies or any(law.smoothness == "C-1" for joint in mechanism.contacts() for law in joint.laws)
     return Tolerances(
         absolute=jnp.concatenate([absolute, allowed]),
