@@ -94,6 +94,14 @@ def test_small_clearances_after_many_turns_are_not_lost_in_round_off():
         assert bool(cj.simulate(m, 1.2001, t0=1.2, rtol=rtol, energy_balance=False).succeeded)
 
 
+def test_a_step_that_an_event_has_spoiled_is_cut_there():
+    """Nearly every step with too large an error crosses an event. It is not shortened by its error, again and again,
+    until it does not reach the event.
+    """
+    s = cj.simulate(catalogue.slider_crank(), 6e-3, rtol=1e-8, solver="dopri8", energy_balance=False)
+    assert int(s.rejected) - int(s.cuts) < int(s.cuts)
+
+
 @pytest.mark.slow
 def test_plain_controller_has_a_floor():
     # Whether the plain controller happens to see a contact is luck: the worst of three clearances tells.
