@@ -21,7 +21,7 @@ HALVINGS = 60
 NOISE, SMALL = 1e-12, 1e-8
 # A contact or a gap that is shorter than this is round-off [s].
 SHORTEST = 1e-12
-# An impact is over once the penetration rate has stayed below this part of the impact speed for as long as it lasted.
+# An impact is over once, from step end to step end, the rate is below this part of its speed for as long as before.
 LIVELY = 0.05
 # Begins and ends of impacts, where there are none.
 NO_IMPACTS = np.zeros(0), np.zeros(0)
@@ -117,7 +117,7 @@ def impact_ends(time: np.ndarray, rate: np.ndarray, spans: Spans) -> np.ndarray:
 
     lively = np.flatnonzero(np.abs(r) >= LIVELY * np.abs(r[start])[span])
     here, following = lively[:-1], lively[1:]
-    lasted, pause = t[here] - t[start[span[here]]], t[following] - t[here]
+    lasted, pause = t[here] - t[start[span[here]]], t[following - 1] - t[here + 1]
     calm = here[(following - here > 1) & (span[here] == span[following]) & (pause >= lasted)]
     calmed, first = np.unique(span[calm], return_index=True)
     ends[calmed] = np.minimum(ends[calmed], t[calm[first]])

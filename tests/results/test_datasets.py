@@ -241,7 +241,7 @@ def impact_end_by_loop(t, rate, lasting):
     for i in range(1, len(t)):
         if abs(rate[i]) < episodes.LIVELY * abs(rate[0]):
             continue
-        if i - last > 1 and t[i] - t[last] >= t[last] - t[0]:
+        if i - last > 1 and t[i - 1] - t[last + 1] >= t[last] - t[0]:
             return min(end, t[last])
         last = i
     return min(end, t[last]) if lasting else end
@@ -424,8 +424,8 @@ def test_the_force_inside_a_step_ends_as_the_step(long_steps):
 
 
 def test_the_largest_speed_and_acceleration_are_those_of_the_motion(crank):
-    """Whatever the samples, and nothing that many samples see is larger, but by what two interpolations of a step
-    differ (less than `rtol`).
+    """Whatever the samples, and nothing that many samples see is larger, but by what the curve through the ends of a
+    step errs in the longest ones.
     """
     mechanism, trace = crank
     found = cj.to_dataset(mechanism, trace)
@@ -439,7 +439,7 @@ def test_the_largest_speed_and_acceleration_are_those_of_the_motion(crank):
         for window, begin in enumerate(found["after"].values):
             largest, time = (float(found[f"largest_{name}{end}"][window, 0]) for end in ("", "_time"))
             seen = sizes[dense.time.values >= begin].max()
-            assert seen * (1 - 1e-8) <= largest <= seen * (1 + 1e-4), (name, window)
+            assert seen * (1 - 1e-6) <= largest <= seen * (1 + 1e-4), (name, window)
             beside = np.interp(time, dense.time.values, sizes)
             np.testing.assert_allclose(beside, largest, rtol=1e-3)
             np.testing.assert_allclose(dense[f"largest_{name}"][window, 0], largest, rtol=1e-9)
