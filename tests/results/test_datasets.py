@@ -424,12 +424,13 @@ def test_the_force_inside_a_step_ends_as_the_step(long_steps):
 
 
 def test_the_largest_speed_and_acceleration_are_those_of_the_motion(crank):
-    """Whatever the samples, and nothing that many samples see is larger, but by what the curve through the ends of a
-    step errs in the longest ones.
+    """Whatever the samples, and nothing that many samples see is larger. (In the longer steps of `rtol` 1e-8 the curve
+    through their ends errs by 2e-7 of an acceleration.)
     """
-    mechanism, trace = crank
+    mechanism, _ = crank
+    trace = cj.trace(mechanism, 4e-3, save_at=21, rtol=1e-10)
     found = cj.to_dataset(mechanism, trace)
-    dense = cj.to_dataset(mechanism, cj.trace(mechanism, 4e-3, save_at=20001))
+    dense = cj.to_dataset(mechanism, cj.trace(mechanism, 4e-3, save_at=20001, rtol=1e-10))
     over = first_fall_ends(found).max()
     assert 0 < over < 4e-3
     assert found["after"].values[0] == 0.0
@@ -439,7 +440,7 @@ def test_the_largest_speed_and_acceleration_are_those_of_the_motion(crank):
         for window, begin in enumerate(found["after"].values):
             largest, time = (float(found[f"largest_{name}{end}"][window, 0]) for end in ("", "_time"))
             seen = sizes[dense.time.values >= begin].max()
-            assert seen * (1 - 1e-6) <= largest <= seen * (1 + 1e-4), (name, window)
+            assert seen * (1 - 1e-9) <= largest <= seen * (1 + 1e-4), (name, window)
             beside = np.interp(time, dense.time.values, sizes)
             np.testing.assert_allclose(beside, largest, rtol=1e-3)
             np.testing.assert_allclose(dense[f"largest_{name}"][window, 0], largest, rtol=1e-9)

@@ -171,7 +171,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     h, cut, error = t1 - t0, verdict.cut, verdict.error
     accurate = error < 1
     keep = share(accurate & ~cut)
-    # A cut step says nothing about the step size (its tiny error is round-off): go on as before the cut.
+    # A cut step says nothing about the step size (its tiny error is round-off): what may follow it is known.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)
     end = jnp.where(cut, verdict.at, start + on_grid(step))
