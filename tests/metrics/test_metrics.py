@@ -81,14 +81,14 @@ def test_peak_is_between_samples_and_follows_its_top(mechanism):
     # By steps of another length and another interpolation, at given times: a slope changes fast along the time.
     there = metrics.At(ERROR, jnp.sort(times))
     other = both(there, 1e-11, "tsit5")
-    for rtol in (1e-8, 1e-10):
+    for rtol, added in ((1e-8, 0.5), (1e-10, 0.1)):
         for found, expected, error in zip(both(there, rtol), other, (3, 30), strict=True):
             np.testing.assert_allclose(found, expected, rtol=error * rtol)
-        # The states at the peaks have errors; the peaks add less than `rtol`.
+        # The states at the peaks have errors; the peaks add part of `rtol`, in shorter steps hardly any.
         moments, _ = both(metric.times, rtol)
         order = jnp.argsort(moments)
         peaks, fixed = both(metric, rtol), both(metrics.At(ERROR, moments[order]), rtol)
-        np.testing.assert_allclose(peaks[0][order], fixed[0], rtol=0.5 * rtol)
+        np.testing.assert_allclose(peaks[0][order], fixed[0], rtol=added * rtol)
         np.testing.assert_allclose(peaks[1][order], fixed[1], rtol=10 * rtol)
 
 
