@@ -85,6 +85,28 @@ def least(values: Array) -> Each:
     return values[0]
 
 
+def first_highest(values: Array) -> Array:
+    """The index of the first largest value along the first axis, by lane."""
+    if values.ndim == 1:
+        return jnp.argmax(values)
+    # With lanes entry by entry, as `least`.
+    best, place = values[0], jnp.zeros(values.shape[1:], int)
+    for i, value in enumerate(values[1:], 1):
+        higher = value > best
+        best, place = jnp.where(higher, value, best), jnp.where(higher, i, place)
+    return place
+
+
+def entry(values: Array, place: Array) -> Each:
+    """The value at an index along the first axis, by lane."""
+    if not place.ndim:
+        return jax.lax.dynamic_index_in_dim(values, place, keepdims=False)
+    out = values[0]
+    for i, value in enumerate(values[1:], 1):
+        out = jnp.where(place == i, value, out)
+    return out
+
+
 def to_lanes(tree: Any) -> Any:
     """A batch, along the first axis of every array, as lanes."""
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if eqx.is_array(x) else x, tree)

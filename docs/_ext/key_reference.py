@@ -3,10 +3,9 @@
 import math
 from typing import Any, Literal, NamedTuple
 
+from clearance_jax.io.keys import coupling, design, metric, play, scene, study, wear
 from clearance_jax.io.keys.declare import Keys
 from clearance_jax.io.keys.kinds import Key
-from clearance_jax.io.keys.scene import SCENE_TABLES
-from clearance_jax.io.keys.study import STUDY_TABLES
 from clearance_jax.mechanism.placement import ORIGIN
 from clearance_jax.parameters import BOUNDS
 from clearance_jax.units import SLIDING, TURNING, resolve_unit
@@ -15,7 +14,26 @@ File = Literal["scene", "study"]
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 # Words of JSON Schema that restrict a value.
 _SHAPE = ("type", "items", "minItems", "maxItems", "enum", "minimum", "maximum")
-FILES: dict[File, tuple[Keys, ...]] = {"scene": SCENE_TABLES, "study": STUDY_TABLES}
+# Every table, in the order of the reference.
+_PLAY = (play.PIN, play.SHAFT, play.BALL, play.GUIDE, play.IN_A_SLEEVE, play.CONTACT, play.PRESS)
+_PLAY += (*play.BEARINGS.values(), play.WORN, *play.ELEMENT_TABLES.values())
+_SCENE = (
+    *(scene.SCENE, scene.SOLVE, scene.SOLVING, scene.BODY, *scene.JOINT_TABLES.values(), scene.JOINT, scene.MOTION),
+    *(*_PLAY, scene.STOPS, scene.COMPLIANCE, *scene.DRIVE_TABLES.values(), scene.SPLINE_FILE),
+    *(*scene.ACTUATOR_TABLES.values(), *play.NORMAL_TABLES.values(), play.STIFFNESS, *play.FRICTION_TABLES.values()),
+    *(scene.SPRING, scene.POINT, scene.WRENCH, *coupling.COUPLING_TABLES.values(), scene.CONTROLLER, scene.ROBOT),
+    scene.PAYLOAD,
+)
+_DESIGN = (design.DESIGN, design.VARIABLE, design.GEARS, *design.COST_TABLES.values(), design.PAYLOAD, design.LIMIT)
+_DESIGN += (*design.MANUFACTURE_TABLES.values(), design.VERIFY, design.TRADEOFF)
+_WEAR = (wear.WEAR, *wear.LAW_TABLES.values(), wear.GRADED, wear.RUNNING_IN, *wear.PRESSURE_TABLES.values())
+_WEAR += (wear.MATERIAL, *wear.UNTIL_TABLES.values())
+_STUDY = (
+    *(study.STUDY, study.SOLVE, *metric.METRIC_KINDS.values(), study.SCATTER, study.SWEEP, study.AGAIN),
+    *(*study.AXIS_TABLES.values(), study.CORRELATION, *_DESIGN, *_WEAR),
+    *(study.CALIBRATE, study.PARAMETER_TABLE, study.SIGNAL_TABLE),
+)
+FILES: dict[File, tuple[Keys, ...]] = {"scene": _SCENE, "study": _STUDY}
 
 
 class KeyReference(NamedTuple):
@@ -60,6 +78,12 @@ class TableReference(NamedTuple):
     kinds: list[KindReference]
 
 
+def unshared(table: Keys) -> tuple[Key, ...]:
+    """The keys of a table that no table has which it shares."""
+    others = {key.name for shared in table.shared for key in shared.keys}
+    return tuple(key for key in table.keys if key.name not in others)
+
+
 def reference() -> list[TableReference]:
     """All tables of scenes and studies, each with its keys. Kinds of one family are one table."""
     families: dict[tuple[File, str, str], list[Keys]] = {}
@@ -73,11 +97,11 @@ def _table(file: File, several: list[Keys]) -> TableReference:
     first, *others = several
     titles = [[shared.title for shared in table.shared] for table in several]
     if not others:
-        keys = [_key(key) for key in first.unshared]
+        keys = [_key(key) for key in unshared(first)]
         return TableReference(file, first.name, first.choice, first.title, first.help, keys, titles[0], "", [])
     head, kinds = first.choice.partition(" = ")[0], []
     for table, shared in zip(several, titles, strict=True):
-        own_keys = [key.name for key in table.unshared if key.name != head]
+        own_keys = [key.name for key in unshared(table) if key.name != head]
         kinds.append(KindReference(table.choice.partition(" = ")[2], table.help, own_keys, shared))
     help = f"Its key `{head}` says of which kind it is."
     return TableReference(file, first.name, "", first.title, help, _told_once(several), [], head, kinds)
@@ -87,7 +111,7 @@ def _told_once(several: list[Keys]) -> list[KeyReference]:
     """The keys of several kinds, merged where name, help, unit and kind agree; keys of one name are adjacent."""
     by_name: dict[str, dict[Any, list[tuple[str, KeyReference]]]] = {}
     for table in several:
-        for key in map(_key, table.unshared):
+        for key in map(_key, unshared(table)):
             uses = by_name.setdefault(key.name, {})
             word = table.choice.partition(" = ")[2]
             uses.setdefault((key.help, key.unit, key.kind), []).append((f"`{word}`", key))

@@ -7,7 +7,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from key_reference import example, reference, schema
+from key_reference import example, reference, schema, unshared
 from places import ROOT, refused
 
 import clearance_jax as cj
@@ -66,8 +66,8 @@ def test_every_declaration_is_in_the_reference(module):
     assert declared
     for table in declared:
         (told,) = [one for one in listed if (one.name, one.title) == (table.name, table.title)]
-        assert {key.name for key in told.keys} >= {key.name for key in table.unshared}, table
-        assert {key.name for key in table.keys} == {key.name for key in (*table.unshared, *_shared(table))}
+        assert {key.name for key in told.keys} >= {key.name for key in unshared(table)}, table
+        assert {key.name for key in table.keys} == {key.name for key in (*unshared(table), *_shared(table))}
         (shared,) = [kind.shared for kind in told.kinds if kind.help == table.help] or [told.shared]
         assert shared == [one.title for one in table.shared]
         assert set(shared) <= {one.title for one in listed}

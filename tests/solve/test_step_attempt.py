@@ -13,6 +13,7 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax._compile.alike import stack_trees
 from clearance_jax._compile.barriers import BARRIER
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.dynamics.quantities import observe
@@ -231,6 +232,35 @@ def test_first_switch_of_a_known_motion():
     touch = first(straight((0.0, 0.0), (2e-3, 0.0)))
     assert 0.5 < float(touch) < 0.5 + 1e-7
     assert float(first(straight((0.0, 0.0), (0.9e-3, 0.0)))) == np.inf
+
+
+def test_the_first_of_several_joints_is_found_alone_and_by_lane():
+    """Sleeves of several sizes whose pins go off at once, straight or out and back, by hand: within one quarter of the
+    step another joint is the first in every lane.
+    """
+    sizes, begin = np.array([1e-3, 2e-3, 0.5e-3]), 1e-8
+    joints = stack_trees([cj.SleeveClearance(c, 0.01, 0.04, laws.Hertz(1e9)).prepare() for c in sizes])
+    # When each touches, by lane (infinite: not at all); in the last lane the second joint grazes.
+    touches = np.array([[0.6, 0.63, 0.7], [0.7, 0.6, 0.63], [0.63, 0.7, 0.6], [np.inf] * 3, [0.7, np.inf, np.inf]])
+    poses = np.zeros((6, 12, *touches.T.shape))
+    poses[0, [3, 7, 11]] = 1.0
+    poses[1, 0] = sizes[:, None] / touches.T
+    top, k = 0.55, 6e-3
+    poses[:3, 0, 1, -1] = 2e-3 * (1 + 1e-5) - k * top**2, 2 * k * top, -k
+    enters = top - np.sqrt(2e-8 / k)
+    expected = np.array([0.6, 0.6, 0.6, np.inf, enters])
+
+    def first(poses, h):
+        return first_of(EventJoints(joints, StepCurve.of(list(poses), h), ()), jnp.full(h.shape, begin))
+
+    lanes = EventJoints(jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, 5)), joints), *[None] * 2)
+    curve = StepCurve.of(list(jnp.asarray(poses)), jnp.full(5, 1e-3))
+    with jax.numpy_rank_promotion("allow"):
+        together = jax.jit(first_of)(lanes._replace(curve=curve, memory=()), jnp.full(5, begin))
+    alone = [jax.jit(first)(jnp.asarray(poses[..., i]), jnp.asarray(1e-3)) for i in range(5)]
+    np.testing.assert_array_equal(together, alone)
+    np.testing.assert_allclose(together[:4], expected[:4], rtol=0, atol=2 * begin)
+    assert enters <= float(together[4]) <= top + 1e-6
 
 
 @pytest.mark.slow

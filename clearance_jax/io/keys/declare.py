@@ -39,12 +39,6 @@ class Keys(NamedTuple):
         """The same table with the keys of a shared one."""
         return self._replace(keys=(*self.keys, *other.keys), shared=(*self.shared, other))
 
-    @property
-    def unshared(self) -> tuple[Key, ...]:
-        """The keys that no shared table has."""
-        others = {key.name for table in self.shared for key in table.keys}
-        return tuple(key for key in self.keys if key.name not in others)
-
 
 def table(
     name: str, title: str, help: str, /, *shared: Keys, choice="", renamed: Mapping[str, str] = NOTHING, **keys: Key

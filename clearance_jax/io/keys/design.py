@@ -186,8 +186,3 @@ _KINDS = {
 }
 MANUFACTURE_TABLES = family("design.manufacture", "Manufacture", "kind", "how parts come out of manufacture", _KINDS)
 del _KINDS
-DESIGN_TABLES = (
-    *(DESIGN, VARIABLE, GEARS, *COST_TABLES.values(), PAYLOAD, LIMIT),
-    *(*MANUFACTURE_TABLES.values(), VERIFY, TRADEOFF),
-)
-"""Every table of the section, in the order of the reference."""

@@ -185,7 +185,3 @@ STIFFNESS = table(
     summary(InternalHertz) + " Instead of a quantity.",
     **keys_of(InternalHertz),
 )
-PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, IN_A_SLEEVE, CONTACT, PRESS, *BEARINGS.values(), WORN, *ELEMENT_TABLES.values())
-"""What makes play, in the order of the reference."""
-LAW_TABLES = (*NORMAL_TABLES.values(), STIFFNESS, *FRICTION_TABLES.values())
-"""The laws of contact, in that order."""

@@ -1,9 +1,9 @@
 """Every key of a scene file. A new key is a line here (or a field with a help, where a class holds it), and its use."""
 
-from clearance_jax.io.keys.coupling import COUPLING_TABLES, FLANK_KEYS
+from clearance_jax.io.keys.coupling import FLANK_KEYS
 from clearance_jax.io.keys.declare import Keys, family, keys_of, kind, kinds, summary, table
 from clearance_jax.io.keys.kinds import Flag, Names, Sub, Text, Triple, VectorKey, Whole, Word, path, quantity, tables
-from clearance_jax.io.keys.play import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
+from clearance_jax.io.keys.play import BALL, GUIDE, PIN, SHAFT
 from clearance_jax.io.urdf.mechanism import BASES, INERTIAS, MIMICS
 from clearance_jax.mechanism.actuators import ConstantEffort, JointFriction, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring, Stops, Wrench
@@ -250,9 +250,3 @@ ACTUATOR_TABLES = family(
     "the kind of actuator",
     kinds(ACTUATORS, {"servo": {"target": _TARGET}}),
 )
-SCENE_TABLES = (
-    *(SCENE, SOLVE, SOLVING, BODY, *JOINT_TABLES.values(), JOINT, MOTION, *PLAY_TABLES, STOPS, COMPLIANCE),
-    *(*DRIVE_TABLES.values(), SPLINE_FILE, *ACTUATOR_TABLES.values(), *LAW_TABLES),
-    *(SPRING, POINT, WRENCH, *COUPLING_TABLES.values(), CONTROLLER, ROBOT, PAYLOAD),
-)
-"""Every table of a scene, in the order of the reference."""

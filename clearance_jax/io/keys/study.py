@@ -2,11 +2,9 @@
 
 from clearance_jax.calibrate.options import FitOptions
 from clearance_jax.io.keys.declare import family, keys_of, kind, table
-from clearance_jax.io.keys.design import DESIGN_TABLES
 from clearance_jax.io.keys.kinds import Key, Names, Quantities, Sub, Text, Whole, Word, path, quantity, tables
-from clearance_jax.io.keys.metric import METRIC_KINDS, OF, OF_SIGNAL, SIGNALS
+from clearance_jax.io.keys.metric import OF, OF_SIGNAL, SIGNALS
 from clearance_jax.io.keys.scene import SOLVING
-from clearance_jax.io.keys.wear import WEAR_TABLES
 from clearance_jax.parameters import PARAMETER
 from clearance_jax.solve.settings import FIDELITIES, MOST_SAMPLES
 from clearance_jax.sweep.axes import DISTRIBUTIONS, METHODS
@@ -221,8 +219,3 @@ SIGNAL_TABLE = table(
         "the standard deviation of its noise", '"20 um"', OF_SIGNAL, "estimated from the residuals", above=0.0
     ),
 )
-STUDY_TABLES = (
-    *(STUDY, SOLVE, *METRIC_KINDS.values(), SCATTER, SWEEP, AGAIN, *AXIS_TABLES.values(), CORRELATION),
-    *(*DESIGN_TABLES, *WEAR_TABLES, CALIBRATE, PARAMETER_TABLE, SIGNAL_TABLE),
-)
-"""Every table of a study, in the order of the reference."""

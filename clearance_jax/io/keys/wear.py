@@ -127,8 +127,3 @@ UNTIL_TABLES = family(
         ),
     },
 )
-WEAR_TABLES = (
-    *(WEAR, *LAW_TABLES.values(), GRADED, RUNNING_IN),
-    *(*PRESSURE_TABLES.values(), MATERIAL, *UNTIL_TABLES.values()),
-)
-"""Every table of the section, in the order of the reference."""

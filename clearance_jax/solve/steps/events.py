@@ -18,10 +18,11 @@ from jaxtyping import Array, Float
 from clearance_jax._basis.types import Each, EachFlag, Rows
 from clearance_jax._compile.alike import alike, stack_trees
 from clearance_jax._compile.barriers import share
-from clearance_jax._compile.lane_axis import each_lane, least, together
+from clearance_jax._compile.lane_axis import each_lane, entry, first_highest, least, together
 from clearance_jax.dynamics.kinematics import Groups, relative_accelerations, relative_motions
 from clearance_jax.dynamics.relative_motion import turning_rows
 from clearance_jax.joints import PreparedClearance, Relative
+from clearance_jax.joints.contact import ContactPoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.steps.interpolate import between, polynomial, quintic_coefficients, tops
@@ -56,6 +57,10 @@ class StepCurve(NamedTuple):
         s = s.reshape((1,) * (self.pose[0].ndim - s.ndim) + s.shape)
         pose, change = polynomial(self.pose, s)
         return relative_of(*share((pose, change * self.rate)))
+
+    def of_joint(self, joint: Array) -> "StepCurve":
+        """The curve of one of several joints, by its index (by lane)."""
+        return self._replace(pose=tuple(entry(jnp.moveaxis(numbers, 1, 0), joint) for numbers in self.pose))
 
 
 def relative_of(pose: Array, twist: Array) -> Relative:
@@ -148,7 +153,9 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
 
 
 class EventJoints(NamedTuple):
-    """A joint whose events are located, or several alike ones together: then every number has an axis of joints."""
+    """A joint whose events are located, or several alike ones together: then every number has an axis of joints, and
+    one of points.
+    """
 
     clearance: PreparedClearance
     curve: StepCurve
@@ -156,8 +163,28 @@ class EventJoints(NamedTuple):
 
     @property
     def is_several(self) -> bool:
-        """Whether there is an axis of joints, and one of points."""
-        return self.clearance.joint.count > 1
+        return self.curve.pose[0].ndim > 1 + self.curve.h.ndim
+
+    def each(self, function: Callable) -> Callable:
+        """A function of one joint, of each joint and lane."""
+        several = eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if self.is_several else function
+        return each_lane(several, self.curve.h)
+
+    def points(self, s: Each) -> ContactPoint:
+        """The contact points at a fraction of the step (for several joints one each), as the laws see them."""
+        return share(self.each(lambda joint, at: joint.points(at).law_view)(self.clearance, self.curve.at(s)))
+
+    def signs(self, points: ContactPoint, before: ContactPoint) -> Array:
+        """Whether each event function is above zero, as numbers; `before`: the points at the step's start."""
+        functions = self.each(PreparedClearance.event_functions)(self.clearance, points, self.memory, before)
+        return share(jnp.where(jnp.stack(functions) > 0, 1.0, 0.0))
+
+    def differ(self, signs: Array, others: Array) -> EachFlag:
+        """Which joints (for several), or whether the joint, has other signs."""
+        same = jnp.where(signs == others, 1.0, 0.0)
+        # (functions, joints, points, *lanes) for several.
+        same, joints = (jnp.moveaxis(same, 2, 1), same.shape[1:2]) if self.is_several else (same, ())
+        return least(same.reshape(-1, *joints, *self.curve.h.shape)) == 0
 
 
 def first_event(
@@ -180,99 +207,81 @@ def first_event(
 
 def first_of(joints: EventJoints, begin: Each) -> Each:
     """The fraction just past a first change of regime; infinite if there is none."""
-    clearance, curve, memory = joints
-    several, lanes = joints.is_several, begin.shape
-
-    def each_joint(function):
-        return each_lane(eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if several else function, begin)
-
-    points_at = each_joint(lambda joint, at: joint.points(at).law_view)
-    functions_at = each_joint(PreparedClearance.event_functions)
-
-    def points(s):
-        return share(points_at(clearance, curve.at(s)))
-
-    def signs(points, before):
-        return share(jnp.where(jnp.stack(functions_at(clearance, points, memory, before)) > 0, 1.0, 0.0))
-
+    several = joints.is_several
     # The starting regime is read at the first place.
     places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
-    depths, rates, sampled, before = samples(points, signs, places, in_turn=several and bool(lanes))
-
-    def changed(signs):
-        """Which joints have changed (for several), or whether the joint has."""
-        same = jnp.where(signs == sampled[0], 1.0, 0.0)
-        # (functions, joints, points, *lanes) for several.
-        return least(jnp.moveaxis(same, 2, 1).reshape(-1, same.shape[1], *lanes) if several else same) == 0
-
-    def earliest(changes, places):
-        """The first of the places (for several joints one each) where there is a change; infinite without one."""
-        behind = jnp.where(changes, places, jnp.inf)
-        return least(behind.reshape(-1, *lanes)) if behind.ndim > begin.ndim else behind
-
+    depths, rates, sampled, before = samples(joints, places)
+    known = sampled[0]
     every = places[:, None] if several else places
-    high = earliest(jax.vmap(changed)(sampled) & (every > begin), every)
-    grazes = (most_likely_graze if several else graze)(places, depths, rates, curve.h)
+    changed = jax.vmap(joints.differ, (0, None))(sampled, known) & (every > begin)
+    first = least(jnp.where(changed, every, jnp.inf))
+    grazes = likely_grazes(joints, places, depths, rates)
     turns = jnp.isfinite(grazes)
 
-    def beyond(s):
-        return earliest(changed(signs(points(s), before)), s)
-
     def graze_fraction():
-        return earliest(changed(signs(points(jnp.where(turns, grazes, 1.0)), before)) & turns, grazes)
+        there = joints.signs(joints.points(jnp.where(turns, grazes, 1.0)), before)
+        return jnp.where(joints.differ(there, known) & turns, grazes, jnp.inf)
 
-    high = jnp.minimum(high, jax.lax.cond(jnp.any(turns), graze_fraction, lambda: jnp.full(lanes, jnp.inf)))
-    if clearance.remembers:
+    first = jnp.minimum(first, jax.lax.cond(jnp.any(turns), graze_fraction, lambda: jnp.full_like(first, jnp.inf)))
+    if joints.clearance.remembers:
         # The start may lie so little before the touch at which a step was cut, that the place where the regime is read
         # lies behind it: the laws have not been told.
-        touched = each_joint(PreparedClearance.remembered_touch)(clearance, memory)
-        unnoticed = (before.penetration > 0) & ~(touched > 0.5)
-        high = jnp.minimum(high, earliest(unnoticed.reshape(-1, *lanes), begin))
+        touched = joints.each(PreparedClearance.remembered_touch)(joints.clearance, joints.memory)
+        told = jnp.where((before.penetration > 0) & ~(touched > 0.5), 0.0, 1.0)
+        unnoticed = (least(jnp.moveaxis(told, 1, 0)) if several else told) == 0
+        first = jnp.minimum(first, jnp.where(unnoticed, begin, jnp.inf))
+    high = least(first) if several else first
     low = share(-least(-jnp.where(places < high, places, begin[None])))
+
+    def place():
+        if not several:
+            return locate(joints, (before, known), (low, high), begin)
+        until = least(jnp.where(places >= high, places, jnp.inf))
+        start = before, jnp.moveaxis(known, 1, 0)
+        return locate_by_joint(joints, start, (low, jnp.where(first <= until, first, jnp.inf)), begin)
+
     # Most steps cross nothing.
-    return jax.lax.cond(jnp.any(high <= 1), lambda: locate(beyond, (low, high), begin), lambda: high)
+    return jax.lax.cond(jnp.any(high <= 1), place, lambda: high)
 
 
-def samples(points: Callable, signs: Callable, places: Array, in_turn: bool) -> tuple[Array, Array, Array, Any]:
+def samples(joints: EventJoints, places: Array) -> tuple[Array, Array, Array, ContactPoint]:
     """Penetrations, their rates and the signs of the event functions at places (first axis), and the points at the
-    first. `in_turn`: one place after the other, as many points and lanes do not stay in the cache together.
+    first.
     """
-    if not in_turn:
-        now = jax.vmap(points)(places)
+    if not (joints.is_several and joints.curve.h.ndim):
+        now = jax.vmap(joints.points)(places)
         before = jax.tree.map(lambda x: x[0], now)
-        return now.penetration, now.penetration_rate, jax.vmap(signs, (0, None))(now, before), before
+        return now.penetration, now.penetration_rate, jax.vmap(joints.signs, (0, None))(now, before), before
 
+    # One place after the other: as many points and lanes do not stay in the cache together.
     def one(before, given):
         place, is_first = given
-        now = points(place)
+        now = joints.points(place)
         before = jax.tree.map(lambda new, old: jnp.where(is_first, new, old), now, before)
-        return before, (now.penetration, now.penetration_rate, signs(now, before))
+        return before, (now.penetration, now.penetration_rate, joints.signs(now, before))
 
-    none = jax.tree.map(lambda x: jnp.zeros(x.shape), jax.eval_shape(points, places[0]))
+    none = jax.tree.map(lambda x: jnp.zeros(x.shape), jax.eval_shape(joints.points, places[0]))
     before, seen = jax.lax.scan(one, none, (places, jnp.arange(len(places)) == 0))
     return *seen, before
 
 
-def graze(places: Array, depth: Array, rate: Array, h: Each) -> Each:
-    """The place between two samples at which a penetration (of one point at all places, first axis) comes closest to a
-    change of sign, where a graze would begin and end; infinite without an extremum.
+def likely_grazes(joints: EventJoints, places: Array, depth: Array, rate: Array) -> Array:
+    """The place between two samples at which a penetration (places, *joints, *points, *lanes) comes closest to a change
+    of sign, where a graze would begin and end; infinite without an extremum. Of each of several joints that of the
+    likeliest point; earlier grazes of others are located once the step has been cut there.
     """
-    place, height = closest(places, depth, rate, h)
-    return jnp.where(height > -jnp.inf, place, jnp.inf)
-
-
-def most_likely_graze(places: Array, depth: Array, rate: Array, h: Each) -> Array:
-    """`graze` of each of several joints (joints, *lanes), at the point (depths: places, joints, points, *lanes) that
-    comes closest to contact or goes furthest beyond; earlier grazes of others are located once the step has been cut
-    there.
-    """
+    h = joints.curve.h
+    if not joints.is_several:
+        place, height = closest(places, depth, rate, h)
+        return jnp.where(height > -jnp.inf, place, jnp.inf)
     of_points = jax.vmap(closest, (None, 1, 1, None))
     place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, depth, rate, h)
-    best = jnp.argmax(height, axis=0, keepdims=True) if not h.ndim else first_highest(height)
-    if not h.ndim:
-        place, height = (jnp.take_along_axis(x, best, axis=0)[0] for x in (place, height))
+    if h.ndim:
+        best = first_highest(height)
+        place, height = entry(place, best), entry(height, best)
     else:
-        place, height = at(place, best), at(height, best)
+        best = jnp.argmax(height, axis=0, keepdims=True)
+        place, height = (jnp.take_along_axis(x, best, axis=0)[0] for x in (place, height))
     return jnp.where(height > -jnp.inf, place, jnp.inf)
 
 
@@ -283,38 +292,36 @@ def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Ea
     x, height, bend = share(tops(towards * depth, towards * rate * h, widths))
     height = jnp.where(bend < 0, height, -jnp.inf)
     best = first_highest(height)
-    return at(places, best) + at(x * widths, best), at(height, best)
+    return entry(places, best) + entry(x * widths, best), entry(height, best)
 
 
-# With lanes entry by entry, as `least`.
-def first_highest(values: Array) -> Array:
-    """The index of the first largest value along the first axis, by lane."""
-    if values.ndim == 1:
-        return jnp.argmax(values)
-    best, place = values[0], jnp.zeros(values.shape[1:], int)
-    for i, value in enumerate(values[1:], 1):
-        higher = value > best
-        best, place = jnp.where(higher, value, best), jnp.where(higher, i, place)
-    return place
+def locate_by_joint(joints: EventJoints, start: tuple, brackets: tuple, precision: Each) -> Each:
+    """`locate` of several joints, one after the other, as most steps cross events of one. `start` by joint; `brackets`:
+    where they begin, and where each joint has changed, (joints, *lanes); infinite where it has not.
+    """
+    by_joint, (low, ends) = (joints.clearance, joints.memory, *start), brackets
+
+    def next_joint(state):
+        ends, best = state
+        joint = first_highest(-ends)
+        clearance, memory, *begun = jax.tree.map(lambda x: entry(x, joint) if eqx.is_array(x) else x, by_joint)
+        chosen = EventJoints(clearance, joints.curve.of_joint(joint), memory)
+        place = locate(chosen, (begun[0], begun[1]), (low, jnp.minimum(entry(ends, joint), best)), precision)
+        done = jnp.arange(len(ends)).reshape(-1, *[1] * best.ndim) == joint
+        return jnp.where(done, jnp.inf, ends), jnp.minimum(best, place)
+
+    begin = ends, jnp.full_like(precision, jnp.inf)
+    return jax.lax.while_loop(lambda state: jnp.any(state[0] < jnp.inf), next_joint, begin)[1]
 
 
-def at(values: Array, place: Array) -> Each:
-    """The value at an index along the first axis, by lane."""
-    if values.ndim == 1:
-        return values[place]
-    out = values[0]
-    for i, value in enumerate(values[1:], 1):
-        out = jnp.where(place == i, value, out)
-    return out
-
-
-def locate(beyond, bracket: tuple, precision: Each) -> Each:
-    """The fraction just past the first change of regime in a bracket, by bisection.
+def locate(joint: EventJoints, start: tuple[ContactPoint, Array], bracket: tuple[Each, Each], precision: Each) -> Each:
+    """The fraction just past the first change of a joint's regime in a bracket, by bisection. `start`: its points, and
+    the signs of its event functions, where the step begins.
 
     Secants on the event functions are unsafe: just before a pin leaves, a clipped force may act once more for a
     microsecond, and the functions at the bracket's ends do not show it.
     """
-    low, high = bracket
+    (before, known), (low, high) = start, bracket
 
     def halve(bracket):
         # The width halves in every case, and one selection moves the bracket. With two selections a compiler may
@@ -322,8 +329,8 @@ def locate(beyond, bracket: tuple, precision: Each) -> Each:
         low, width = bracket
         # A lane is halved as often as it would be alone.
         going, half = width > precision, 0.5 * width
-        moved = low + jnp.where(going & (beyond(low + half) == jnp.inf), half, 0.0)
-        return moved, jnp.where(going, half, width)
+        has_changed = joint.differ(joint.signs(joint.points(low + half), before), known)
+        return low + jnp.where(going & ~has_changed, half, 0.0), jnp.where(going, half, width)
 
     # A lane without an event (an infinite end) takes part without effect.
     width = jnp.where(high <= 1, high - low, 0.0)
