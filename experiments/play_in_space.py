@@ -10,16 +10,20 @@ by its number of points. *Contact alone* leaves out the equations of motion.
 *Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, 40 mm long, 8 stations,
 steel on bronze, no friction) in one axis, in three or in all six, without axial play and with it (100 um, 8 points of
 the faces). *Form* is the form of the equations of motion: one operation for each number, or loops over a table.
-*Program* is the processor time [s] of tracing and compiling without a cache. *Solve* is the shortest of later
-calls. MuJoCo steps the ideal arm, falling freely; `PINOCCHIO_PYTHON` names an interpreter that has `mujoco`
-(`python -m venv there; there/bin/pip install mujoco`).
+*Program* is the processor time [s] of tracing and compiling without a cache. *Cold* and *kept* are the first call of
+hardly any steps, in wall seconds: without a cache, and with the kept program of an earlier process. *Solve* is the
+shortest of later calls. The methods are those that "auto" chooses (dopri8 here) and, for the cost of a try alone,
+tsit5. The arm of seven axes is made up (links of 0.1 to 0.2 m, 17.5 kg, every axis turns to and fro); its base of 20 kg
+is fixed, or floats without gravity. The Delta robot has play in all twelve balls of its rods (50 um; five of them close
+loops). robot_arm.toml ends at 0.25 s. MuJoCo steps the ideal arm of six axes, falling freely; `PINOCCHIO_PYTHON` names
+an interpreter that has `mujoco` (`python -m venv there; there/bin/pip install mujoco`).
 
 *Chains*: sleeves without axial play one behind the other, each on an axis that turns to and fro, and plane chains of
 pins with play, each link free to turn; from the start at rest to the first milliseconds. *A try* is an attempt at a
 step; its time leaves out that of a call with hardly any steps, and is not told of a few hundred tries or less.
 
 *Lanes*: the same arms without axial play, as a batch (each motion is a lane) with radial clearances from half to one
-and a half times 50 um, and one of them alone for comparison. All lanes of a batch run until the slowest one ends.
+and a half times 50 um, and one of them alone for comparison. Chunks of 64 lanes each run until the slowest one ends.
 
 *To zero*: the largest distance of the arm's end from that of the ideal arm in the first 20 ms. All clearances are
 multiplied by a factor f. The moduli are 100 f^-1.5 times those of steel and bronze, so that contact deformations shrink
@@ -36,6 +40,7 @@ import itertools
 import json
 import os
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -54,6 +59,7 @@ from clearance_jax.dynamics.field import rate
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.mechanism.state import initial_values, layout
+from clearance_jax.solve.flow import compiled_solve
 from experiments.common import SCENES, joint5, output, seconds, table
 from experiments.forward_dynamics import compiled_anew
 from experiments.hlo import busiest_loop
@@ -66,6 +72,7 @@ SLEEVE = BARREL | {"axial_clearance": 1e-4}
 AXES = ("5", "235", "123456")
 CHAINS, PINS = (5, 10, 20, 40), (6, 12, 24)
 BATCH, BATCH_END = 256, 0.005
+ROBOT_ARM = "robot_arm.toml"
 RTOL, BEGUN = 1e-6, 1e-7
 # Tries from which on their time can be told from that of a call.
 TIMED = 1000
@@ -192,12 +199,14 @@ def fields() -> None:
 
 
 class Solved(NamedTuple):
-    """A solve; seconds of a processor for its program, seconds of a later call, and microseconds of a try (the time
-    beyond that of a call of hardly any steps, over the tries).
+    """A solve; seconds of a processor for its program, seconds of a first call, cold and with the program kept, seconds
+    of a later call, and microseconds of a try (the time beyond that of a call of hardly any steps, over the tries).
     """
 
     solution: cj.Solution
     program: float
+    cold: float
+    kept: float
     seconds: float
     a_try: float
 
@@ -206,25 +215,34 @@ def tries_of(solution: cj.Solution) -> int:
     return int(solution.steps) + int(solution.rejected)
 
 
-def solved(mechanism: cj.Mechanism, end: float) -> Solved:
+def solved(mechanism: cj.Mechanism, end: float, solver: str = "auto") -> Solved:
     def solve(end):
-        return jax.block_until_ready(cj.simulate(mechanism, end, rtol=RTOL, max_steps=10_000_000))
+        solution = cj.simulate(mechanism, end, rtol=RTOL, solver=solver, max_steps=10_000_000)
+        return jax.block_until_ready(solution)
+
+    def first():
+        jax.clear_caches()
+        for known in (compiled_solve._programs, compiled_solve._calls):
+            known.clear()
+        clocks = time.process_time(), time.perf_counter()
+        solution = solve(BEGUN)  # a step or two: where it ends is no part of the program
+        return solution, time.process_time() - clocks[0], time.perf_counter() - clocks[1]
 
     settings: Any = jax.config
     cached = settings.jax_enable_compilation_cache
     settings.update("jax_enable_compilation_cache", False)
     compilation_cache.reset_cache()
-    jax.clear_caches()
-    keep_in(None)  # a program that is kept is not compiled
-    first = time.process_time()
-    few = tries_of(solve(BEGUN))  # a step or two: where it ends is no part of the program
-    first = time.process_time() - first
+    with tempfile.TemporaryDirectory() as folder:
+        keep_in(Path(folder))
+        started, program, cold = first()
+        _, _, kept = first()
+        keep_in(None)
     settings.update("jax_enable_compilation_cache", cached)
     compilation_cache.reset_cache()
-    fixed = seconds(lambda: solve(BEGUN), 3)
+    few, fixed = tries_of(started), seconds(lambda: solve(BEGUN), 3)
     solution = solve(end)
     clock = seconds(lambda: solve(end), 3)
-    return Solved(solution, first, clock, 1e6 * (clock - fixed) / (tries_of(solution) - few))
+    return Solved(solution, program, cold, kept, clock, 1e6 * (clock - fixed) / (tries_of(solution) - few))
 
 
 def points(mechanism: cj.Mechanism) -> int:
@@ -237,31 +255,70 @@ def form(mechanism: cj.Mechanism) -> str:
     return "table" if mechanism.form.is_table else "written out"
 
 
+def seven_axes(floats: bool) -> cj.Mechanism:
+    """An arm of seven axes that turn to and fro, each in a sleeve with axial play, on a base that is held or not."""
+    masses, lengths = (4.0, 4.0, 3.0, 2.7, 1.7, 1.8, 0.3), (0.16, 0.2, 0.2, 0.2, 0.2, 0.1, 0.1)
+    bodies = [cj.Body("base", 20.0, cj.Inertia(0.5, 0.5, 0.5))]
+    joints: list[Any] = [(cj.Free if floats else cj.Fixed)("foot", "ground", "base")]
+    for i, (mass, length) in enumerate(zip(masses, lengths, strict=True)):
+        inertia, centre = cj.Inertia(5e-3 * mass, 5e-3 * mass, 2e-3 * mass), cj.Position(0.02, 0.0, length / 2)
+        motion = cj.Motion(cj.drives.Harmonic(0.2, 3.0 + i))
+        place = cj.Position(z=lengths[i - 1] if i else 0.0)
+        joints.append(cj.Revolute(f"j{i}", bodies[-1].name, f"b{i}", place, axis="zy"[i % 2], motion=motion))
+        bodies.append(cj.Body(f"b{i}", mass, inertia, centre))
+    mechanism = cj.Mechanism(tuple(bodies), tuple(joints), gravity=cj.Gravity(z=0.0 if floats else -9.81))
+    for i in range(len(masses)):
+        mechanism = mechanism.with_clearance(f"j{i}", **SLEEVE)
+    return mechanism
+
+
+def delta() -> cj.Mechanism:
+    """A Delta robot with play in the balls at both ends of its six rods; five of them close loops."""
+    base, arm, rod, foot, half, tilt = 0.2, 0.3, 0.6, 0.05, 0.06, np.deg2rad(20.0)
+    ball = cj.SphericalClearance(5e-5, 0.008, cj.laws.HuntCrossley(1e9, 0.5))
+    bodies, joints, wrist, loops = [cj.Body("platform", 0.5, cj.Inertia(1e-3, 1e-3, 2e-3))], [], [], []
+    for i in range(3):
+        yaw = 2 * np.pi * i / 3
+        outward, sideways = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        bodies.append(cj.Body(f"arm{i}", 1.0, cj.Inertia(1e-3, 8e-3, 8e-3), cj.Position(arm / 2)))
+        motion, turned = cj.Motion(cj.drives.Harmonic(0.2, 8.0 + i)), cj.Orientation(yaw=yaw)
+        place = cj.Position(*(base * outward))
+        joints.append(cj.Revolute(f"motor{i}", "ground", f"arm{i}", place, orientation=turned, axis="y", motion=motion))
+        for k, side in enumerate((half, -half)):
+            name, above, below = f"rod{i}{k}", cj.Ball(cj.Orientation(pitch=tilt)), cj.Ball(cj.Orientation(pitch=-tilt))
+            bodies.append(cj.Body(name, 0.1, cj.Inertia(3e-3, 3e-3, 1e-5), cj.Position(z=-rod / 2)))
+            elbow = cj.Position(arm, side)
+            joints.append(cj.Spherical(f"elbow{i}{k}", f"arm{i}", name, elbow, motion=above, clearance=ball))
+            ends = cj.Position(z=-rod), cj.Position(*(foot * outward + side * sideways))
+            closing = loops if wrist else wrist
+            closing.append(cj.Spherical(f"wrist{i}{k}", name, "platform", *ends, motion=below, clearance=ball))
+    # A loop's balls have no motion of their own.
+    loops = [dataclasses.replace(closing, motion=cj.Ball()) for closing in loops]
+    return cj.Mechanism(tuple(bodies), (*joints, *wrist), tuple(loops), gravity=cj.Gravity(z=-9.81))
+
+
 def arms(end: float) -> None:
     rows, with_one = [], 0.0
     cases = [("tool changer", tool_changer())]
     for axes in AXES:
         cases += [(f"arm, {sleeves(axes)}", arm(axes, BARREL)), (f"arm, {sleeves(axes)}, axial", arm(axes))]
+    cases += [(ROBOT_ARM, cj.load(SCENES / ROBOT_ARM))]
+    cases += [("seven sleeves, axial", seven_axes(False)), ("seven sleeves, axial, floating", seven_axes(True))]
+    cases += [("Delta, twelve balls", delta())]
     for name, mechanism in cases:
-        solution, program, again, a_try = solved(mechanism, end)
+        last = 0.25 if name == ROBOT_ARM else end
+        solution, program, cold, kept, again, a_try = solved(mechanism, last)
         free = len(mechanism.free_coordinates()), points(mechanism), form(mechanism)
         steps = int(solution.steps), int(solution.rejected), int(solution.cuts)
-        residual = f"{float(solution.energy_residual):.1e}"
-        rows.append((name, *free, f"{program:.0f}", f"{again:.2f}", *steps, f"{a_try:.0f}", residual))
+        residual, by_tsit5 = f"{float(solution.energy_residual):.1e}", solved(mechanism, last, "tsit5")
+        tries = f"{a_try:.0f}", f"{by_tsit5.a_try:.0f}"
+        first = f"{program:.0f}", f"{by_tsit5.program:.0f}", f"{cold:.1f}", f"{kept:.2f}"
+        rows.append((name, *free, *first, f"{again:.2f}", *steps, *tries, residual))
         print(rows[-1], flush=True)
         with_one = again if name == "arm, 1 sleeve" else with_one
-    head = (
-        "scene",
-        "free coordinates",
-        "points",
-        "form",
-        "program [CPU s]",
-        "solve [s]",
-        "steps",
-        "rejected",
-        "for a cut",
-    )
-    table((*head, "us a try", "residual"), rows, output("play_in_space_arms.md"))
+    head = ("scene", "free coordinates", "points", "form", "program [CPU s]", "by tsit5", "cold [s]", "kept [s]")
+    head = (*head, "solve [s]", "steps", "rejected", "for a cut", "us a try", "by tsit5", "residual")
+    table(head, rows, output("play_in_space_arms.md"))
     say(f"Span {end} s, rtol {RTOL}, with energy balance.")
     interpreter = os.environ.get("PINOCCHIO_PYTHON")
     if not interpreter:
@@ -309,7 +366,7 @@ def chains(end: float, fall: float) -> None:
     cases = [(f"{count} sleeves", chain(count), end) for count in CHAINS]
     cases += [(f"{count} pins", pins(count), fall) for count in PINS]
     for name, mechanism, last in cases:
-        solution, program, again, a_try = solved(mechanism, last)
+        solution, program, _, _, again, a_try = solved(mechanism, last)
         per_try = f"{a_try:.0f}" if tries_of(solution) > TIMED else ""
         size = len(mechanism.free_coordinates()), points(mechanism), form(mechanism)
         rows.append((name, *size, f"{program:.0f}", f"{again:.2f}", tries_of(solution), per_try))
