@@ -14,6 +14,7 @@ import pickle
 import re
 import threading
 import warnings
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,9 @@ from clearance_jax._compile.structure import Reader, Untold, hash_texts
 
 # Largest number of calls that are recognised without reading their arguments again.
 _MOST = 1024
-_making = threading.RLock()
+# One thread reads what a program depends on; each program is made by one, several side by side.
+_reading = threading.RLock()
+_making: defaultdict[str, threading.RLock] = defaultdict(threading.RLock)
 # A function outside of the program that it calls.
 _CALL = re.compile(r'custom_call_target="([^"]*)"')
 
@@ -85,11 +88,10 @@ class kept_jit:
         except TypeError:  # what has no hash, and so is no argument of a program
             return self.plain(*arguments)
         if known is None:
-            with _making:
-                known = self._program(arguments, leaves, tree)
-                if len(self._calls) >= _MOST:
-                    self._calls.clear()
-                self._calls[call] = known
+            known = self._program(arguments, leaves, tree)
+            if len(self._calls) >= _MOST:
+                self._calls.clear()
+            self._calls[call] = known
         program, out = known
         if program is None:
             return self.plain(*arguments)
@@ -98,14 +100,17 @@ class kept_jit:
     def _program(self, arguments: tuple, leaves: list, tree: Any) -> tuple[Any, Any]:
         """The program of a call, and the structure of its answer; `None`: use `jit`."""
         try:
-            key = self._key(leaves, tree)
+            with _reading:
+                key = self._key(leaves, tree)
+                making = _making[key]
         except (Untold, RecursionError):
             return None, None
         if files.unsafe(RUNTIME.folder):
             return None, None
-        if key not in self._programs:
-            self._programs[key] = _read(key) or self._compile(key, arguments)
-        return self._programs[key]
+        with making:
+            if key not in self._programs:
+                self._programs[key] = _read(key) or self._compile(key, arguments)
+            return self._programs[key]
 
     def _key(self, leaves: list, tree: Any) -> str:
         reader = Reader(strict=True)

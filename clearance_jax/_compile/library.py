@@ -59,7 +59,7 @@ def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
 
 def _named(module: types.ModuleType) -> Iterator[tuple[str, Any]]:
     """What a module has by name: not Python's own entries, nor submodules, which appear when imported."""
-    for key, value in vars(module).items():
+    for key, value in list(vars(module).items()):  # another thread may import something meanwhile
         if not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__")):
             yield key, value
 

@@ -9,7 +9,6 @@
 import contextlib
 import functools
 import importlib
-from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -43,15 +42,19 @@ def find_lapack() -> None:
     lapack._lapack.initialize()
 
 
-@contextlib.contextmanager
-def jax_cache_off() -> Iterator[None]:
-    """A context without JAX's own cache. JAX checks only once whether the cache is used: it must check again."""
-    compilation_cache.reset_cache()
-    try:
-        with jax_config.enable_compilation_cache(False):
-            yield
-    finally:
-        compilation_cache.reset_cache()
+def jax_cache_off() -> contextlib.AbstractContextManager:
+    """A context without JAX's own cache, in this thread alone. JAX looks at the switch of the first thread that
+    compiles; from now on at that of each.
+    """
+    compilation_cache.is_cache_used = _is_cache_used
+    return jax_config.enable_compilation_cache(False)
+
+
+def _is_cache_used(backend: Any) -> bool:
+    return jax_config.enable_compilation_cache.value and _used_at_all(backend)
+
+
+_used_at_all = compilation_cache.is_cache_used
 
 
 class WholeEntries(_caches.LRUCache):

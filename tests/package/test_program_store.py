@@ -10,6 +10,7 @@ import sys
 import textwrap
 import threading
 import types
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
@@ -18,12 +19,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from equinox import _config as equinox_config
+from jax.extend.backend import get_backend
 from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax._compile import files, kept, library
 from clearance_jax._compile.kept import keep_in, kept_jit
-from clearance_jax._compile.private import WholeEntries
+from clearance_jax._compile.private import WholeEntries, compilation_cache, jax_cache_off
 from clearance_jax._compile.runtime import RUNTIME
 from clearance_jax._compile.structure import Reader, Untold
 from clearance_jax.cli.main import app
@@ -592,6 +594,33 @@ def test_a_simulation_and_its_derivative_are_kept(folder, monkeypatch):
     assert eqx.tree_equal(kept, again)
     keep_in(None)
     assert eqx.tree_equal(kept, asked())
+
+
+def test_two_programs_are_made_side_by_side_and_each_once(folder, monkeypatch):
+    """Each is traced while the other is: one lock for both would end the meeting."""
+    meeting, x = threading.Barrier(2, timeout=60), jnp.asarray([3.0, 2.0])
+
+    class Traced(list):
+        def append(self, power):
+            super().append(power)
+            meeting.wait()
+
+    monkeypatch.setattr(sys.modules[__name__], "TRACED", Traced())
+    program = kept_jit(summed)
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(lambda power: float(program(x, power)["y"]), (2, 3, 2, 3))) == [13.0, 35.0, 13.0, 35.0]
+    assert sorted(TRACED) == [2, 3]
+    assert [float(kept_jit(summed)(x, power)["y"]) for power in (2, 3)] == [13.0, 35.0]
+    assert sorted(TRACED) == [2, 3]
+
+
+def test_jaxs_cache_is_off_in_one_thread_alone():
+    backend = get_backend()
+    with ThreadPoolExecutor(1) as pool:
+        with jax_cache_off():
+            assert not compilation_cache.is_cache_used(backend)
+            assert pool.submit(compilation_cache.is_cache_used, backend).result()
+        assert compilation_cache.is_cache_used(backend)
 
 
 def test_within_a_program_or_mapped_calls_are_traced(folder):

@@ -153,9 +153,7 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
 
 
 class EventJoints(NamedTuple):
-    """A joint whose events are located, or several alike ones together: then every number has an axis of joints, and
-    one of points.
-    """
+    """A joint whose events are located, or several alike ones together: numbers have axes of joints and points then."""
 
     clearance: PreparedClearance
     curve: StepCurve
@@ -245,9 +243,7 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
 
 
 def samples(joints: EventJoints, places: Array) -> tuple[Array, Array, Array, ContactPoint]:
-    """Penetrations, their rates and the signs of the event functions at places (first axis), and the points at the
-    first.
-    """
+    """Penetrations, their rates and signs of the event functions at places (first axis); the points at the first."""
     if not (joints.is_several and joints.curve.h.ndim):
         now = jax.vmap(joints.points)(places)
         before = jax.tree.map(lambda x: x[0], now)
