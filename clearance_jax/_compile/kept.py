@@ -14,7 +14,6 @@ import pickle
 import re
 import threading
 import warnings
-from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,9 +33,8 @@ from clearance_jax._compile.structure import Reader, Untold, hash_texts
 
 # Largest number of calls that are recognised without reading their arguments again.
 _MOST = 1024
-# One thread reads what a program depends on; each program is made by one, several side by side.
-_reading = threading.RLock()
-_making: defaultdict[str, threading.RLock] = defaultdict(threading.RLock)
+# By key: a program is made by one thread, several programs side by side.
+_making: dict[str, Any] = {}
 # A function outside of the program that it calls.
 _CALL = re.compile(r'custom_call_target="([^"]*)"')
 
@@ -100,14 +98,12 @@ class kept_jit:
     def _program(self, arguments: tuple, leaves: list, tree: Any) -> tuple[Any, Any]:
         """The program of a call, and the structure of its answer; `None`: use `jit`."""
         try:
-            with _reading:
-                key = self._key(leaves, tree)
-                making = _making[key]
+            key = self._key(leaves, tree)
         except (Untold, RecursionError):
             return None, None
         if files.unsafe(RUNTIME.folder):
             return None, None
-        with making:
+        with _making.setdefault(key, threading.RLock()):
             if key not in self._programs:
                 self._programs[key] = _read(key) or self._compile(key, arguments)
             return self._programs[key]

@@ -9,6 +9,7 @@ import functools
 import hashlib
 import platform
 import sys
+import threading
 import types
 from collections.abc import Iterable, Iterator
 from importlib.metadata import PackageNotFoundError, version
@@ -27,6 +28,7 @@ _HEAD = PACKAGE.name + "."
 # The state of these changes in a process, and no program depends on it.
 _STATEFUL = "kept", "library", "runtime", "files", "structure", "code", "private"
 _ASIDE = {f"{_HEAD}_compile.{name}" for name in _STATEFUL} | {f"{_HEAD}configure"}
+_reading = threading.Lock()
 
 
 def library_text(modules: Iterable[str]) -> str:
@@ -40,7 +42,8 @@ def library_text(modules: Iterable[str]) -> str:
         module = sys.modules.get(name)
         if name in texts or not name.startswith(_HEAD) or name in _ASIDE or module is None:
             continue
-        texts[name], more = _module_text(name, module)
+        with _reading:  # one thread at a time
+            texts[name], more = _module_text(name, module)
         waiting |= more
     return hash_texts(*(part for pair in sorted(texts.items()) for part in pair))
 
@@ -59,7 +62,7 @@ def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
 
 def _named(module: types.ModuleType) -> Iterator[tuple[str, Any]]:
     """What a module has by name: not Python's own entries, nor submodules, which appear when imported."""
-    for key, value in list(vars(module).items()):  # another thread may import something meanwhile
+    for key, value in list(vars(module).items()):  # copied: another thread may add something
         if not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__")):
             yield key, value
 
@@ -74,7 +77,7 @@ def _contents(module: types.ModuleType) -> Iterator[Any]:
         elif isinstance(value, list | tuple | set | frozenset):
             yield from value
         elif isinstance(value, type) and value.__module__ == module.__name__:
-            for name, member in vars(value).items():
+            for name, member in list(vars(value).items()):
                 if name not in MADE:
                     yield member
                     yield from _replaceable(member)

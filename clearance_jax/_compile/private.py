@@ -43,10 +43,12 @@ def find_lapack() -> None:
 
 
 def jax_cache_off() -> contextlib.AbstractContextManager:
-    """A context without JAX's own cache, in this thread alone. JAX looks at the switch of the first thread that
-    compiles; from now on at that of each.
+    """A context without JAX's own cache, in this thread alone. JAX heeds the switch of the first thread that compiles;
+    from the first such context on that of each.
     """
-    compilation_cache.is_cache_used = _is_cache_used
+    if compilation_cache.is_cache_used is not _is_cache_used:
+        compilation_cache.is_cache_used = _is_cache_used
+        compilation_cache.reset_cache()  # what it has seen of the first
     return jax_config.enable_compilation_cache(False)
 
 

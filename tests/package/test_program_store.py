@@ -19,13 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from equinox import _config as equinox_config
-from jax.extend.backend import get_backend
 from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax._compile import files, kept, library
 from clearance_jax._compile.kept import keep_in, kept_jit
-from clearance_jax._compile.private import WholeEntries, compilation_cache, jax_cache_off
+from clearance_jax._compile.private import WholeEntries
 from clearance_jax._compile.runtime import RUNTIME
 from clearance_jax._compile.structure import Reader, Untold
 from clearance_jax.cli.main import app
@@ -614,13 +613,47 @@ def test_two_programs_are_made_side_by_side_and_each_once(folder, monkeypatch):
     assert sorted(TRACED) == [2, 3]
 
 
-def test_jaxs_cache_is_off_in_one_thread_alone():
-    backend = get_backend()
-    with ThreadPoolExecutor(1) as pool:
-        with jax_cache_off():
-            assert not compilation_cache.is_cache_used(backend)
-            assert pool.submit(compilation_cache.is_cache_used, backend).result()
-        assert compilation_cache.is_cache_used(backend)
+# Programs that are kept, and others beside them in a second thread, in a process whose JAX has a cache.
+BESIDE = """
+import sys
+import threading
+import clearance_jax as cj
+cj.configure(cache=sys.argv[1])
+import jax, jax.numpy as jnp
+from clearance_jax._compile.kept import kept_jit
+
+def function(x, power):
+    return jnp.sin(x) ** power
+
+def usual(x):
+    return jnp.cos(x) ** 3
+
+program, meeting = kept_jit(function), threading.Barrier(2)
+
+def keep():
+    for power in range(20):
+        meeting.wait()
+        program(jnp.arange(3.0), power)
+
+thread = threading.Thread(target=keep)
+thread.start()
+for power in range(20):
+    meeting.wait()
+    jax.jit(lambda x, power=power: usual(x) + power).lower(jnp.arange(3.0)).compile()
+thread.join()
+"""
+
+
+@pytest.mark.slow
+def test_only_kept_programs_pass_by_jaxs_cache(tmp_path):
+    """A kept program that came from JAX's cache would lack functions; the others, made meanwhile, are to be there."""
+    env = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    env |= {"CLEARANCE_KEPT": "1"}
+    subprocess.run([sys.executable, "-c", BESIDE, str(tmp_path)], check=True, env=env)
+    assert len(list((tmp_path / "programs").glob("*.program"))) == 20
+    names = [path.name for path in tmp_path.glob("*-cache")]
+    assert sum("lambda" in name for name in names) == 20
+    assert not [name for name in names if name.startswith("jit_flat")]
 
 
 def test_within_a_program_or_mapped_calls_are_traced(folder):
