@@ -7,6 +7,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from clearance_jax._compile.barriers import is_sharing, share
+
+# From so many on small alike things are mapped too, of one motion: half the program. Of lanes they are faster apart.
+MANY = 6
+
 
 def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
     """`function(*arguments)` for each of several arguments. Alike ones are mapped, so that the function stands in the
@@ -22,6 +27,16 @@ def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
         for k, i in enumerate(members):
             out[i] = jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, stacked)
     return out
+
+
+def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
+    """`function(joint, ...)` for each of `several` prepared joints and their arguments. Alike ones with several points,
+    or many, are stacked: one copy in the program. Others are small, and one more axis would slow a batch.
+    """
+    large = [args[0].joint.count > 1 for args in several]
+    beside = [i for kind in alike(several) for i in kind if large[i] or (len(kind) >= MANY and not is_sharing())]
+    stacked = dict(zip(beside, side_by_side(function, [several[i] for i in beside]), strict=True))
+    return [stacked[i] if i in stacked else share(function(*args)) for i, args in enumerate(several)]
 
 
 def results_together(function: Callable, several: Sequence[tuple]) -> Any:

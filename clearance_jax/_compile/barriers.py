@@ -33,6 +33,11 @@ def sharing() -> Iterator[None]:
         _sharing.reset(token)
 
 
+def is_sharing() -> bool:
+    """Whether a program over many lanes is traced."""
+    return _sharing.get()
+
+
 def share(tree: Any) -> Any:
     """The same numbers and flags; a compiled program over lanes computes them once."""
     return jax.tree.map(_once, tree) if _sharing.get() else tree

@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from clearance_jax._basis.symmetric import AbstractConstraint, AbstractFactors
 from clearance_jax._basis.types import Scalar
-from clearance_jax._compile.alike import numbers_of
+from clearance_jax._compile.alike import each_joint, numbers_of
 from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.applied import applied_pairs, exert, exert_on_driven
 from clearance_jax.dynamics.conditions import Condition, closing_pairs, closure_conditions, conditions, constraint
@@ -18,7 +18,6 @@ from clearance_jax.dynamics.gaps import gap_actions, gap_efforts, teeth_pairs
 from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance
-from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, minus, plus, times

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Flag, Rows, Scalar
+from clearance_jax._compile.alike import each_joint
 from clearance_jax._compile.solo import whole
 from clearance_jax.dynamics.applied import exert_each, integral_rates, load_powers
 from clearance_jax.dynamics.equations import Balance, balance
@@ -21,7 +22,6 @@ from clearance_jax.dynamics.forms.frames import Frames, rotors
 from clearance_jax.dynamics.gaps import terms_of
 from clearance_jax.dynamics.kinematics import frames, relative_motions, spring_state
 from clearance_jax.joints import PreparedClearance
-from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.couplings import Coupling
 from clearance_jax.mechanism.followers import relations_of

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._basis.types import Rows, Scalar
+from clearance_jax._compile.alike import each_joint
 from clearance_jax._compile.barriers import share
 from clearance_jax.dynamics.forms.frames import Frames, Pair
 from clearance_jax.dynamics.relative_motion import RelativeMotion, coordinate_values
 from clearance_jax.joints import Action, PreparedClearance, Relative
-from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.actuators import Wave
 from clearance_jax.mechanism.gaps import CoordinateGap
 from clearance_jax.mechanism.prepared import PreparedMechanism

@@ -10,7 +10,7 @@ laws' constants: `PreparedClearance`.
 
 import abc
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -22,8 +22,7 @@ from clearance_jax._basis.module import Module
 from clearance_jax._basis.numerics import safe_unit
 from clearance_jax._basis.roots import newton_in_logarithms
 from clearance_jax._basis.types import Flag, Scalar
-from clearance_jax._compile.alike import side_by_side
-from clearance_jax._compile.barriers import share, with_barriers
+from clearance_jax._compile.barriers import with_barriers
 from clearance_jax.joints.contact import Action, ContactPoint, JointOutline, PlayCoordinate, PointAction, Relative
 from clearance_jax.joints.elements import AbstractElement, Offset
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
@@ -330,14 +329,6 @@ class PreparedClearance(Module):
         """The memory of the normal law, of the friction law, and whether the point touched."""
         n = len(self.normal.law.remembers)
         return memory[:n], memory[n:-1], memory[-1:]
-
-
-def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
-    """`function(joint, ...)` for each of `several` prepared joints and their arguments. Alike joints with several
-    points are stacked: one copy in the program. Others are small, and one more axis would slow a batch.
-    """
-    beside = iter(side_by_side(function, [args for args in several if args[0].joint.count > 1]))
-    return [next(beside) if args[0].joint.count > 1 else share(function(*args)) for args in several]
 
 
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:

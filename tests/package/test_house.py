@@ -20,7 +20,7 @@ MATCHED = 120
 
 # The size of the house. The aims are 48 000 lines, modules of 350 and functions of 60 at most. What makes a number
 # larger says why in its commit.
-FILES, ROOT_MODULES, LINES = 329, 8, 55_285
+FILES, ROOT_MODULES, LINES = 329, 8, 55_301
 IN_A_FOLDER, LONG_MODULE, LONG_FUNCTION = 20, 350, 60
 
 

@@ -234,33 +234,74 @@ def test_first_switch_of_a_known_motion():
     assert float(first(straight((0.0, 0.0), (0.9e-3, 0.0)))) == np.inf
 
 
-def test_the_first_of_several_joints_is_found_alone_and_by_lane():
-    """Sleeves of several sizes whose pins go off at once, straight or out and back, by hand: within one quarter of the
-    step another joint is the first in every lane.
-    """
-    sizes, begin = np.array([1e-3, 2e-3, 0.5e-3]), 1e-8
-    joints = stack_trees([cj.SleeveClearance(c, 0.01, 0.04, laws.Hertz(1e9)).prepare() for c in sizes])
-    # When each touches, by lane (infinite: not at all); in the last lane the second joint grazes.
-    touches = np.array([[0.6, 0.63, 0.7], [0.7, 0.6, 0.63], [0.63, 0.7, 0.6], [np.inf] * 3, [0.7, np.inf, np.inf]])
-    poses = np.zeros((6, 12, *touches.T.shape))
-    poses[0, [3, 7, 11]] = 1.0
-    poses[1, 0] = sizes[:, None] / touches.T
-    top, k = 0.55, 6e-3
-    poses[:3, 0, 1, -1] = 2e-3 * (1 + 1e-5) - k * top**2, 2 * k * top, -k
-    enters = top - np.sqrt(2e-8 / k)
-    expected = np.array([0.6, 0.6, 0.6, np.inf, enters])
+def first_by_lane(sizes, joint, poses, begin):
+    """The first change of joints of these sizes along poses (powers, numbers, joints, lanes), alone and as lanes."""
+    joints, lanes = stack_trees([joint(size).prepare() for size in sizes]), poses.shape[-1]
 
     def first(poses, h):
         return first_of(EventJoints(joints, StepCurve.of(list(poses), h), ()), jnp.full(h.shape, begin))
 
-    lanes = EventJoints(jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, 5)), joints), *[None] * 2)
-    curve = StepCurve.of(list(jnp.asarray(poses)), jnp.full(5, 1e-3))
+    of_lanes = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)), joints)
+    curve = StepCurve.of(list(jnp.asarray(poses)), jnp.full(lanes, 1e-3))
     with jax.numpy_rank_promotion("allow"):
-        together = jax.jit(first_of)(lanes._replace(curve=curve, memory=()), jnp.full(5, begin))
-    alone = [jax.jit(first)(jnp.asarray(poses[..., i]), jnp.asarray(1e-3)) for i in range(5)]
-    np.testing.assert_array_equal(together, alone)
-    np.testing.assert_allclose(together[:4], expected[:4], rtol=0, atol=2 * begin)
-    assert enters <= float(together[4]) <= top + 1e-6
+        together = jax.jit(first_of)(EventJoints(of_lanes, curve, ()), jnp.full(lanes, begin))
+    alone = jax.jit(first)
+    return np.array([alone(jnp.asarray(poses[..., i]), jnp.asarray(1e-3)) for i in range(lanes)]), np.array(together)
+
+
+def a_sleeve(size):
+    return cj.SleeveClearance(size, 0.01, 0.04, laws.Hertz(1e9))
+
+
+def a_pin(size):
+    return cj.RevoluteClearance(size, 0.01, laws.Hertz(1e9))
+
+
+@pytest.mark.parametrize("joint", [a_sleeve, a_pin])
+def test_the_first_of_several_joints_is_found_alone_and_by_lane(joint):
+    """Pins that go off at once as powers of time, by hand: in each lane others touch, in another order, or none. A lane
+    is as it is alone, to the bit, however many joints touch in the others.
+    """
+    sizes, begin, rng = np.array([1e-3, 2e-3, 0.5e-3]), 1e-8, np.random.default_rng(3)
+    touches, powers = rng.uniform(0.05, 1.3, (3, 60)), rng.integers(1, 4, (3, 60))
+    touches[:, :3], touches[:, 3] = [[0.6, 0.7, 0.63], [0.63, 0.6, 0.7], [0.7, 0.63, 0.6]], np.inf
+    touches[1:, 4], touches[:2, 5] = np.inf, np.inf
+    poses = np.zeros((6, 12 if joint is a_sleeve else 3, 3, 60))
+    if joint is a_sleeve:
+        poses[0, [3, 7, 11]] = 1.0
+    for power in (1, 2, 3):
+        poses[power, 0] = np.where(powers == power, sizes[:, None] / touches**power, 0.0)
+    expected = touches.min(axis=0)
+    expected[expected > 1] = np.inf
+    alone, lanes = first_by_lane(sizes, joint, poses, begin)
+    np.testing.assert_array_equal(lanes, alone)
+    np.testing.assert_array_equal(np.isfinite(alone), np.isfinite(expected))
+    off = alone[np.isfinite(expected)] - expected[np.isfinite(expected)]
+    assert off.min() > -1e-15
+    assert off.max() < 2 * begin
+
+
+@pytest.mark.parametrize("joint", [a_sleeve, a_pin])
+def test_the_grazes_of_several_joints_are_those_of_each(joint):
+    """One joint grazes before another touches; one that grazes twice (its likelier graze is the later one) does not
+    change where another touches, whatever the other lanes do.
+    """
+    sizes, begin = np.array([1e-3, 2e-3, 1e-3]), 1e-8
+    s = np.polynomial.Polynomial([0.0, 1.0])
+    once = 2e-3 * (1 + 1e-5) - 6e-3 * (s - 0.55) ** 2
+    twice = 1e-3 + 1e-8 + 2.8e-6 * (s - 0.55) - 6e-3 * ((s - 0.55) * (s - 0.9)) ** 2
+    touch, nothing = [1e-3 * s / t for t in (0.6, 0.7)], 0 * s
+    paths = [[nothing, once, touch[1]], [twice, nothing, touch[0]], [1e-3 * s / 0.65, 2e-3 * s / 0.62, touch[0]]]
+    poses = np.zeros((6, 12 if joint is a_sleeve else 3, 3, 3))
+    if joint is a_sleeve:
+        poses[0, [3, 7, 11]] = 1.0
+    for lane, path in enumerate(paths):
+        for k, polynomial in enumerate(path):
+            poses[: len(polynomial.coef), 0, k, lane] = polynomial.coef
+    alone, lanes = first_by_lane(sizes, joint, poses, begin)
+    np.testing.assert_array_equal(lanes, alone)
+    enters = 0.55 - np.sqrt(2e-8 / 6e-3)
+    np.testing.assert_allclose(alone, [enters, 0.6, 0.6], rtol=0, atol=2 * begin)
 
 
 @pytest.mark.slow

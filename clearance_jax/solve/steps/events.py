@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._basis.types import Each, EachFlag, Rows
-from clearance_jax._compile.alike import alike, stack_trees
+from clearance_jax._compile.alike import MANY, alike, stack_trees
 from clearance_jax._compile.barriers import share
 from clearance_jax._compile.lane_axis import each_lane, entry, first_highest, least, together
 from clearance_jax.dynamics.kinematics import Groups, relative_accelerations, relative_motions
@@ -81,14 +81,14 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
     return (*at.velocity, *itertools.chain(*rate.rows)), (*rate.velocity, *bent)
 
 
-def event_groups(mechanism: PreparedMechanism) -> Groups:
-    """The contacts whose events are located together: each by itself, or alike ones of several points."""
+def event_groups(mechanism: PreparedMechanism, time: Each) -> Groups:
+    """The contacts whose events are located together: each by itself, or alike ones of several points, or many."""
     joints = mechanism.contacts()
-    several = [i for i, joint in enumerate(joints) if joint.has_points]
-    groups: list[int | list[int]] = [i for i, joint in enumerate(joints) if not joint.has_points]
-    ways = [[(c.slides, c.turns) for c in joints[i].joint.own_coordinates()] for i in several]
-    of_kind = alike([(joints[i].clearance, joints[i].in_tree, way) for i, way in zip(several, ways, strict=True)])
-    return groups + [[several[k] for k in members] for members in of_kind]
+    ways = [[(c.slides, c.turns) for c in joint.joint.own_coordinates()] for joint in joints]
+    kinds = alike([(joint.clearance, joint.in_tree, way) for joint, way in zip(joints, ways, strict=True)])
+    together = [group for group in kinds if joints[group[0]].has_points or (len(group) >= MANY and not jnp.ndim(time))]
+    alone: list[int | list[int]] = sorted({*range(len(joints))} - {i for group in together for i in group})
+    return alone + together
 
 
 def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], Each]:
@@ -100,7 +100,7 @@ def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], 
     state's own.)
     """
     t0, h = times[0], times[1] - times[0]
-    plan, joints, groups = layout(mechanism), mechanism.contacts(), event_groups(mechanism)
+    plan, joints, groups = layout(mechanism), mechanism.contacts(), event_groups(mechanism, h)
     y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
 
     begin, finish = at_both_ends(times, y0, y1, slope0, slope1, mechanism, groups)
@@ -113,16 +113,11 @@ def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], 
     true = each_lane(relative_motions, h)(t0 + CHECKED * h, inside, mechanism)
     worst = jnp.zeros_like(h)
     for group, curve in zip(groups, group_curves, strict=True):
-        place = curve.at(CHECKED).place
-        places = (
-            [(group, place)]
-            if isinstance(group, int)
-            else [(i, jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, place)) for k, i in enumerate(group)]
-        )
-        for i, here in places:
+        members, place = ([group] if isinstance(group, int) else group), curve.at(CHECKED).place
+        for k, i in enumerate(() if joints[members[0]].in_tree else members):
+            here = place if members is not group else jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, place)
             off = subtract(here, true[i].place)
-            miss = jnp.asarray(dot(off, off)) / sizes[i] ** 2
-            worst = worst if joints[i].in_tree else jnp.maximum(worst, miss)
+            worst = jnp.maximum(worst, jnp.asarray(dot(off, off)) / sizes[i] ** 2)
     return group_curves, jnp.sqrt(worst)
 
 
@@ -161,6 +156,7 @@ class EventJoints(NamedTuple):
 
     @property
     def is_several(self) -> bool:
+        """Whether there is an axis of joints."""
         return self.curve.pose[0].ndim > 1 + self.curve.h.ndim
 
     def each(self, function: Callable) -> Callable:
@@ -177,9 +173,14 @@ class EventJoints(NamedTuple):
         functions = self.each(PreparedClearance.event_functions)(self.clearance, points, self.memory, before)
         return share(jnp.where(jnp.stack(functions) > 0, 1.0, 0.0))
 
+    def by_point(self, numbers: Array, joints: int) -> Array:
+        """Numbers whose axis of joints is that one, with an axis of points behind it also where each has one point."""
+        has_axis = not self.is_several or self.clearance.joint.count > 1
+        return numbers if has_axis else jnp.expand_dims(numbers, joints + 1)
+
     def differ(self, signs: Array, others: Array) -> EachFlag:
         """Which joints (for several), or whether the joint, has other signs."""
-        same = jnp.where(signs == others, 1.0, 0.0)
+        same = self.by_point(jnp.where(signs == others, 1.0, 0.0), 1)
         # (functions, joints, points, *lanes) for several.
         same, joints = (jnp.moveaxis(same, 2, 1), same.shape[1:2]) if self.is_several else (same, ())
         return least(same.reshape(-1, *joints, *self.curve.h.shape)) == 0
@@ -197,7 +198,7 @@ def first_event(
     joints, memory = mechanism.contacts(), layout(mechanism).split(y).memory
     first = jnp.full_like(begin, jnp.inf)
     every = [(joint.clearance, memory[joint.name]) for joint in joints]
-    for group, curve in zip(event_groups(mechanism), curve_of, strict=True):
+    for group, curve in zip(event_groups(mechanism, begin), curve_of, strict=True):
         clearance, remembered = every[group] if isinstance(group, int) else stack_trees([every[i] for i in group])
         first = jnp.minimum(first, first_of(EventJoints(clearance, curve, remembered), begin))
     return first <= 1, jnp.where(first <= 1, first, 1.0)
@@ -225,7 +226,7 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
         # The start may lie so little before the touch at which a step was cut, that the place where the regime is read
         # lies behind it: the laws have not been told.
         touched = joints.each(PreparedClearance.remembered_touch)(joints.clearance, joints.memory)
-        told = jnp.where((before.penetration > 0) & ~(touched > 0.5), 0.0, 1.0)
+        told = joints.by_point(jnp.where((before.penetration > 0) & ~(touched > 0.5), 0.0, 1.0), 0)
         unnoticed = (least(jnp.moveaxis(told, 1, 0)) if several else told) == 0
         first = jnp.minimum(first, jnp.where(unnoticed, begin, jnp.inf))
     high = least(first) if several else first
@@ -270,6 +271,7 @@ def likely_grazes(joints: EventJoints, places: Array, depth: Array, rate: Array)
     if not joints.is_several:
         place, height = closest(places, depth, rate, h)
         return jnp.where(height > -jnp.inf, place, jnp.inf)
+    depth, rate = (joints.by_point(x, 1) for x in (depth, rate))
     of_points = jax.vmap(closest, (None, 1, 1, None))
     place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, depth, rate, h)
     if h.ndim:
@@ -302,7 +304,10 @@ def locate_by_joint(joints: EventJoints, start: tuple, brackets: tuple, precisio
         joint = first_highest(-ends)
         clearance, memory, *begun = jax.tree.map(lambda x: entry(x, joint) if eqx.is_array(x) else x, by_joint)
         chosen = EventJoints(clearance, joints.curve.of_joint(joint), memory)
-        place = locate(chosen, (begun[0], begun[1]), (low, jnp.minimum(entry(ends, joint), best)), precision)
+        end = entry(ends, joint)
+        # A lane with no joint left takes part without effect.
+        high = jnp.where(end < jnp.inf, jnp.minimum(end, best), jnp.inf)
+        place = locate(chosen, (begun[0], begun[1]), (low, high), precision)
         done = jnp.arange(len(ends)).reshape(-1, *[1] * best.ndim) == joint
         return jnp.where(done, jnp.inf, ends), jnp.minimum(best, place)
 
