@@ -83,10 +83,11 @@ def test_a_section_is_the_states_of_a_plain_solve(crank):
     phase = 0.3 * REVOLUTION
     metric = PoincareSection(NAMES, REVOLUTION, count=3, phase=phase)
     end = 5.5 * REVOLUTION
-    found = metric(crank, end, rtol=1e-9)
+    # Both are solves, with steps of their own: their impacts amplify what these err.
+    found = metric(crank, end, rtol=1e-10)
     times = phase + REVOLUTION * np.array([3, 4, 5])
     np.testing.assert_allclose(metric.times(end), times, rtol=1e-12)
-    plain = cj.simulate(crank, end, save_at=times, rtol=1e-9)
+    plain = cj.simulate(crank, end, save_at=times, rtol=1e-10)
     expected = np.stack([plain[name] for name in NAMES], axis=1)
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
     # An instant at the very end of the motion is one; round-off of the period does not lose it.
