@@ -13,6 +13,7 @@ from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax._compile import alike
 from clearance_jax._compile.alike import stack_trees
 from clearance_jax._compile.barriers import BARRIER
 from clearance_jax.dynamics.kinematics import relative_motions
@@ -23,6 +24,7 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.flow import Inputs, problem_of
 from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.steps import events
 from clearance_jax.solve.steps.attempt import means_of
 from clearance_jax.solve.steps.control import Control, factor, judge, on_grid, scaled_error
 from clearance_jax.solve.steps.events import EventJoints, StepCurve, first_of
@@ -302,6 +304,36 @@ def test_the_grazes_of_several_joints_are_those_of_each(joint):
     np.testing.assert_array_equal(lanes, alone)
     enters = 0.55 - np.sqrt(2e-8 / 6e-3)
     np.testing.assert_allclose(alone, [enters, 0.6, 0.6], rtol=0, atol=2 * begin)
+
+
+@pytest.mark.slow
+def test_many_alike_joints_move_and_vary_as_if_each_were_alone(monkeypatch):
+    """A chain of six pins with friction that remembers: stacked in one program, and written out one by one."""
+    count = alike.MANY
+
+    def chain(name):
+        play = cj.RevoluteClearance(
+            1e-4, 0.01, laws.HuntCrossley(1e9, 0.5), laws.LuGre(0.1, 0.2, 0.01, 1e5, 100.0, 0.0)
+        )
+        joints = [
+            cj.Revolute(f"j{i}", f"b{i - 1}" if i else "ground", f"b{i}", cj.Position(0.2 * (i > 0)), clearance=play)
+            for i in range(count)
+        ]
+        bodies = [cj.Body(joint.child, 1.0, 0.01, cj.Position(0.1)) for joint in joints]
+        return cj.Mechanism(tuple(bodies), tuple(joints), gravity=cj.Gravity(y=-9.81), name=name)
+
+    def moved(mechanism):
+        def final(clearance):
+            return cj.simulate(cj.replace(mechanism, {"j0.radial_clearance": clearance}), 0.015, rtol=1e-8).final
+
+        return jax.jvp(final, (1e-4,), (1e-4,))
+
+    together = moved(chain("together"))
+    assert float(jnp.abs(together[1]).max()) > 1e-5
+    for module in (alike, events):
+        monkeypatch.setattr(module, "MANY", count + 1)
+    for here, there in zip(together, moved(chain("apart")), strict=True):
+        np.testing.assert_allclose(here, there, rtol=0, atol=1e-6 * float(jnp.abs(there).max()))
 
 
 @pytest.mark.slow
